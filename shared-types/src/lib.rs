@@ -1,1 +1,26 @@
-//! placeholder
+//! The wire and the files: everything two processes of armplane, or a process and a person, agree on.
+//!
+//! * [`wire`]: what a message is (fixed size, `repr(C)`, no padding, explicit versioned name), and its layout as data.
+//! * [`messages`]: the five messages of the control chain, field by field with units and frames.
+//! * [`codes`]: the named integers that travel in them.
+//! * [`scenario`]: what a run does: robot, start, task, gains, noise, seed, judgement.
+//! * [`graph`]: which processes run, what each reads and writes, where, and what happens when one dies.
+//! * [`summary`]: what a run left: the schema of `summary.json`.
+//!
+//! This crate imports no other crate of the workspace, knows no algebra and does no input or output.
+
+pub mod codes;
+pub mod graph;
+pub mod messages;
+pub mod scenario;
+pub mod summary;
+pub mod wire;
+
+pub use messages::{PlantState, SensorSample, SingularityReport, SingularityState, StateEstimate, TorqueCommand};
+pub use wire::{Header, Message, Stamps};
+
+/// Most joints an arm may have on the wire; arrays of joints have this length and are zero beyond the arm's own.
+pub const MAX_DOF: usize = 8;
+
+/// Most singularities reported at once.
+pub const MAX_SINGULARITIES: usize = 4;

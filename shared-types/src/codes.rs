@@ -1,0 +1,96 @@
+//! The named integers that travel in messages: no Rust enum crosses a process boundary.
+
+/// A code with its name, for tables, recordings and errors.
+pub type Named = (u32, &'static str);
+
+/// The name of `code` in `table`, or `"unknown"`.
+#[must_use]
+pub fn name_of(table: &[Named], code: u32) -> &'static str {
+    table.iter().find(|(known, _)| *known == code).map_or("unknown", |(_, name)| name)
+}
+
+macro_rules! codes {
+    ($(#[$meta:meta])* $table:ident { $( $(#[$doc:meta])* $name:ident = $value:literal $text:literal ),* $(,)? }) => {
+        $( $(#[$doc])* pub const $name: u32 = $value; )*
+        $(#[$meta])*
+        pub const $table: &[Named] = &[ $( ($name, $text) ),* ];
+    };
+}
+
+codes! {
+    /// What a singularity is called.
+    KINDS {
+        /// Found numerically; its place in the report is its name.
+        KIND_NUMERIC = 0 "numeric",
+        /// The arm is stretched or folded: translation towards the shoulder is lost.
+        KIND_ELBOW = 1 "elbow",
+        /// Axes 4 and 6 are parallel: rotation about z4 × z5 is lost.
+        KIND_WRIST = 2 "wrist",
+        /// The wrist centre is on the waist axis: translation normal to the arm plane is lost.
+        KIND_OVERHEAD = 3 "overhead",
+    }
+}
+
+codes! {
+    /// Chang & Khatib's types.
+    TYPES {
+        /// Not classified (yet).
+        TYPE_UNKNOWN = 0 "unknown",
+        /// Null-space motion moves the end-effector along the singular direction.
+        TYPE_1 = 1 "type 1",
+        /// Null-space motion only turns the singular direction.
+        TYPE_2 = 2 "type 2",
+        /// Neither alone: the value of κ₁ and κ₂ says how much of each.
+        TYPE_MIXED = 3 "mixed",
+    }
+}
+
+codes! {
+    /// The reported state of the control law at one singularity.
+    MODES {
+        /// Outside the neighbourhood: plain operational-space control.
+        MODE_REGULAR = 0 "regular",
+        /// Between η_in and η_out.
+        MODE_BLEND = 1 "blend",
+        /// Inside, following the auxiliary coordinate's reference.
+        MODE_TRACK = 2 "track",
+        /// Inside, passing through with ζ held off the direction of travel.
+        MODE_PASS = 3 "pass",
+        /// Inside, ζ held.
+        MODE_HOLD = 4 "hold",
+        /// Inside, ζ being turned to ζ_d by null-space motion.
+        MODE_REORIENT = 5 "reorient",
+        /// Inside, goal beyond reach: sliding along the boundary.
+        MODE_SLIDE = 6 "slide",
+        /// Outside again, auxiliary error still being removed.
+        MODE_RECOVER = 7 "recover",
+    }
+}
+
+codes! {
+    /// The drive's state.
+    DRIVES {
+        /// Fresh torque is applied.
+        DRIVE_ACTIVE = 0 "active",
+        /// The last torque is held: none came this tick.
+        DRIVE_HOLDING = 1 "holding",
+        /// The stop law brakes the arm to rest.
+        DRIVE_STOPPING = 2 "stopping",
+        /// At rest, brakes engaged.
+        DRIVE_BRAKED = 3 "braked",
+    }
+}
+
+codes! {
+    /// Where the task is.
+    PHASES {
+        /// Following the path.
+        PHASE_RUNNING = 0 "running",
+        /// Path finished, holding the last pose.
+        PHASE_SETTLING = 1 "settling",
+        /// Finished.
+        PHASE_DONE = 2 "done",
+        /// The controller refused to go on; the torque brings the arm to rest.
+        PHASE_REFUSED = 3 "refused",
+    }
+}

@@ -1,0 +1,243 @@
+//! The messages of the control chain. Arrays of joints are zero beyond the arm's own joints. Frames: B base, E end-effector,
+//! C the wrist centre (where singularities are analysed), S singular. All twists are `[linear; angular]` in base axes.
+
+#![allow(non_snake_case)]
+
+use crate::wire::{Header, wire};
+use crate::{MAX_DOF, MAX_SINGULARITIES};
+
+wire! {
+    /// What the arm's own sensors say at a tick: plant → estimator.
+    SensorSample on "sensor" version 1 {
+        /// Tick, incarnation, stamps.
+        header: Header,
+        /// Encoder positions, quantised and noisy; rad (m for prismatic joints).
+        q_encoder: [f64; MAX_DOF],
+        /// Torque the drives applied over the tick before, as they report it; N·m.
+        tau_drive: [f64; MAX_DOF],
+        /// One of `codes::DRIVES`.
+        drive: u32,
+        /// Ticks since the last fresh torque.
+        stale_ticks: u32,
+    }
+}
+
+wire! {
+    /// The simulator's truth at a tick, for judging and showing only: no process of the control chain reads it.
+    PlantState on "plant_state" version 1 {
+        /// Tick, incarnation, stamps.
+        header: Header,
+        /// Joint positions; rad.
+        q: [f64; MAX_DOF],
+        /// Joint velocities; rad/s.
+        qdot: [f64; MAX_DOF],
+        /// Torque applied over the tick before; N·m.
+        tau: [f64; MAX_DOF],
+        /// End-effector position in B; m.
+        p_BE: [f64; 3],
+        /// End-effector rotation in B, column-major.
+        R_BE: [f64; 9],
+        /// End-effector twist; m/s, rad/s.
+        V_BE: [f64; 6],
+        /// Sum of contact forces on the arm, base axes; N.
+        contact_force_n: [f64; 3],
+        /// Kinetic and potential energy; J.
+        energy_j: f64,
+        /// Number of contact points.
+        contacts: u32,
+        /// Bit i: joint i is at a limit stop.
+        limit_mask: u32,
+        /// Bit i: the drive limited the torque of joint i.
+        saturation_mask: u32,
+        /// One of `codes::DRIVES`.
+        drive: u32,
+    }
+}
+
+wire! {
+    /// What the estimator believes: estimator → analyzer, controller.
+    StateEstimate on "estimate" version 1 {
+        /// Tick, incarnation, stamps.
+        header: Header,
+        /// Joint positions; rad.
+        q: [f64; MAX_DOF],
+        /// Joint velocities; rad/s.
+        qdot: [f64; MAX_DOF],
+        /// Torque that the model does not explain (generalised-momentum observer), as it acts on the joints; N·m.
+        tau_disturbance: [f64; MAX_DOF],
+        /// Encoder minus predicted position; rad.
+        innovation: [f64; MAX_DOF],
+        /// The filter's own state, so that a restarted estimator resumes from what it last published.
+        resume: [f64; 32],
+        /// One of `codes::DRIVES`, passed on.
+        drive: u32,
+        /// Ticks since the last fresh torque, passed on.
+        stale_ticks: u32,
+    }
+}
+
+wire! {
+    /// One singularity at one posture, as Chang & Khatib 1995 describe it.
+    SingularityState {
+        /// One of `codes::KINDS`.
+        kind: u32,
+        /// One of `codes::TYPES`, latched while inside.
+        class: u32,
+        /// 1 inside the neighbourhood D_si (hysteretic: entered at η_in, left at η_out), else 0.
+        inside: u32,
+        /// 1 where ζ is a rotation, 0 where it is a translation.
+        angular: u32,
+        /// Measure s_i(q), signed; dimensionless.
+        s: f64,
+        /// ds_i/dt; 1/s.
+        s_rate: f64,
+        /// Entry threshold on |s_i|.
+        eta_in: f64,
+        /// Exit threshold on |s_i|.
+        eta_out: f64,
+        /// Singular direction ζ_i at C: a unit vector in its linear or its angular half; continuous in sign.
+        zeta_B: [f64; 6],
+        /// Singular frame, rotation R_BS column-major, first axis along ζ_i.
+        R_BS: [f64; 9],
+        /// Velocity along ζ_i per unit of the auxiliary rate: ζᵀJ → g·aux as s grows; signed, m or dimensionless.
+        gain: f64,
+        /// Regular auxiliary coordinate (elbow angle from full stretch, wrist φ, waist angle); rad.
+        aux: f64,
+        /// Its rate; rad/s.
+        aux_rate: f64,
+        /// Its acceleration at q̈ = 0; rad/s².
+        aux_bias: f64,
+        /// Its gradient: aux̎ = aux_row·q̈ + aux_bias.
+        aux_row: [f64; MAX_DOF],
+        /// Second-order motion along ζ per null motion: > 0 is a fold (Type 1).
+        kappa_1: f64,
+        /// Turning rate of ζ along the null motion (Type 2).
+        kappa_2: f64,
+    }
+}
+
+wire! {
+    /// Where the arm is singular, or nearly: analyzer → controller.
+    SingularityReport on "singularity" version 1 {
+        /// Tick, incarnation, stamps.
+        header: Header,
+        /// How many entries of `singularities` are meant.
+        count: u32,
+        /// Rank of J at the stated tolerance.
+        rank: u32,
+        /// Singular values of J at C with lengths divided by `length_m`, largest first.
+        sigma: [f64; 6],
+        /// det J at E (unscaled) for square J, else √det JJᵀ; 0 for planar tasks that leave it undefined.
+        det: f64,
+        /// σ_max/σ_min; 1e18 where σ_min is 0.
+        condition: f64,
+        /// Yoshikawa's √det(JJᵀ), unit-scaled.
+        manipulability: f64,
+        /// The length that makes metres and radians comparable; m.
+        length_m: f64,
+        /// Position of C in B; m.
+        p_BC: [f64; 3],
+        /// The singularities, in an order that never changes within a run.
+        singularities: [SingularityState; MAX_SINGULARITIES],
+        /// The analyzer's own state, so that a restarted one resumes from what it last published.
+        resume: [f64; 32],
+    }
+}
+
+wire! {
+    /// What the arm shall do: controller → plant. Carries the reference it follows, so that the recording explains itself.
+    TorqueCommand on "torque" version 1 {
+        /// Tick, incarnation, stamps.
+        header: Header,
+        /// Commanded torque Γ; N·m.
+        tau: [f64; MAX_DOF],
+        /// The part that acts at the end-effector, J_rᵀF_r with compensation of gravity and Coriolis; N·m.
+        tau_task: [f64; MAX_DOF],
+        /// The part that acts in the null space, N_T Γ₀; N·m.
+        tau_null: [f64; MAX_DOF],
+        /// Desired end-effector position in B; m.
+        p_BE_d: [f64; 3],
+        /// Desired end-effector rotation in B, column-major.
+        R_BE_d: [f64; 9],
+        /// Desired end-effector twist; m/s, rad/s.
+        V_BE_d: [f64; 6],
+        /// Pose error `[p_d − p; axis-angle of R_d Rᵀ]` as the controller sees it; m, rad.
+        error: [f64; 6],
+        /// The trajectory's own clock; s.
+        path_time_s: f64,
+        /// How fast it runs against real time, 0 to 1 (the governor).
+        time_scale: f64,
+        /// Fraction of the null-space torque that the limits let through, 0 to 1.
+        null_scale: f64,
+        /// Fraction of the task torque that the limits let through, 0 to 1.
+        task_scale: f64,
+        /// Per singularity: β_i, 1 outside (full operational control), 0 fully inside.
+        beta: [f64; MAX_SINGULARITIES],
+        /// Per singularity: reference of the auxiliary coordinate; rad.
+        aux_d: [f64; MAX_SINGULARITIES],
+        /// Per singularity: commanded rate of the auxiliary coordinate; rad/s.
+        aux_rate_d: [f64; MAX_SINGULARITIES],
+        /// Per singularity: one of `codes::MODES`.
+        mode: [u32; MAX_SINGULARITIES],
+        /// Index of the task segment.
+        segment: u32,
+        /// One of `codes::PHASES`.
+        phase: u32,
+        /// Bit i: the torque of joint i is at its limit.
+        saturation_mask: u32,
+        /// 1 where the goal was beyond reach and has been clipped to the boundary.
+        clipped: u32,
+        /// The controller's own state, so that a restarted one resumes from what it last published.
+        resume: [f64; 64],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wire::{Message, Part, Stamps};
+
+    #[test]
+    fn layouts_cover_every_byte() {
+        fn covered<M: Message>() {
+            let mut end = 0;
+            for field in M::FIELDS {
+                assert_eq!(field.offset, end, "{}.{}: padding before it", M::TYPE_NAME, field.name);
+                end = field.offset + field.size;
+            }
+            assert_eq!(end, size_of::<M>(), "{}: padding at its end", M::TYPE_NAME);
+        }
+        covered::<SensorSample>();
+        covered::<PlantState>();
+        covered::<StateEstimate>();
+        covered::<SingularityReport>();
+        covered::<TorqueCommand>();
+    }
+
+    #[test]
+    fn content_leaves_the_stamps_out_and_nothing_else() {
+        let mut a = SensorSample::default();
+        let b = a;
+        a.header.stamps.sent_ns[2] = 7;
+        assert_eq!(a.content(), b.content());
+        a.header.tick = 1;
+        assert_ne!(a.content(), b.content());
+        assert_eq!(a.content().len(), size_of::<SensorSample>() - size_of::<Stamps>());
+    }
+
+    #[test]
+    fn a_nan_is_seen_wherever_it_sits() {
+        let mut command = TorqueCommand::default();
+        assert!(command.is_finite());
+        command.resume[63] = f64::NAN;
+        assert!(!command.is_finite());
+        let mut report = SingularityReport::default();
+        report.singularities[3].kappa_2 = f64::INFINITY;
+        assert!(!report.is_finite(), "nested structures are checked too");
+    }
+
+    #[test]
+    fn layout_hashes_differ() {
+        assert_ne!(SensorSample::layout_hash(), PlantState::layout_hash());
+    }
+}

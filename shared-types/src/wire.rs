@@ -1,0 +1,202 @@
+//! What a message is: plain bytes with a name, a layout and a tick.
+
+use bytemuck::{Pod, Zeroable};
+
+/// The hops of the control chain, in the order data flows: the index of each process in [`Stamps`].
+pub const HOPS: [&str; 4] = ["plant", "estimator", "analyzer", "controller"];
+
+/// When each hop before this message received its input and sent its output.
+///
+/// `CLOCK_MONOTONIC` in ns, 0 where the data has not passed. Stamps are for measuring only: no computation reads them,
+/// and the content hash leaves them out, because wall-clock time is not reproducible.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct Stamps {
+    /// When hop `HOPS[i]` had its input in hand.
+    pub received_ns: [u64; 4],
+    /// When hop `HOPS[i]` sent its output.
+    pub sent_ns: [u64; 4],
+}
+
+/// The first field of every message.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct Header {
+    /// Times of the hops so far; not part of the content.
+    pub stamps: Stamps,
+    /// Tick of the sensor sample this message was computed from.
+    pub tick: u64,
+    /// How often the writing process has been started in this run, from 1; a reader refuses an older one.
+    pub incarnation: u32,
+    /// Bit flags, zero in this version.
+    pub flags: u32,
+}
+
+/// One field of a message, as data: for layout hashes, for naming a difference, for readers in other languages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Field {
+    /// The field's name.
+    pub name: &'static str,
+    /// Its Rust type, as written.
+    pub type_name: &'static str,
+    /// Bytes from the start of the message.
+    pub offset: usize,
+    /// Size in bytes.
+    pub size: usize,
+}
+
+/// A fixed-size message with an explicit name: plain integers and `f64`, no padding (`Pod` asserts it at compile time).
+pub trait Message: Part + Pod + Send + Sync + std::fmt::Debug {
+    /// The topic it travels on; a topic has one type and one writer.
+    const TOPIC: &'static str;
+    /// The versioned type name that other languages see too.
+    const TYPE_NAME: &'static str;
+    /// The layout, in order.
+    const FIELDS: &'static [Field];
+
+    /// The header.
+    fn header(&self) -> &Header;
+
+    /// The header, to be filled by the sender.
+    fn header_mut(&mut self) -> &mut Header;
+
+    /// The reproducible bytes: everything after the stamps. This is what is hashed and compared.
+    fn content(&self) -> &[u8] {
+        &bytemuck::bytes_of(self)[size_of::<Stamps>()..]
+    }
+
+    /// A hash of name, size, alignment and every field: two builds that agree on it agree on every byte.
+    fn layout_hash() -> u64 {
+        let mut hash = Fnv::new();
+        hash.text(Self::TYPE_NAME);
+        hash.number(size_of::<Self>());
+        hash.number(align_of::<Self>());
+        for field in Self::FIELDS {
+            hash.text(field.name);
+            hash.text(field.type_name);
+            hash.number(field.offset);
+            hash.number(field.size);
+        }
+        Self::hash_parts(&mut hash);
+        hash.0
+    }
+}
+
+/// Anything a message is made of: numbers, arrays of them, structures of those.
+pub trait Part {
+    /// Whether every `f64` inside is finite: the check at the edge that keeps a NaN from leaving a process.
+    fn is_finite(&self) -> bool;
+    /// Adds what the field's written type does not tell (the inside of nested structures) to a layout hash.
+    fn hash_parts(_hash: &mut Fnv) {}
+}
+
+impl Part for f64 {
+    fn is_finite(&self) -> bool {
+        f64::is_finite(*self)
+    }
+}
+impl Part for u32 {
+    fn is_finite(&self) -> bool {
+        true
+    }
+}
+impl Part for Header {
+    fn is_finite(&self) -> bool {
+        true
+    }
+}
+impl<T: Part, const N: usize> Part for [T; N] {
+    fn is_finite(&self) -> bool {
+        self.iter().all(Part::is_finite)
+    }
+    fn hash_parts(hash: &mut Fnv) {
+        T::hash_parts(hash);
+    }
+}
+
+/// FNV-1a, 64 bit: enough to tell two layouts apart, and short enough to be written in any language.
+pub struct Fnv(u64);
+
+impl Fnv {
+    const fn new() -> Self {
+        Self(0xcbf2_9ce4_8422_2325)
+    }
+    pub(crate) fn text(&mut self, text: &str) {
+        for byte in text.bytes().chain([0]) {
+            self.0 = (self.0 ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
+        }
+    }
+    fn number(&mut self, number: usize) {
+        for byte in (number as u64).to_le_bytes() {
+            self.0 = (self.0 ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
+        }
+    }
+}
+
+/// Hash over the layouts of all messages: what a reader requires of a writer before it opens a topic.
+#[must_use]
+pub fn wire_hash() -> u64 {
+    use crate::messages::{PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+    [
+        SensorSample::layout_hash(),
+        PlantState::layout_hash(),
+        StateEstimate::layout_hash(),
+        SingularityReport::layout_hash(),
+        TorqueCommand::layout_hash(),
+    ]
+    .iter()
+    .fold(0, |hash: u64, layout| hash.rotate_left(7) ^ layout)
+}
+
+/// Declares a wire structure; with a topic it is a [`Message`] whose first field is its [`Header`].
+macro_rules! wire {
+    (
+        $(#[$meta:meta])*
+        $name:ident $(on $topic:literal version $version:literal)? {
+            $( $(#[$field_meta:meta])* $field:ident : $type:ty ),* $(,)?
+        }
+    ) => {
+        $(#[$meta])*
+        #[repr(C)]
+        #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+        pub struct $name { $( $(#[$field_meta])* pub $field: $type ),* }
+
+        impl Default for $name {
+            fn default() -> Self { bytemuck::Zeroable::zeroed() }
+        }
+
+        impl $name {
+            /// The layout, in order.
+            pub const LAYOUT: &'static [$crate::wire::Field] = &[
+                $( $crate::wire::Field {
+                    name: stringify!($field),
+                    type_name: stringify!($type),
+                    offset: std::mem::offset_of!($name, $field),
+                    size: $crate::wire::size_of_field(|whole: &$name| &whole.$field),
+                } ),*
+            ];
+        }
+
+        impl $crate::wire::Part for $name {
+            fn is_finite(&self) -> bool { $( $crate::wire::Part::is_finite(&self.$field) )&&* }
+            fn hash_parts(hash: &mut $crate::wire::Fnv) {
+                $( hash.text(stringify!($field)); hash.text(stringify!($type)); <$type as $crate::wire::Part>::hash_parts(hash); )*
+            }
+        }
+
+        $( impl $crate::wire::Message for $name {
+            const TOPIC: &'static str = $topic;
+            const TYPE_NAME: &'static str = concat!("armplane.", stringify!($name), ".v", $version);
+            const FIELDS: &'static [$crate::wire::Field] = Self::LAYOUT;
+            fn header(&self) -> &$crate::wire::Header { &self.header }
+            fn header_mut(&mut self) -> &mut $crate::wire::Header { &mut self.header }
+        }
+        const _: () = assert!(std::mem::offset_of!($name, header) == 0 && align_of::<$name>() == 8); )?
+    };
+}
+pub(crate) use wire;
+
+/// The size of a field, from a projection onto it.
+pub(crate) const fn size_of_field<Whole, Part>(_projection: fn(&Whole) -> &Part) -> usize {
+    size_of::<Part>()
+}
