@@ -19,6 +19,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::file::{Complaint, InvalidFile};
+
 /// A validated scenario file. Every field but `name`, `robot`, `start` and `segment` has a default that works.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -354,4 +356,228 @@ fn one() -> u64 {
 }
 fn settle_s() -> f64 {
     0.5
+}
+
+impl Scenario {
+    /// Reads and validates a scenario, with `settings` (`key=value`) laid over it.
+    ///
+    /// # Errors
+    /// [`InvalidFile`]: where, what, and what to do.
+    pub fn parse(file: &str, text: &str, settings: &[String]) -> Result<Self, InvalidFile> {
+        let scenario: Self = crate::file::parse(file, text, settings)?;
+        scenario.check().map_err(|complaint| complaint.locate(file, text))?;
+        Ok(scenario)
+    }
+
+    /// Time step; s.
+    #[must_use]
+    pub fn dt_s(&self) -> f64 {
+        1.0 / f64::from(self.rate_hz)
+    }
+
+    /// Planned length of the task, settling included; s.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        self.segment.iter().map(|segment| segment.duration_s).sum::<f64>() + self.settle_s
+    }
+
+    /// What can be said without knowing the robot.
+    fn check(&self) -> Result<(), Complaint> {
+        let positive = |path: &str, value: f64| {
+            if value.is_finite() && value > 0.0 {
+                Ok(())
+            } else {
+                Err(Complaint::new(path, format!("`{path}` is {value}"), "it must be a positive number"))
+            }
+        };
+        if self.name.is_empty() || !self.name.chars().all(|c| c.is_ascii_alphanumeric() || "-_.".contains(c)) {
+            return Err(Complaint::new("name", format!("`{}` cannot be a name", self.name), "letters, digits, `-`, `_` and `.`"));
+        }
+        if !(50..=20_000).contains(&self.rate_hz) {
+            return Err(Complaint::new("rate_hz", format!("rate {} Hz is out of range", self.rate_hz), "50 to 20000"));
+        }
+        if !(0.0..=600.0).contains(&self.settle_s) {
+            return Err(Complaint::new("settle_s", format!("`settle_s` is {}", self.settle_s), "0 to 600"));
+        }
+        self.start.check()?;
+        if self.segment.is_empty() {
+            return Err(Complaint::new("segment", "the task is empty", "add a [[segment]] with a duration_s"));
+        }
+        for (i, segment) in self.segment.iter().enumerate() {
+            segment.check(i)?;
+        }
+        if self.duration_s() > 36_000.0 {
+            return Err(Complaint::new("segment", format!("the task takes {} s", self.duration_s()), "10 hours at most"));
+        }
+        let plant = &self.plant;
+        if !(1..=64).contains(&plant.substeps) {
+            return Err(Complaint::new("plant.substeps", format!("{} sub-steps", plant.substeps), "1 to 64"));
+        }
+        if plant.encoder_bits != 0 && !(8..=32).contains(&plant.encoder_bits) {
+            return Err(Complaint::new(
+                "plant.encoder_bits",
+                format!("an encoder of {} bits", plant.encoder_bits),
+                "8 to 32, or 0 for an ideal one",
+            ));
+        }
+        if !(0.0..=1e3).contains(&plant.encoder_noise_counts) {
+            return Err(Complaint::new(
+                "plant.encoder_noise_counts",
+                format!("noise of {} counts", plant.encoder_noise_counts),
+                "0 to 1000",
+            ));
+        }
+        if !(0.1..=10.0).contains(&plant.mass_factor) {
+            return Err(Complaint::new("plant.mass_factor", format!("a mass factor of {}", plant.mass_factor), "0.1 to 10"));
+        }
+        if plant.floor_m.is_some_and(|floor| !floor.is_finite()) {
+            return Err(Complaint::new("plant.floor_m", "the floor's height is not a number", "metres in the base frame"));
+        }
+        positive("estimator.bandwidth", self.estimator.bandwidth)?;
+        if !(0.0..=1e4).contains(&self.estimator.disturbance_bandwidth) {
+            return Err(Complaint::new("estimator.disturbance_bandwidth", "out of range", "0 (off) to 10000 rad/s"));
+        }
+        for (i, (&inner, &outer)) in self.analysis.eta_in.iter().zip(&self.analysis.eta_out).enumerate() {
+            if !(inner > 0.0 && outer > inner && outer < 1.0) {
+                return Err(Complaint::new(
+                    format!("analysis.eta_out.{i}"),
+                    format!("η_in = {inner} and η_out = {outer} do not bound a neighbourhood"),
+                    "0 < η_in < η_out < 1",
+                ));
+            }
+        }
+        positive("control.k_p", self.control.k_p)?;
+        positive("control.k_v", self.control.k_v)?;
+        positive("control.k_aux", self.control.k_aux)?;
+        for i in 0..3 {
+            positive(&format!("control.aux_rate_max.{i}"), self.control.aux_rate_max[i])?;
+            positive(&format!("control.aux_slew.{i}"), self.control.aux_slew[i])?;
+        }
+        positive("goal.position_mm", self.goal.position_mm)?;
+        positive("goal.orientation_deg", self.goal.orientation_deg)?;
+        positive("goal.orthogonal_mm", self.goal.orthogonal_mm)?;
+        positive("goal.orthogonal_deg", self.goal.orthogonal_deg)
+    }
+}
+
+impl Start {
+    fn check(&self) -> Result<(), Complaint> {
+        let given = [self.q_deg.is_some(), self.q_rad.is_some(), self.posture.is_some()].iter().filter(|given| **given).count();
+        if given != 1 {
+            return Err(Complaint::new("start", format!("the start posture is given {given} times"), "give one of q_deg, q_rad, posture"));
+        }
+        for (name, values) in [("q_deg", &self.q_deg), ("q_rad", &self.q_rad)] {
+            if let Some(i) = values.iter().flatten().position(|value| !value.is_finite()) {
+                return Err(Complaint::new(format!("start.{name}.{i}"), "a joint position is not a number", "finite numbers"));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Segment {
+    fn check(&self, i: usize) -> Result<(), Complaint> {
+        let at = |key: &str| format!("segment.{i}.{key}");
+        if !(self.duration_s.is_finite() && self.duration_s > 0.0) {
+            return Err(Complaint::new(at("duration_s"), format!("the segment takes {} s", self.duration_s), "a positive time"));
+        }
+        let translations = [self.to_m.is_some(), self.by_m.is_some(), self.slide.is_some()].iter().filter(|given| **given).count();
+        let rotations = [self.rotation.is_some(), self.quaternion.is_some(), self.turn.is_some()].iter().filter(|given| **given).count();
+        if translations > 1 {
+            return Err(Complaint::new(format!("segment.{i}"), "the goal position is given more than once", "one of to_m, by_m, slide"));
+        }
+        if rotations > 1 {
+            return Err(Complaint::new(
+                format!("segment.{i}"),
+                "the goal rotation is given more than once",
+                "one of rotation, quaternion, turn",
+            ));
+        }
+        if let Some(reorient) = &self.reorient {
+            if translations + rotations > 0 {
+                return Err(Complaint::new(at("reorient"), "a segment cannot move and reorient at once", "split it into two segments"));
+            }
+            if !reorient.by_deg.is_finite() {
+                return Err(Complaint::new(at("reorient.by_deg"), "the angle is not a number", "degrees"));
+            }
+        }
+        for (key, position) in [("to_m", &self.to_m), ("by_m", &self.by_m)] {
+            if position.iter().flatten().any(|x| !x.is_finite()) {
+                return Err(Complaint::new(at(key), "the position is not a number", "three finite numbers, in metres"));
+            }
+        }
+        if let Some(rows) = &self.rotation {
+            let dot = |a: &[f64; 3], b: &[f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+            let determinant = rows[0][0] * (rows[1][1] * rows[2][2] - rows[1][2] * rows[2][1])
+                - rows[0][1] * (rows[1][0] * rows[2][2] - rows[1][2] * rows[2][0])
+                + rows[0][2] * (rows[1][0] * rows[2][1] - rows[1][1] * rows[2][0]);
+            let orthonormal = (0..3).all(|a| (0..3).all(|b| (dot(&rows[a], &rows[b]) - f64::from(u8::from(a == b))).abs() < 1e-6));
+            if !orthonormal || determinant < 0.0 {
+                return Err(Complaint::new(at("rotation"), "the matrix is not a rotation", "orthonormal rows, determinant +1, to 1e-6"));
+            }
+        }
+        if let Some(quaternion) = &self.quaternion {
+            let norm = quaternion.iter().map(|x| x * x).sum::<f64>();
+            if (norm - 1.0).abs() > 1e-6 || norm.is_nan() {
+                return Err(Complaint::new(
+                    at("quaternion"),
+                    format!("the quaternion's norm² is {norm}"),
+                    "[w, x, y, z] with norm 1, to 1e-6",
+                ));
+            }
+        }
+        for (key, direction, amount) in [
+            ("slide.along", self.slide.as_ref().map(|slide| &slide.along), self.slide.as_ref().map(|slide| slide.by_m)),
+            ("turn.about", self.turn.as_ref().map(|turn| &turn.about), self.turn.as_ref().map(|turn| turn.by_deg)),
+        ] {
+            let Some(direction) = direction else { continue };
+            let named = direction.strip_prefix("zeta:").map(|rest| rest.strip_suffix("@start").unwrap_or(rest));
+            if !["x", "y", "z"].contains(&direction.as_str()) && named.is_none_or(str::is_empty) {
+                return Err(Complaint::new(
+                    at(key),
+                    format!("`{direction}` is not a direction"),
+                    "x, y, z, zeta:NAME or zeta:NAME@start, for example zeta:wrist@start",
+                ));
+            }
+            if amount.is_some_and(|amount| !amount.is_finite()) {
+                return Err(Complaint::new(at(key), "the amount is not a number", "by_m in metres, by_deg in degrees"));
+            }
+        }
+        if !(-1..=1).contains(&self.branch) {
+            return Err(Complaint::new(at("branch"), format!("there is no posture {}", self.branch), "-1, 0 (keep) or 1"));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TEXT: &str = "name = \"x\"\nrobot = \"puma560\"\n[start]\nposture = \"ready\"\n[[segment]]\nduration_s = 1.0\n";
+
+    #[test]
+    fn wrong_values_are_refused_with_their_line() {
+        let cases = [
+            ("duration_s = 1.0", "duration_s = -1.0", "the segment takes -1 s", 6),
+            ("duration_s = 1.0", "duration_s = 1.0\nturn = { about = \"zta\", by_deg = 1 }", "`zta` is not a direction", 7),
+            ("duration_s = 1.0", "duration_s = 1.0\nquaternion = [1, 1, 0, 0]", "norm² is 2", 7),
+            ("duration_s = 1.0", "duration_s = 1.0\nrotation = [[1,0,0],[0,1,0],[0,0,-1]]", "not a rotation", 7),
+            ("duration_s = 1.0", "duration_s = 1.0\nto_m = [0,0,0]\nby_m = [0,0,0]", "given more than once", 5),
+            ("posture = \"ready\"", "posture = \"ready\"\nq_rad = [0]", "given 2 times", 3),
+            ("name = \"x\"", "name = \"x\"\nrate_hz = 1", "out of range", 2),
+        ];
+        for (right, wrong, expected, line) in cases {
+            let error = Scenario::parse("a.toml", &TEXT.replacen(right, wrong, 1), &[]).unwrap_err();
+            assert!(error.to_string().contains(expected), "{error}");
+            assert_eq!(error.line(), Some(line), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_scenario_survives_being_written_and_read() {
+        let scenario = Scenario::parse("a.toml", TEXT, &[]).unwrap();
+        let text = toml::to_string(&scenario).unwrap();
+        assert_eq!(Scenario::parse("b.toml", &text, &[]).unwrap(), scenario);
+    }
 }

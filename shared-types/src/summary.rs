@@ -1,1 +1,205 @@
-//! todo
+//! What a run left: the schema of `summary.json`. Field names carry their units; everything is judged on the simulator's truth.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+/// `summary.json`, whole.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// Version of armplane that made it.
+    pub version: String,
+    /// The scenario's name.
+    pub scenario: String,
+    /// The robot's name.
+    pub robot: String,
+    /// `"lockstep"` or `"realtime"`.
+    pub mode: String,
+    /// Seed of every random number.
+    pub seed: u64,
+    /// Identifies the run.
+    pub run: String,
+    /// Ticks done.
+    pub ticks: u64,
+    /// Control rate; 1/s.
+    pub rate_hz: u32,
+    /// Whether the task ran to its end.
+    pub completed: bool,
+    /// `"goal reached"`, `"goal missed"`, `"stopped"`, `"interrupted"` or `"failed"`.
+    pub outcome: String,
+    /// Why, in one sentence.
+    pub reason: String,
+    /// Wall-clock time from the first to the last tick; s.
+    pub wall_s: f64,
+    /// Ticks per second of wall-clock time.
+    pub ticks_per_s: f64,
+    /// Per topic: how many messages, and a hash over their contents (stamps left out).
+    pub topics: BTreeMap<String, TopicSummary>,
+    /// Task errors.
+    pub task: TaskSummary,
+    /// Joint loads.
+    pub joints: JointSummary,
+    /// What happened at each singularity.
+    pub singularities: Vec<SingularitySummary>,
+    /// Mode changes, in order.
+    pub modes: Vec<ModeChange>,
+    /// Faults and refusals, in order.
+    pub faults: Vec<FaultSummary>,
+    /// Deadlines (real time only).
+    pub deadlines: Deadlines,
+    /// Latency of each hop and end to end; µs.
+    pub latency_us: BTreeMap<String, Latency>,
+    /// The recorder's account.
+    pub recorder: RecorderSummary,
+    /// The processes.
+    pub processes: Vec<ProcessSummary>,
+}
+
+/// One topic.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TopicSummary {
+    /// Messages recorded.
+    pub count: u64,
+    /// XXH3-128 over the contents in order, hexadecimal.
+    pub hash: String,
+}
+
+/// Task errors, desired against true pose. Orthogonal: with the singular directions left out while inside their neighbourhood.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct TaskSummary {
+    /// Largest position error.
+    pub position_max_mm: f64,
+    /// Root mean square position error.
+    pub position_rms_mm: f64,
+    /// Largest orientation error.
+    pub orientation_max_deg: f64,
+    /// Largest position error across the singular directions.
+    pub orthogonal_max_mm: f64,
+    /// Largest orientation error across the singular directions.
+    pub orthogonal_max_deg: f64,
+    /// Position error at the end.
+    pub final_position_mm: f64,
+    /// Orientation error at the end.
+    pub final_orientation_deg: f64,
+    /// Time the task took beyond its plan, as a ratio (the governor's stretch).
+    pub time_stretch: f64,
+}
+
+/// Joint loads, each a ratio of the robot's own limit.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct JointSummary {
+    /// Largest speed.
+    pub speed_max_ratio: f64,
+    /// Largest torque.
+    pub torque_max_ratio: f64,
+    /// Largest change of torque in one tick.
+    pub torque_step_max_ratio: f64,
+    /// 95th percentile of the change of torque in one tick.
+    pub torque_step_p95_ratio: f64,
+    /// Ticks with any torque at its limit.
+    pub saturated_ticks: u64,
+    /// Position at the start; rad.
+    pub q_start: Vec<f64>,
+    /// Position at the end; rad.
+    pub q_end: Vec<f64>,
+}
+
+/// One singularity over the run.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SingularitySummary {
+    /// Its name.
+    pub name: String,
+    /// Its type, as classified at the end.
+    #[serde(rename = "type")]
+    pub class: String,
+    /// Second-order motion along ζ per null motion.
+    pub kappa_1: f64,
+    /// Turning rate of ζ along the null motion.
+    pub kappa_2: f64,
+    /// Smallest |s_i|.
+    pub s_min: f64,
+    /// Ticks inside the neighbourhood.
+    pub inside_ticks: u64,
+    /// Times it was entered.
+    pub entries: u64,
+    /// Angle through which ζ turned while inside, in all; degrees.
+    pub zeta_turned_deg: f64,
+}
+
+/// A change of the reported mode.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ModeChange {
+    /// When.
+    pub tick: u64,
+    /// Which singularity.
+    pub singularity: String,
+    /// The new mode.
+    pub mode: String,
+}
+
+/// A fault, refusal or loss.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FaultSummary {
+    /// When.
+    pub tick: u64,
+    /// Which process.
+    pub process: String,
+    /// What.
+    pub kind: String,
+    /// One sentence.
+    pub detail: String,
+}
+
+/// Deadlines met and missed.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Deadlines {
+    /// Periods.
+    pub total: u64,
+    /// Missed, all causes.
+    pub missed: u64,
+    /// Missed, by process and cause (`"plant: late input"`).
+    pub by_cause: BTreeMap<String, u64>,
+}
+
+/// A latency distribution; µs, no sample left out.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Latency {
+    /// Samples.
+    pub count: u64,
+    /// Median.
+    pub p50: f64,
+    /// 99th percentile.
+    pub p99: f64,
+    /// 99.9th percentile.
+    pub p999: f64,
+    /// Largest.
+    pub max: f64,
+}
+
+/// The recorder's account.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RecorderSummary {
+    /// Messages received.
+    pub messages: u64,
+    /// Messages known to be lost (gaps in the ticks).
+    pub lost: u64,
+    /// Size of the recording; bytes.
+    pub bytes: u64,
+    /// The recording, relative to `summary.json`; empty without one.
+    pub file: String,
+    /// Why there is no (whole) recording; empty when there is.
+    pub error: String,
+}
+
+/// One process.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ProcessSummary {
+    /// Its name.
+    pub name: String,
+    /// Its last process id.
+    pub pid: u32,
+    /// How often it was started again.
+    pub restarts: u32,
+    /// How it ended: `"0"`, `"1"`, `"signal 9"`.
+    pub exit: String,
+}

@@ -1,0 +1,237 @@
+//! Reading TOML that people wrote: every error names the place, what is wrong and what to do.
+
+use std::fmt;
+use std::ops::Range;
+
+use serde::de::DeserializeOwned;
+use toml::de::{DeTable, DeValue};
+
+/// A file that cannot be used, with the place and the remedy.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct InvalidFile {
+    /// The file's name as the user gave it.
+    pub file: String,
+    /// Its text, for showing the line.
+    pub text: String,
+    /// Where in the text, in bytes.
+    pub span: Option<Range<usize>>,
+    /// What is wrong.
+    pub message: String,
+    /// What to do about it.
+    pub remedy: String,
+}
+
+impl InvalidFile {
+    /// The line the span starts on, from 1.
+    #[must_use]
+    pub fn line(&self) -> Option<usize> {
+        let start = self.span.as_ref()?.start.min(self.text.len());
+        Some(self.text.as_bytes()[..start].iter().filter(|&&byte| byte == b'\n').count() + 1)
+    }
+}
+
+impl fmt::Display for InvalidFile {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.file)?;
+        if let Some(line) = self.line() {
+            write!(f, ":{line}")?;
+        }
+        write!(f, ": {}", self.message)?;
+        if !self.remedy.is_empty() {
+            write!(f, " ({})", self.remedy)?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for InvalidFile {}
+
+/// A complaint about a value, by its path (`segment.2.duration_s`): found first, located in the text afterwards.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Complaint {
+    /// Keys and indices, joined by dots.
+    pub path: String,
+    /// What is wrong.
+    pub message: String,
+    /// What to do about it.
+    pub remedy: String,
+}
+
+impl Complaint {
+    /// A complaint about the value at `path`.
+    pub fn new(path: impl Into<String>, message: impl Into<String>, remedy: impl Into<String>) -> Self {
+        Self { path: path.into(), message: message.into(), remedy: remedy.into() }
+    }
+
+    /// Finds the place in the text.
+    #[must_use]
+    pub fn locate(self, file: &str, text: &str) -> InvalidFile {
+        InvalidFile {
+            file: file.to_owned(),
+            text: text.to_owned(),
+            span: span_of(text, &self.path),
+            message: self.message,
+            remedy: self.remedy,
+        }
+    }
+}
+
+/// Parses `text`, with `settings` (`key.path=value`, values as TOML or bare text) laid over it.
+///
+/// # Errors
+/// [`InvalidFile`] for a syntax error, an unknown key, a wrong type, or a setting that does not fit.
+pub fn parse<T: DeserializeOwned>(file: &str, text: &str, settings: &[String]) -> Result<T, InvalidFile> {
+    let invalid = |error: toml::de::Error| {
+        let (message, remedy) = explain(error.message());
+        InvalidFile { file: file.to_owned(), text: text.to_owned(), span: error.span(), message, remedy }
+    };
+    if settings.is_empty() {
+        return toml::from_str(text).map_err(invalid);
+    }
+    let mut table: toml::Table = toml::from_str(text).map_err(invalid)?;
+    for setting in settings {
+        lay_over(&mut table, setting).map_err(|(message, remedy)| InvalidFile {
+            file: format!("--set {setting}"),
+            text: String::new(),
+            span: None,
+            message,
+            remedy,
+        })?;
+    }
+    // The original text is checked first, so that its own errors keep their lines.
+    toml::from_str::<T>(text).map_err(invalid)?;
+    table.try_into().map_err(|error: toml::de::Error| {
+        let (message, remedy) = explain(error.message());
+        InvalidFile { file: format!("--set {}", settings.join(" --set ")), text: String::new(), span: None, message, remedy }
+    })
+}
+
+fn lay_over(table: &mut toml::Table, setting: &str) -> Result<(), (String, String)> {
+    let (path, value) =
+        setting.split_once('=').ok_or_else(|| ("a setting needs `=`".to_owned(), "write it as control.k_p=400".to_owned()))?;
+    let value = toml::from_str::<toml::Table>(&format!("value = {value}"))
+        .ok()
+        .and_then(|mut parsed| parsed.remove("value"))
+        .unwrap_or_else(|| toml::Value::String(value.to_owned()));
+    let missing = |key: &str| (format!("`{key}` does not name a place in the file"), "see `armplane list --keys`".to_owned());
+    let mut keys = path.trim().split('.').peekable();
+    let first = keys.next().unwrap_or_default();
+    if keys.peek().is_none() {
+        table.insert(first.to_owned(), value);
+        return Ok(());
+    }
+    let mut place = table.entry(first).or_insert_with(|| toml::Value::Table(toml::Table::new()));
+    while let Some(key) = keys.next() {
+        let last = keys.peek().is_none();
+        place = match place {
+            toml::Value::Table(inner) if last => {
+                inner.insert(key.to_owned(), value);
+                return Ok(());
+            }
+            toml::Value::Table(inner) => inner.entry(key).or_insert_with(|| toml::Value::Table(toml::Table::new())),
+            toml::Value::Array(items) => {
+                let index: usize = key.parse().map_err(|_| missing(path))?;
+                let item = items.get_mut(index).ok_or_else(|| missing(path))?;
+                if last {
+                    *item = value;
+                    return Ok(());
+                }
+                item
+            }
+            _ => return Err(missing(path)),
+        };
+    }
+    Err(missing(path))
+}
+
+/// serde's message, with its list of expected names turned into advice.
+fn explain(message: &str) -> (String, String) {
+    let message = message.trim();
+    let Some((wrong, expected)) = message.split_once(", expected ") else {
+        return (message.to_owned(), String::new());
+    };
+    let known: Vec<&str> = expected.split('`').skip(1).step_by(2).collect();
+    let written = wrong.split('`').nth(1).unwrap_or_default();
+    match known.iter().map(|name| (edit_distance(written, name), name)).min() {
+        Some((distance, name)) if distance <= 2 + name.len() / 4 => (wrong.to_owned(), format!("did you mean `{name}`?")),
+        _ => (wrong.to_owned(), format!("expected {expected}")),
+    }
+}
+
+/// Levenshtein distance, for "did you mean".
+#[must_use]
+pub fn edit_distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.chars().enumerate() {
+        let mut diagonal = std::mem::replace(&mut row[0], i + 1);
+        for (j, &y) in b.iter().enumerate() {
+            let substituted = diagonal + usize::from(x != y);
+            diagonal = row[j + 1];
+            row[j + 1] = substituted.min(diagonal + 1).min(row[j] + 1);
+        }
+    }
+    row[b.len()]
+}
+
+/// Where the value at `path` stands; the nearest enclosing value that exists, else nothing.
+fn span_of(text: &str, path: &str) -> Option<Range<usize>> {
+    let document = DeTable::parse(text).ok()?;
+    let mut span = None;
+    let mut table = Some(document.get_ref());
+    let mut array: Option<&toml::de::DeArray<'_>> = None;
+    for key in path.split('.') {
+        let value = match (table, array) {
+            (Some(table), _) => table.get(key),
+            (_, Some(items)) => key.parse::<usize>().ok().and_then(|index| items.iter().nth(index)),
+            _ => None,
+        };
+        let Some(value) = value else { break };
+        span = Some(value.span());
+        (table, array) = match value.get_ref() {
+            DeValue::Table(inner) => (Some(inner), None),
+            DeValue::Array(inner) => (None, Some(inner)),
+            _ => (None, None),
+        };
+    }
+    span
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::Scenario;
+
+    const TEXT: &str = "name = \"x\"\nrobot = \"puma560\"\n[start]\nposture = \"ready\"\n[[segment]]\nduration_s = 1.0\n";
+
+    #[test]
+    fn a_typo_names_its_line_and_the_right_word() {
+        let text = TEXT.replace("duration_s", "duration");
+        let error = parse::<Scenario>("a.toml", &text, &[]).unwrap_err();
+        assert_eq!(error.line(), Some(6));
+        assert_eq!(error.to_string(), "a.toml:6: unknown field `duration` (did you mean `duration_s`?)");
+    }
+
+    #[test]
+    fn settings_are_laid_over() {
+        let settings = ["seed=7", "control.k_p=100.0", "segment.0.duration_s=2.5", "robot=planar3r"].map(str::to_owned);
+        let scenario: Scenario = parse("a.toml", TEXT, &settings).unwrap();
+        assert_eq!((scenario.seed, scenario.control.k_p, scenario.segment[0].duration_s), (7, 100.0, 2.5));
+        assert_eq!(scenario.robot, "planar3r");
+    }
+
+    #[test]
+    fn a_wrong_setting_is_refused_by_name() {
+        let error = parse::<Scenario>("a.toml", TEXT, &["control.kp=1.0".to_owned()]).unwrap_err();
+        assert!(error.to_string().starts_with("--set control.kp=1.0: unknown field `kp`"), "{error}");
+        assert!(parse::<Scenario>("a.toml", TEXT, &["segment.3.duration_s=1".to_owned()]).is_err());
+        assert!(parse::<Scenario>("a.toml", TEXT, &["seed".to_owned()]).is_err());
+    }
+
+    #[test]
+    fn complaints_find_their_line() {
+        let located = Complaint::new("segment.0.duration_s", "too short", "").locate("a.toml", TEXT);
+        assert_eq!(located.line(), Some(6));
+        assert_eq!(Complaint::new("nowhere.at.all", "x", "").locate("a.toml", TEXT).line(), None);
+    }
+}

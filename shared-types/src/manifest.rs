@@ -1,0 +1,62 @@
+//! All that a process needs to know to take part in a run: written once by the launcher, before anything starts.
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+use crate::graph::Graph;
+use crate::scenario::Scenario;
+
+/// How time passes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Mode {
+    /// As fast as the machine allows; every process works on exactly tick k; bit-identical.
+    #[default]
+    Lockstep,
+    /// Paced on absolute deadlines.
+    Realtime,
+}
+
+impl Mode {
+    /// As written in files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Lockstep => "lockstep",
+            Self::Realtime => "realtime",
+        }
+    }
+}
+
+/// The texts a robot is made from: every process builds the same robot out of them.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RobotText {
+    /// Name.
+    pub name: String,
+    /// armplane's own description, TOML; may be empty.
+    pub description: String,
+    /// The URDF.
+    pub urdf: String,
+}
+
+/// A run, as its processes see it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Manifest {
+    /// Identifies the run.
+    pub run: String,
+    /// Version of armplane that wrote this.
+    pub version: String,
+    /// How time passes.
+    pub mode: Mode,
+    /// Where the results go.
+    pub out: PathBuf,
+    /// Whether the recorder writes a recording; it judges and hashes either way.
+    pub record: bool,
+    /// What happens.
+    pub scenario: Scenario,
+    /// With which arm.
+    pub robot: RobotText,
+    /// In which processes.
+    pub graph: Graph,
+}
