@@ -1,1 +1,41 @@
-//! placeholder
+//! The arm as data, and its rigid-body algorithms.
+//!
+//! PURE: no clock, thread, file, environment or randomness, and nothing allocates after a robot is loaded.
+//!
+//! - [`Robot`] is the arm as data: a serial chain read from a URDF, and what a URDF cannot say (armature, friction,
+//!   encoders, gravity, postures) from a [description](description) in TOML.
+//! - [`Model`] is the same arm with its number of joints in the type, ready to compute:
+//!   [`Model::evaluate`] gives everything a controller needs in one pass.
+//!
+//! Conventions. SI units. Frames in Drake's monogram notation: `X_BE` is the pose of E in B; B is the base, E the
+//! end-effector frame, L a link, P its parent. Jacobians and twists are `[v; ω]`, in base axes, at the frame's origin.
+//! Link frames are the URDF's. A link's joint turns about, or slides along, a unit axis fixed in that link.
+//!
+//! ```
+//! use model::{Model, Robot};
+//! use nalgebra::SVector;
+//!
+//! let robot = Robot::builtin("puma560")?;
+//! let arm = Model::<6>::new(&robot, None)?;
+//! let q = SVector::from_column_slice(&robot.postures["nominal"]);
+//! let terms = arm.evaluate(&q, &SVector::zeros());
+//! assert!(terms.A.determinant() > 0.0);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+#![allow(non_snake_case)]
+
+pub mod description;
+mod dynamics;
+mod geometry;
+mod pose;
+mod robot;
+mod spatial;
+#[cfg(test)]
+mod tests;
+mod urdf;
+
+pub use dynamics::{Model, ModelError, Terms};
+pub use pose::Pose;
+pub use robot::{
+    Factors, Frame, Geometry, Joint, JointKind, MAX_DOF, PostureError, Robot, RobotError, RobotSource, Shape, TaskAxes, TaskAxis,
+};

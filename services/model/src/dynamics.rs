@@ -1,0 +1,485 @@
+//! The rigid-body algorithms of a serial chain.
+
+use crate::pose::Pose;
+use crate::robot::{JointKind, Robot};
+use crate::spatial::{ArticulatedInertia, Force, Motion, RigidInertia, Sym3};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3, Vector6};
+
+/// Why a robot has no model of this size or at this frame.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum ModelError {
+    /// The number of joints in the type is not the robot's.
+    #[error("robot '{robot}' has {actual} joints, not {expected}: use Model::<{actual}>")]
+    Dof {
+        /// The robot's name.
+        robot: String,
+        /// The type's number of joints.
+        expected: usize,
+        /// The robot's number of joints.
+        actual: usize,
+    },
+    /// The robot has no such frame.
+    #[error("robot '{robot}' has no frame '{frame}'; its frames are {known}")]
+    UnknownFrame {
+        /// The robot's name.
+        robot: String,
+        /// The frame asked for.
+        frame: String,
+        /// The frames there are.
+        known: String,
+    },
+}
+
+/// A moving link and its joint, in axes chosen so that the joint turns about, or slides along, the local z axis.
+#[derive(Clone, Copy, Debug)]
+struct Body {
+    /// This link's axes in the parent link's, at q = 0.
+    R_0: Matrix3<f64>,
+    /// This link's origin in the parent link's axes, at q = 0, m.
+    p_0: Vector3<f64>,
+    prismatic: bool,
+    mass: f64,
+    /// Centre of mass, link axes, m.
+    com: Vector3<f64>,
+    /// Inertia about the centre of mass, link axes, kg·m².
+    inertia: Sym3,
+    /// From these link axes back to the URDF's.
+    R_urdf: Matrix3<f64>,
+}
+
+/// An arm with `N` joints and one end-effector frame, ready to compute.
+///
+/// Immutable: every function is a pure function of its arguments, allocates nothing, and cannot fail. Finite arguments
+/// give finite results; q may be any real posture, inside the limits or not.
+#[derive(Clone, Debug)]
+pub struct Model<const N: usize> {
+    bodies: [Body; N],
+    /// The link that carries E; `None` is the base.
+    ee_body: Option<usize>,
+    /// E in that link's axes (in the base, for the base).
+    X_LE: Pose,
+    gravity: Vector3<f64>,
+    armature: SVector<f64, N>,
+    viscous_friction: SVector<f64, N>,
+    coulomb_friction: SVector<f64, N>,
+    lower: SVector<f64, N>,
+    upper: SVector<f64, N>,
+    effort: SVector<f64, N>,
+    velocity: SVector<f64, N>,
+}
+
+/// Everything a controller needs of the arm in one state, from one pass.
+///
+/// Base axes and SI units throughout. The equation of motion is A·q̈ + coriolis + gravity = τ.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Terms<const N: usize> {
+    /// Mass matrix, armature included, N×N.
+    pub A: SMatrix<f64, N, N>,
+    /// Coriolis and centrifugal torques C(q, q̇)·q̇.
+    pub coriolis: SVector<f64, N>,
+    /// Gravity torques g(q): what holds the arm still.
+    pub gravity: SVector<f64, N>,
+    /// Geometric Jacobian at E's origin, rows [v; ω], 6×N.
+    pub J: SMatrix<f64, 6, N>,
+    /// J̇·q̇: the acceleration [v̇; ω̇] of E at q̈ = 0.
+    pub Jdot_qdot: Vector6<f64>,
+    /// Pose of E in the base.
+    pub X_BE: Pose,
+    /// Joint axes, unit.
+    pub z: [Vector3<f64>; N],
+    /// Joint (link) origins, m.
+    pub p: [Vector3<f64>; N],
+    /// Link angular velocities, rad/s.
+    pub omega: [Vector3<f64>; N],
+    /// Link angular accelerations at q̈ = 0, rad/s².
+    pub alpha_bias: [Vector3<f64>; N],
+    /// Velocities of the link origins, m/s.
+    pub pdot: [Vector3<f64>; N],
+    /// Accelerations of the link origins at q̈ = 0, m/s².
+    pub pddot_bias: [Vector3<f64>; N],
+}
+
+impl<const N: usize> Terms<N> {
+    /// C·q̇ + g.
+    pub fn bias(&self) -> SVector<f64, N> {
+        self.coriolis + self.gravity
+    }
+}
+
+/// Where every link is: rotations, origins, joint motion axes.
+struct Placement<const N: usize> {
+    R: [Matrix3<f64>; N],
+    p: [Vector3<f64>; N],
+    S: [Motion; N],
+}
+
+impl<const N: usize> Model<N> {
+    /// The model of `robot` with its end-effector frame at `frame` (its default frame if `None`).
+    ///
+    /// # Errors
+    /// [`ModelError`] if `robot` does not have `N` joints, or no such frame.
+    pub fn new(robot: &Robot, frame: Option<&str>) -> Result<Self, ModelError> {
+        if robot.dof() != N {
+            return Err(ModelError::Dof { robot: robot.name.clone(), expected: N, actual: robot.dof() });
+        }
+        // R_urdf_i turns URDF link axes into ours: ours have z along the joint axis.
+        let R_urdf: [Matrix3<f64>; N] = std::array::from_fn(|i| z_to(&robot.joints[i].axis).transpose());
+        let bodies = std::array::from_fn(|i| {
+            let joint = &robot.joints[i];
+            let to_parent = if i == 0 { Matrix3::identity() } else { R_urdf[i - 1] };
+            let to_link = R_urdf[i];
+            Body {
+                R_0: to_parent * joint.X_PJ.R * to_link.transpose(),
+                p_0: to_parent * joint.X_PJ.p,
+                prismatic: joint.kind == JointKind::Prismatic,
+                mass: joint.mass,
+                com: to_link * joint.com,
+                inertia: Sym3::from_matrix(&(to_link * joint.inertia * to_link.transpose())),
+                R_urdf: to_link,
+            }
+        });
+        let column = |f: fn(&crate::Joint) -> f64| SVector::from_fn(|i, _| f(&robot.joints[i]));
+        let base = Self {
+            bodies,
+            ee_body: None,
+            X_LE: Pose::identity(),
+            gravity: robot.gravity,
+            armature: column(|j| j.armature),
+            viscous_friction: column(|j| j.viscous_friction),
+            coulomb_friction: column(|j| j.coulomb_friction),
+            lower: column(|j| j.lower),
+            upper: column(|j| j.upper),
+            effort: column(|j| j.effort),
+            velocity: column(|j| j.velocity),
+        };
+        base.with_frame(robot, frame.unwrap_or(&robot.default_frame))
+    }
+
+    /// The same arm with its end-effector frame at `frame`.
+    ///
+    /// Requires `robot` to be the one this model was made of. Errors: [`ModelError::UnknownFrame`].
+    pub fn with_frame(mut self, robot: &Robot, frame: &str) -> Result<Self, ModelError> {
+        let found = robot.frame(frame).ok_or_else(|| ModelError::UnknownFrame {
+            robot: robot.name.clone(),
+            frame: frame.to_owned(),
+            known: robot.frame_names(),
+        })?;
+        self.ee_body = found.joint;
+        self.X_LE = match found.joint {
+            Some(i) => Pose::rotation(self.bodies[i].R_urdf) * found.X_LF,
+            None => found.X_LF,
+        };
+        Ok(self)
+    }
+
+    /// The same arm with its end-effector frame moved by `X_ET`: a tool T fixed in the present frame E.
+    ///
+    /// Kinematics only; the tool's mass is not added.
+    pub fn with_tool(mut self, X_ET: &Pose) -> Self {
+        self.X_LE = self.X_LE * *X_ET;
+        self
+    }
+
+    /// Pose of link `i` relative to its parent in our axes.
+    #[inline(always)]
+    fn step(body: &Body, q: f64) -> Pose {
+        if body.prismatic {
+            return Pose { R: body.R_0, p: body.p_0 + body.R_0.column(2) * q };
+        }
+        let (s, c) = libm::sincos(q);
+        let (x, y, z) = (body.R_0.column(0), body.R_0.column(1), body.R_0.column(2));
+        let R = Matrix3::from_columns(&[x * c + y * s, y * c - x * s, z.into_owned()]);
+        Pose { R, p: body.p_0 }
+    }
+
+    #[inline(always)]
+    fn place(&self, q: &SVector<f64, N>) -> Placement<N> {
+        let mut X = Pose::identity();
+        let mut at = Placement { R: [Matrix3::zeros(); N], p: [Vector3::zeros(); N], S: [Motion::zero(); N] };
+        for i in 0..N {
+            let body = &self.bodies[i];
+            X = X * Self::step(body, q[i]);
+            let z = X.R.column(2).into_owned();
+            at.R[i] = X.R;
+            at.p[i] = X.p;
+            at.S[i] = if body.prismatic { Motion::along(z) } else { Motion::about(z, &X.p) };
+        }
+        at
+    }
+
+    /// Inertia of link `i` in base axes about the base origin.
+    #[inline(always)]
+    fn inertia(&self, at: &Placement<N>, i: usize) -> RigidInertia {
+        let body = &self.bodies[i];
+        let c = at.R[i] * body.com + at.p[i];
+        let I = body.inertia.rotated(&at.R[i]).shifted(body.mass, &c);
+        RigidInertia { m: body.mass, h: body.mass * c, I }
+    }
+
+    fn ee_pose(&self, at: &Placement<N>) -> Pose {
+        match self.ee_body {
+            Some(i) => Pose { R: at.R[i], p: at.p[i] } * self.X_LE,
+            None => self.X_LE,
+        }
+    }
+
+    /// Number of joints that move E.
+    fn ee_joints(&self) -> usize {
+        self.ee_body.map_or(0, |i| i + 1)
+    }
+
+    /// All terms of the equation of motion and of the end-effector's kinematics, in one pass.
+    ///
+    /// A·q̈ + C·q̇ + g = τ; v = J·q̇, v̇ = J·q̈ + J̇·q̇.
+    ///
+    /// Newton–Euler recursion outwards, composite-rigid-body algorithm inwards [RBDA Ch. 5, 6], in base axes.
+    /// Requires finite arguments. Cost O(N²), no allocation.
+    pub fn evaluate(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> Terms<N> {
+        let at = self.place(q);
+        let mut omega = [Vector3::zeros(); N];
+        let mut alpha_bias = [Vector3::zeros(); N];
+        let mut pdot = [Vector3::zeros(); N];
+        let mut pddot_bias = [Vector3::zeros(); N];
+        let mut vs = [Motion::zero(); N];
+        let mut accs = [Motion::zero(); N];
+        let mut I = [RigidInertia::zero(); N];
+        let mut f = [Force::zero(); N];
+        let (mut v, mut a) = (Motion::zero(), Motion::zero());
+        for i in 0..N {
+            let s = Motion { w: at.S[i].w * qdot[i], v: at.S[i].v * qdot[i] };
+            v = v + s;
+            a = a + v.cross(&s);
+            vs[i] = v;
+            accs[i] = a;
+            I[i] = self.inertia(&at, i);
+            f[i] = I[i].times(&a);
+            f[i] += v.cross_force(&I[i].times(&v));
+            omega[i] = v.w;
+            alpha_bias[i] = a.w;
+            pdot[i] = v.at(&at.p[i]);
+            pddot_bias[i] = a.at(&at.p[i]) + v.w.cross(&pdot[i]);
+        }
+
+        let mut A = SMatrix::zeros();
+        let mut coriolis = SVector::zeros();
+        let mut gravity = SVector::zeros();
+        let mut body = RigidInertia::zero();
+        let mut bias = Force::zero();
+        for i in (0..N).rev() {
+            body += I[i];
+            bias += f[i];
+            let S = &at.S[i];
+            let F = body.times(S);
+            for j in 0..=i {
+                A[(j, i)] = at.S[j].dot(&F);
+                A[(i, j)] = A[(j, i)];
+            }
+            A[(i, i)] += self.armature[i];
+            coriolis[i] = S.dot(&bias);
+            gravity[i] = -S.w.dot(&body.h.cross(&self.gravity)) - body.m * S.v.dot(&self.gravity);
+        }
+
+        let X_BE = self.ee_pose(&at);
+        let J = self.jacobian_at(&at, &X_BE.p);
+        let Jdot_qdot = self.ee_body.map_or_else(Vector6::zeros, |k| {
+            let linear = accs[k].at(&X_BE.p) + vs[k].w.cross(&vs[k].at(&X_BE.p));
+            stack(&linear, &accs[k].w)
+        });
+        let z = std::array::from_fn(|i| at.R[i].column(2).into_owned());
+        Terms { A, coriolis, gravity, J, Jdot_qdot, X_BE, z, p: at.p, omega, alpha_bias, pdot, pddot_bias }
+    }
+
+    /// Pose of the end-effector frame in the base, `X_BE`.
+    pub fn forward_kinematics(&self, q: &SVector<f64, N>) -> Pose {
+        self.ee_pose(&self.place(q))
+    }
+
+    /// Poses of the links' URDF frames in the base, `X_BL`.
+    pub fn link_poses(&self, q: &SVector<f64, N>) -> [Pose; N] {
+        let at = self.place(q);
+        std::array::from_fn(|i| Pose { R: at.R[i] * self.bodies[i].R_urdf, p: at.p[i] })
+    }
+
+    /// Geometric Jacobian: [v; ω] = J·q̇ of the end-effector frame's origin, base axes, 6×N.
+    pub fn jacobian(&self, q: &SVector<f64, N>) -> SMatrix<f64, 6, N> {
+        let at = self.place(q);
+        self.jacobian_at(&at, &self.ee_pose(&at).p)
+    }
+
+    #[inline(always)]
+    fn jacobian_at(&self, at: &Placement<N>, p_E: &Vector3<f64>) -> SMatrix<f64, 6, N> {
+        let mut J = SMatrix::<f64, 6, N>::zeros();
+        for j in 0..self.ee_joints() {
+            J.set_column(j, &stack(&at.S[j].at(p_E), &at.S[j].w));
+        }
+        J
+    }
+
+    /// Mass matrix A(q), armature included: composite-rigid-body algorithm [RBDA Ch. 6].
+    pub fn mass_matrix(&self, q: &SVector<f64, N>) -> SMatrix<f64, N, N> {
+        let at = self.place(q);
+        let mut A = SMatrix::zeros();
+        let mut body = RigidInertia::zero();
+        for i in (0..N).rev() {
+            body += self.inertia(&at, i);
+            let F = body.times(&at.S[i]);
+            for j in 0..=i {
+                A[(j, i)] = at.S[j].dot(&F);
+                A[(i, j)] = A[(j, i)];
+            }
+            A[(i, i)] += self.armature[i];
+        }
+        A
+    }
+
+    /// Inverse dynamics τ = A·q̈ + C·q̇ + g, armature included: recursive Newton–Euler algorithm [RBDA Ch. 5].
+    pub fn inverse_dynamics(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, qddot: &SVector<f64, N>) -> SVector<f64, N> {
+        let at = self.place(q);
+        let mut f = [Force::zero(); N];
+        let (mut v, mut a) = (Motion::zero(), Motion::along(-self.gravity));
+        for i in 0..N {
+            let S = &at.S[i];
+            v = v.plus(qdot[i], S);
+            a = (a + v.cross(&Motion::zero().plus(qdot[i], S))).plus(qddot[i], S);
+            let I = self.inertia(&at, i);
+            f[i] = I.times(&a);
+            f[i] += v.cross_force(&I.times(&v));
+        }
+        let mut tau = SVector::zeros();
+        let mut sum = Force::zero();
+        for i in (0..N).rev() {
+            sum += f[i];
+            tau[i] = at.S[i].dot(&sum) + self.armature[i] * qddot[i];
+        }
+        tau
+    }
+
+    /// Gravity torques g(q): what holds the arm still.
+    pub fn gravity(&self, q: &SVector<f64, N>) -> SVector<f64, N> {
+        let at = self.place(q);
+        let mut tau = SVector::zeros();
+        let (mut m, mut h) = (0.0, Vector3::zeros());
+        for i in (0..N).rev() {
+            let body = &self.bodies[i];
+            m += body.mass;
+            h += body.mass * (at.R[i] * body.com + at.p[i]);
+            let weight = Force { n: h.cross(&self.gravity), f: m * self.gravity };
+            tau[i] = -at.S[i].dot(&weight);
+        }
+        tau
+    }
+
+    /// Bias torques C(q, q̇)·q̇ + g(q).
+    pub fn bias(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> SVector<f64, N> {
+        self.inverse_dynamics(q, qdot, &SVector::zeros())
+    }
+
+    /// Forward dynamics q̈ = A⁻¹(τ − C·q̇ − g), armature included: articulated-body algorithm [RBDA Ch. 7].
+    pub fn forward_dynamics(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, tau: &SVector<f64, N>) -> SVector<f64, N> {
+        let at = self.place(q);
+        let mut c = [Motion::zero(); N];
+        let mut I = [RigidInertia::zero(); N];
+        let mut p = [Force::zero(); N];
+        let mut v = Motion::zero();
+        for i in 0..N {
+            let s = Motion::zero().plus(qdot[i], &at.S[i]);
+            v = v + s;
+            c[i] = v.cross(&s);
+            I[i] = self.inertia(&at, i);
+            p[i] = v.cross_force(&I[i].times(&v));
+        }
+
+        let mut U = [Force::zero(); N];
+        let mut D = [0.0; N];
+        let mut u = [0.0; N];
+        let mut I_A = ArticulatedInertia::from(RigidInertia::zero());
+        let mut p_A = Force::zero();
+        for i in (0..N).rev() {
+            I_A += I[i].into();
+            p_A += p[i];
+            let S = &at.S[i];
+            U[i] = I_A.times(S);
+            D[i] = S.dot(&U[i]) + self.armature[i];
+            u[i] = tau[i] - S.dot(&p_A);
+            I_A = I_A.without(&U[i], D[i]);
+            p_A += I_A.times(&c[i]).plus(u[i] / D[i], &U[i]);
+        }
+
+        let mut qddot = SVector::zeros();
+        let mut a = Motion::along(-self.gravity);
+        for i in 0..N {
+            a = a + c[i];
+            qddot[i] = (u[i] - a.dot(&U[i])) / D[i];
+            a = a.plus(qddot[i], &at.S[i]);
+        }
+        qddot
+    }
+
+    /// Kinetic energy ½·q̇ᵀ·A·q̇, the rotors' included, J.
+    pub fn kinetic_energy(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> f64 {
+        0.5 * qdot.dot(&(self.mass_matrix(q) * qdot))
+    }
+
+    /// Potential energy −Σ m·gᵀ·c, zero with every centre of mass at the base origin, J.
+    pub fn potential_energy(&self, q: &SVector<f64, N>) -> f64 {
+        let at = self.place(q);
+        let h = |i: usize| self.bodies[i].mass * (at.R[i] * self.bodies[i].com + at.p[i]);
+        -(0..N).map(|i| self.gravity.dot(&h(i))).sum::<f64>()
+    }
+
+    /// Acceleration of gravity, base axes, m/s².
+    pub fn gravity_vector(&self) -> &Vector3<f64> {
+        &self.gravity
+    }
+
+    /// Reflected rotor inertias, kg·m² (kg for a sliding joint).
+    pub fn armature(&self) -> &SVector<f64, N> {
+        &self.armature
+    }
+
+    /// Viscous friction, N·m·s/rad.
+    pub fn viscous_friction(&self) -> &SVector<f64, N> {
+        &self.viscous_friction
+    }
+
+    /// Coulomb friction, N·m.
+    pub fn coulomb_friction(&self) -> &SVector<f64, N> {
+        &self.coulomb_friction
+    }
+
+    /// Lower position limits, rad; −∞ for none.
+    pub fn lower(&self) -> &SVector<f64, N> {
+        &self.lower
+    }
+
+    /// Upper position limits, rad; ∞ for none.
+    pub fn upper(&self) -> &SVector<f64, N> {
+        &self.upper
+    }
+
+    /// Torque limits, N·m; ∞ for none.
+    pub fn effort(&self) -> &SVector<f64, N> {
+        &self.effort
+    }
+
+    /// Speed limits, rad/s; ∞ for none.
+    pub fn velocity(&self) -> &SVector<f64, N> {
+        &self.velocity
+    }
+}
+
+fn stack(linear: &Vector3<f64>, angular: &Vector3<f64>) -> Vector6<f64> {
+    Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)
+}
+
+/// A rotation whose z axis is the unit vector `axis`; exact for the coordinate axes.
+fn z_to(axis: &Vector3<f64>) -> Matrix3<f64> {
+    if axis.x == 0.0 && axis.y == 0.0 && axis.z > 0.0 {
+        return Matrix3::identity();
+    }
+    // x: the coordinate axis farthest from `axis`, made orthogonal to it.
+    let mut e = Vector3::zeros();
+    e[axis.iamin()] = 1.0;
+    let x = (e - axis * axis.dot(&e)).normalize();
+    Matrix3::from_columns(&[x, axis.cross(&x), *axis])
+}

@@ -1,0 +1,248 @@
+//! Spatial vectors, all in base axes and about the base origin.
+//!
+//! R. Featherstone, *Rigid Body Dynamics Algorithms* (2008), cited as RBDA. With every link in the same coordinates,
+//! nothing is ever transformed from link to link: sums along the chain are plain sums.
+
+use nalgebra::{Matrix3, Vector3};
+
+/// A symmetric 3×3 matrix: six numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Sym3 {
+    pub(crate) xx: f64,
+    pub(crate) xy: f64,
+    pub(crate) xz: f64,
+    pub(crate) yy: f64,
+    pub(crate) yz: f64,
+    pub(crate) zz: f64,
+}
+
+impl Sym3 {
+    pub(crate) const ZERO: Self = Self { xx: 0.0, xy: 0.0, xz: 0.0, yy: 0.0, yz: 0.0, zz: 0.0 };
+
+    /// The upper triangle of a symmetric matrix.
+    pub(crate) fn from_matrix(M: &Matrix3<f64>) -> Self {
+        Self { xx: M.m11, xy: M.m12, xz: M.m13, yy: M.m22, yz: M.m23, zz: M.m33 }
+    }
+
+    pub(crate) fn scaled_identity(m: f64) -> Self {
+        Self { xx: m, yy: m, zz: m, ..Self::ZERO }
+    }
+
+    /// R·S·Rᵀ.
+    #[inline(always)]
+    pub(crate) fn rotated(&self, R: &Matrix3<f64>) -> Self {
+        let [x, y, z] = [R.row(0).transpose(), R.row(1).transpose(), R.row(2).transpose()];
+        let [sx, sy, sz] = [*self * x, *self * y, *self * z];
+        Self { xx: x.dot(&sx), xy: x.dot(&sy), xz: x.dot(&sz), yy: y.dot(&sy), yz: y.dot(&sz), zz: z.dot(&sz) }
+    }
+
+    /// S + m(cᵀc·1 − ccᵀ): the parallel-axis theorem.
+    #[inline(always)]
+    pub(crate) fn shifted(&self, m: f64, c: &Vector3<f64>) -> Self {
+        let h = m * c;
+        Self {
+            xx: self.xx + h.y * c.y + h.z * c.z,
+            xy: self.xy - h.x * c.y,
+            xz: self.xz - h.x * c.z,
+            yy: self.yy + h.x * c.x + h.z * c.z,
+            yz: self.yz - h.y * c.z,
+            zz: self.zz + h.x * c.x + h.y * c.y,
+        }
+    }
+
+    /// S += k·u·uᵀ.
+    #[inline(always)]
+    fn add_outer(&mut self, k: f64, u: &Vector3<f64>) {
+        let ku = k * u;
+        self.xx += ku.x * u.x;
+        self.xy += ku.x * u.y;
+        self.xz += ku.x * u.z;
+        self.yy += ku.y * u.y;
+        self.yz += ku.y * u.z;
+        self.zz += ku.z * u.z;
+    }
+}
+
+impl std::ops::AddAssign for Sym3 {
+    #[inline(always)]
+    fn add_assign(&mut self, o: Self) {
+        self.xx += o.xx;
+        self.xy += o.xy;
+        self.xz += o.xz;
+        self.yy += o.yy;
+        self.yz += o.yz;
+        self.zz += o.zz;
+    }
+}
+
+impl std::ops::Mul<Vector3<f64>> for Sym3 {
+    type Output = Vector3<f64>;
+    #[inline(always)]
+    fn mul(self, u: Vector3<f64>) -> Vector3<f64> {
+        Vector3::new(
+            self.xx * u.x + self.xy * u.y + self.xz * u.z,
+            self.xy * u.x + self.yy * u.y + self.yz * u.z,
+            self.xz * u.x + self.yz * u.y + self.zz * u.z,
+        )
+    }
+}
+
+/// A motion vector: angular part, and linear part of the body-fixed point that is now at the base origin.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Motion {
+    pub(crate) w: Vector3<f64>,
+    pub(crate) v: Vector3<f64>,
+}
+
+impl Motion {
+    pub(crate) fn zero() -> Self {
+        Self { w: Vector3::zeros(), v: Vector3::zeros() }
+    }
+
+    /// A turn about `axis` through the point `p`.
+    #[inline(always)]
+    pub(crate) fn about(axis: Vector3<f64>, p: &Vector3<f64>) -> Self {
+        Self { w: axis, v: p.cross(&axis) }
+    }
+
+    /// A slide along `axis`.
+    #[inline(always)]
+    pub(crate) fn along(axis: Vector3<f64>) -> Self {
+        Self { w: Vector3::zeros(), v: axis }
+    }
+
+    /// Linear part at the point `p`: v + ω × p.
+    #[inline(always)]
+    pub(crate) fn at(&self, p: &Vector3<f64>) -> Vector3<f64> {
+        self.v + self.w.cross(p)
+    }
+
+    /// Spatial cross product v × s (RBDA Eq. 2.31).
+    #[inline(always)]
+    pub(crate) fn cross(&self, s: &Motion) -> Motion {
+        Motion { w: self.w.cross(&s.w), v: self.w.cross(&s.v) + self.v.cross(&s.w) }
+    }
+
+    /// Spatial cross product v ×* f (RBDA Eq. 2.32).
+    #[inline(always)]
+    pub(crate) fn cross_force(&self, f: &Force) -> Force {
+        Force { n: self.w.cross(&f.n) + self.v.cross(&f.f), f: self.w.cross(&f.f) }
+    }
+
+    /// Power s·f.
+    #[inline(always)]
+    pub(crate) fn dot(&self, f: &Force) -> f64 {
+        self.w.dot(&f.n) + self.v.dot(&f.f)
+    }
+
+    /// self + k·s.
+    #[inline(always)]
+    pub(crate) fn plus(&self, k: f64, s: &Motion) -> Motion {
+        Motion { w: self.w + k * s.w, v: self.v + k * s.v }
+    }
+}
+
+impl std::ops::Add for Motion {
+    type Output = Motion;
+    #[inline(always)]
+    fn add(self, o: Motion) -> Motion {
+        Motion { w: self.w + o.w, v: self.v + o.v }
+    }
+}
+
+/// A force vector: moment about the base origin, and force.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Force {
+    pub(crate) n: Vector3<f64>,
+    pub(crate) f: Vector3<f64>,
+}
+
+impl Force {
+    pub(crate) fn zero() -> Self {
+        Self { n: Vector3::zeros(), f: Vector3::zeros() }
+    }
+
+    /// self + k·o.
+    #[inline(always)]
+    pub(crate) fn plus(&self, k: f64, o: &Force) -> Force {
+        Force { n: self.n + k * o.n, f: self.f + k * o.f }
+    }
+}
+
+impl std::ops::AddAssign for Force {
+    #[inline(always)]
+    fn add_assign(&mut self, o: Force) {
+        self.n += o.n;
+        self.f += o.f;
+    }
+}
+
+/// A rigid body's inertia: mass, first moment h = m·c, and second moment about the base origin.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct RigidInertia {
+    pub(crate) m: f64,
+    pub(crate) h: Vector3<f64>,
+    pub(crate) I: Sym3,
+}
+
+impl RigidInertia {
+    pub(crate) fn zero() -> Self {
+        Self { m: 0.0, h: Vector3::zeros(), I: Sym3::ZERO }
+    }
+
+    /// Momentum I·v (RBDA Eq. 2.63).
+    #[inline(always)]
+    pub(crate) fn times(&self, s: &Motion) -> Force {
+        Force { n: self.I * s.w + self.h.cross(&s.v), f: self.m * s.v - self.h.cross(&s.w) }
+    }
+}
+
+impl std::ops::AddAssign for RigidInertia {
+    #[inline(always)]
+    fn add_assign(&mut self, o: Self) {
+        self.m += o.m;
+        self.h += o.h;
+        self.I += o.I;
+    }
+}
+
+/// An articulated-body inertia: [n; f] = [I H; Hᵀ M]·[ω; v] (RBDA §7.1).
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ArticulatedInertia {
+    I: Sym3,
+    H: Matrix3<f64>,
+    M: Sym3,
+}
+
+impl From<RigidInertia> for ArticulatedInertia {
+    #[inline(always)]
+    fn from(b: RigidInertia) -> Self {
+        Self { I: b.I, H: b.h.cross_matrix(), M: Sym3::scaled_identity(b.m) }
+    }
+}
+
+impl ArticulatedInertia {
+    #[inline(always)]
+    pub(crate) fn times(&self, s: &Motion) -> Force {
+        Force { n: self.I * s.w + self.H * s.v, f: self.H.tr_mul(&s.w) + self.M * s.v }
+    }
+
+    /// self − U·Uᵀ/D.
+    #[inline(always)]
+    pub(crate) fn without(mut self, U: &Force, D: f64) -> Self {
+        let k = -1.0 / D;
+        self.I.add_outer(k, &U.n);
+        self.M.add_outer(k, &U.f);
+        self.H += (k * U.n) * U.f.transpose();
+        self
+    }
+}
+
+impl std::ops::AddAssign for ArticulatedInertia {
+    #[inline(always)]
+    fn add_assign(&mut self, o: Self) {
+        self.I += o.I;
+        self.H += o.H;
+        self.M += o.M;
+    }
+}

@@ -1,0 +1,3 @@
+//! Golden data, and algorithms that check each other.
+
+mod golden;

@@ -1,0 +1,360 @@
+//! A serial chain out of a URDF.
+
+use crate::pose::Pose;
+use crate::robot::{Frame, Geometry, Joint, JointKind, MAX_DOF, RobotError, Shape, list};
+use nalgebra::{Matrix3, Vector3};
+use std::collections::{BTreeMap, BTreeSet};
+use urdf_rs::JointType;
+
+/// What a URDF says about the chain.
+pub(crate) struct Chain {
+    pub(crate) joints: Vec<Joint>,
+    pub(crate) frames: Vec<Frame>,
+    pub(crate) shapes: Vec<Shape>,
+    /// The chain's last link.
+    pub(crate) tip: String,
+    pub(crate) notes: Vec<String>,
+}
+
+/// Reads `text` as a serial chain that ends at the link `end`, or the only chain there is.
+pub(crate) fn read(robot: &str, text: &str, end: Option<&str>) -> Result<Chain, RobotError> {
+    let urdf = urdf_rs::read_from_string(text).map_err(|error| RobotError::Urdf { robot: robot.to_owned(), reason: error.to_string() })?;
+    Tree::new(robot, &urdf)?.chain(end)
+}
+
+/// The URDF's links and joints, by name.
+struct Tree<'a> {
+    robot: &'a str,
+    links: BTreeMap<&'a str, &'a urdf_rs::Link>,
+    /// The joints out of each link, in file order.
+    children: BTreeMap<&'a str, Vec<&'a urdf_rs::Joint>>,
+    /// The joint into each link.
+    parent: BTreeMap<&'a str, &'a urdf_rs::Joint>,
+    root: &'a str,
+}
+
+impl<'a> Tree<'a> {
+    fn new(robot: &'a str, urdf: &'a urdf_rs::Robot) -> Result<Self, RobotError> {
+        let refuse = |reason: String| Err(RobotError::NotATree { robot: robot.to_owned(), reason });
+        let mut links = BTreeMap::new();
+        for link in &urdf.links {
+            if links.insert(link.name.as_str(), link).is_some() {
+                return refuse(format!("there are two links '{}'", link.name));
+            }
+        }
+        let mut names = BTreeSet::new();
+        let mut parent = BTreeMap::new();
+        let mut children: BTreeMap<_, Vec<_>> = BTreeMap::new();
+        for joint in &urdf.joints {
+            let (from, to) = (joint.parent.link.as_str(), joint.child.link.as_str());
+            if !names.insert(joint.name.as_str()) {
+                return refuse(format!("there are two joints '{}'", joint.name));
+            }
+            if let Some(link) = [from, to].into_iter().find(|link| !links.contains_key(link)) {
+                return refuse(format!("joint '{}' names a link '{link}' that is missing", joint.name));
+            }
+            if parent.insert(to, joint).is_some() {
+                return refuse(format!("link '{to}' is the child of two joints"));
+            }
+            children.entry(from).or_default().push(joint);
+        }
+        let roots: Vec<&str> = links.keys().copied().filter(|link| !parent.contains_key(link)).collect();
+        let root = match roots[..] {
+            [] => return refuse("no link is the base: the joints form a loop".to_owned()),
+            [root] => root,
+            _ => {
+                return refuse(format!("links {} have no parent joint, and one base is needed", list(roots)));
+            }
+        };
+        let tree = Self { robot, links, children, parent, root };
+        let reached = tree.below(root).len();
+        if reached != tree.links.len() {
+            return refuse(format!("only {reached} of {} links hang on the base '{root}': the others form a loop", tree.links.len()));
+        }
+        Ok(tree)
+    }
+
+    fn joints_of(&self, link: &str) -> &[&'a urdf_rs::Joint] {
+        self.children.get(link).map_or(&[], Vec::as_slice)
+    }
+
+    /// `link` and all links that hang on it.
+    fn below(&self, link: &'a str) -> Vec<&'a str> {
+        let mut found = vec![link];
+        let mut next = 0;
+        while let Some(&link) = found.get(next) {
+            found.extend(self.joints_of(link).iter().map(|joint| joint.child.link.as_str()));
+            next += 1;
+        }
+        found
+    }
+
+    /// Links that move as one with `link`, with their poses in it, following fixed joints only.
+    fn fixed_to(&self, link: &'a str) -> Vec<(&'a str, Pose)> {
+        self.rigid(link, |joint| joint.joint_type == JointType::Fixed)
+    }
+
+    fn rigid(&self, link: &'a str, holds: impl Fn(&urdf_rs::Joint) -> bool) -> Vec<(&'a str, Pose)> {
+        let mut found = vec![(link, Pose::identity())];
+        let mut next = 0;
+        while let Some(&(link, X)) = found.get(next) {
+            for joint in self.joints_of(link) {
+                if holds(joint) {
+                    found.push((joint.child.link.as_str(), X * pose(&joint.origin)));
+                }
+            }
+            next += 1;
+        }
+        found
+    }
+
+    /// The movable joints of the chain, from the base outwards.
+    fn movable(&self, end: Option<&str>) -> Result<Vec<&'a urdf_rs::Joint>, RobotError> {
+        let movable = |joint: &urdf_rs::Joint| joint.joint_type != JointType::Fixed;
+        if let Some(end) = end {
+            if !self.links.contains_key(end) {
+                return Err(RobotError::UnknownFrame {
+                    robot: self.robot.to_owned(),
+                    frame: end.to_owned(),
+                    known: list(self.links.keys()),
+                });
+            }
+            let mut joints = Vec::new();
+            let mut link = end;
+            while let Some(&joint) = self.parent.get(link) {
+                if movable(joint) {
+                    joints.push(joint);
+                }
+                link = &joint.parent.link;
+            }
+            joints.reverse();
+            return Ok(joints);
+        }
+        let mut joints: Vec<&urdf_rs::Joint> = Vec::new();
+        let mut link = self.root;
+        loop {
+            let out: Vec<&urdf_rs::Joint> =
+                self.fixed_to(link).iter().flat_map(|(link, _)| self.joints_of(link)).copied().filter(|joint| movable(joint)).collect();
+            match out[..] {
+                [] => return Ok(joints),
+                [joint] => {
+                    joints.push(joint);
+                    link = &joint.child.link;
+                }
+                _ => {
+                    return Err(RobotError::Branches {
+                        robot: self.robot.to_owned(),
+                        link: link.to_owned(),
+                        joints: list(out.iter().map(|joint| &joint.name)),
+                    });
+                }
+            }
+        }
+    }
+
+    fn chain(&self, end: Option<&str>) -> Result<Chain, RobotError> {
+        let movable = self.movable(end)?;
+        let robot = || self.robot.to_owned();
+        let tip = match end {
+            Some(end) => end.to_owned(),
+            None => self.tip(movable.last().map_or(self.root, |joint| &joint.child.link)),
+        };
+        if movable.is_empty() {
+            return Err(RobotError::NoMovableJoint { robot: robot(), frame: tip });
+        }
+        if movable.len() > MAX_DOF {
+            return Err(RobotError::TooManyJoints { robot: robot(), actual: movable.len() });
+        }
+
+        let in_chain: BTreeSet<&str> = movable.iter().map(|joint| joint.name.as_str()).collect();
+        let held = |joint: &urdf_rs::Joint| !in_chain.contains(joint.name.as_str());
+        let mut chain = Chain { joints: vec![], frames: vec![], shapes: vec![], tip, notes: vec![] };
+
+        let base = self.rigid(self.root, held);
+        self.attach(&mut chain, None, &base)?;
+        // The link the last joint moved, and what is rigid with it: where the next joint may hang.
+        let mut carrier = base;
+        for (i, joint) in movable.iter().enumerate() {
+            let X_PM = carrier
+                .iter()
+                .find(|(link, _)| *link == joint.parent.link)
+                .map(|(_, X)| *X)
+                .expect("the chain's joints follow one another");
+            carrier = self.rigid(&joint.child.link, held);
+            self.attach(&mut chain, Some(i), &carrier)?;
+            let joint = self.joint(joint, X_PM, &carrier)?;
+            chain.joints.push(joint);
+        }
+        Ok(chain)
+    }
+
+    /// The last link: where fixed joints lead to from the last moving link, if they lead to one place.
+    fn tip(&self, last: &'a str) -> String {
+        let fixed = self.fixed_to(last);
+        let leaves: Vec<&str> = fixed.iter().map(|(link, _)| *link).filter(|link| self.joints_of(link).is_empty()).collect();
+        if let [leaf] = leaves[..] { leaf } else { last }.to_owned()
+    }
+
+    /// Frames, shapes and notes of the links that move with joint `i`.
+    fn attach(&self, chain: &mut Chain, joint: Option<usize>, rigid: &[(&'a str, Pose)]) -> Result<(), RobotError> {
+        for &(name, X_LF) in rigid {
+            if !X_LF.p.iter().chain(X_LF.R.iter()).all(|x| x.is_finite()) {
+                return Err(self.not_finite(format!("the pose of link '{name}'")));
+            }
+            chain.frames.push(Frame { name: name.to_owned(), joint, X_LF });
+            let link = self.links[name];
+            for visual in &link.visual {
+                match geometry(&visual.geometry) {
+                    Ok(geometry) => chain.shapes.push(Shape { joint, X_LS: X_LF * pose(&visual.origin), geometry }),
+                    Err(file) => chain.notes.push(format!("the mesh '{file}' of link '{name}' is not shown: meshes are not read")),
+                }
+            }
+            for child in self.joints_of(name) {
+                let is_held = rigid.iter().any(|(link, _)| *link == child.child.link);
+                if is_held && child.joint_type != JointType::Fixed {
+                    chain.notes.push(format!(
+                        "joint '{}' is not on the way to '{}': it is held at zero, its link part of '{}'",
+                        child.name, chain.tip, rigid[0].0
+                    ));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn joint(&self, joint: &urdf_rs::Joint, X_PM: Pose, rigid: &[(&'a str, Pose)]) -> Result<Joint, RobotError> {
+        let robot = || self.robot.to_owned();
+        if let Some(mimic) = &joint.mimic {
+            return Err(RobotError::Mimic { robot: robot(), joint: joint.name.clone(), leader: mimic.joint.clone() });
+        }
+        let kind = match joint.joint_type {
+            JointType::Revolute => JointKind::Revolute,
+            JointType::Continuous => JointKind::Continuous,
+            JointType::Prismatic => JointKind::Prismatic,
+            ref other => {
+                return Err(RobotError::UnsupportedJoint {
+                    robot: robot(),
+                    joint: joint.name.clone(),
+                    kind: format!("{other:?}").to_lowercase(),
+                });
+            }
+        };
+        let axis = Vector3::from(joint.axis.xyz.0);
+        let norm = axis.norm();
+        if !(norm > 1e-9 && norm.is_finite()) {
+            return Err(RobotError::Joint {
+                robot: robot(),
+                joint: joint.name.clone(),
+                what: "axis",
+                value: format!("{:?}", joint.axis.xyz.0),
+                remedy: "give a direction, such as xyz=\"0 0 1\"",
+            });
+        }
+        let (mass, com, inertia) = self.lump(rigid)?;
+        let (damping, friction) = joint.dynamics.as_ref().map_or((0.0, 0.0), |d| (d.damping, d.friction));
+        let mut limit = joint.limit.clone();
+        if kind == JointKind::Continuous {
+            (limit.lower, limit.upper) = (f64::NEG_INFINITY, f64::INFINITY);
+            // A continuous joint needs no <limit>; the parser then says zero.
+            if limit.effort == 0.0 {
+                limit.effort = f64::INFINITY;
+            }
+            if limit.velocity == 0.0 {
+                limit.velocity = f64::INFINITY;
+            }
+        }
+        Ok(Joint {
+            name: joint.name.clone(),
+            kind,
+            X_PJ: X_PM * pose(&joint.origin),
+            axis: axis / norm,
+            mass,
+            com,
+            inertia,
+            armature: 0.0,
+            viscous_friction: damping,
+            coulomb_friction: friction,
+            lower: limit.lower,
+            upper: limit.upper,
+            effort: limit.effort,
+            velocity: limit.velocity,
+            link: joint.child.link.clone(),
+        })
+    }
+
+    /// Mass, centre of mass, and inertia about it, of links that move as one, in the first one's frame.
+    fn lump(&self, rigid: &[(&'a str, Pose)]) -> Result<(f64, Vector3<f64>, Matrix3<f64>), RobotError> {
+        let mut bodies = Vec::new();
+        for &(name, X_LF) in rigid {
+            let inertial = &self.links[name].inertial;
+            let I = &inertial.inertia;
+            #[rustfmt::skip]
+            let I = Matrix3::new(
+                I.ixx, I.ixy, I.ixz,
+                I.ixy, I.iyy, I.iyz,
+                I.ixz, I.iyz, I.izz,
+            );
+            let X = X_LF * pose(&inertial.origin);
+            let mass = inertial.mass.value;
+            if !(mass.is_finite() && X.p.iter().chain(X.R.iter()).chain(I.iter()).all(|x| x.is_finite())) {
+                return Err(self.not_finite(format!("the inertia of link '{name}'")));
+            }
+            if mass < 0.0 {
+                return Err(self.impossible(name, mass, &I));
+            }
+            if mass > 0.0 {
+                bodies.push((mass, X.p, X.R * I * X.R.transpose()));
+            }
+        }
+        let name = rigid[0].0;
+        let (mass, com, inertia) = match bodies[..] {
+            [] => {
+                return Err(RobotError::NoInertia { robot: self.robot.to_owned(), link: name.to_owned() });
+            }
+            // One body alone keeps its numbers to the last bit.
+            [body] => body,
+            _ => {
+                let mass: f64 = bodies.iter().map(|(m, ..)| m).sum();
+                let com = bodies.iter().map(|(m, c, _)| *m * c).sum::<Vector3<f64>>() / mass;
+                let about_com = |(m, c, I): &(f64, Vector3<f64>, Matrix3<f64>)| {
+                    let r = c - com;
+                    I + *m * (Matrix3::from_diagonal_element(r.dot(&r)) - r * r.transpose())
+                };
+                (mass, com, bodies.iter().map(about_com).sum())
+            }
+        };
+        let inertia = 0.5 * (inertia + inertia.transpose());
+        let d = inertia.symmetric_eigenvalues();
+        // Published values are rounded: the triangle inequality may miss by that much.
+        let realisable = d.min() > 0.0 && d.sum() - 2.0 * d.max() >= -1e-6 * d.sum();
+        if !realisable {
+            return Err(self.impossible(name, mass, &inertia));
+        }
+        Ok((mass, com, inertia))
+    }
+
+    fn impossible(&self, link: &str, mass: f64, inertia: &Matrix3<f64>) -> RobotError {
+        let mut moments: [f64; 3] = inertia.symmetric_eigenvalues().into();
+        moments.sort_by(f64::total_cmp);
+        RobotError::Inertia { robot: self.robot.to_owned(), link: link.to_owned(), mass, moments }
+    }
+
+    fn not_finite(&self, what: String) -> RobotError {
+        RobotError::NotFinite { robot: self.robot.to_owned(), what }
+    }
+}
+
+fn pose(origin: &urdf_rs::Pose) -> Pose {
+    Pose::from_xyz_rpy(origin.xyz.0, origin.rpy.0)
+}
+
+/// The shape, or the name of the mesh file it is in.
+fn geometry(geometry: &urdf_rs::Geometry) -> Result<Geometry, &str> {
+    Ok(match *geometry {
+        urdf_rs::Geometry::Box { size } => Geometry::Box { size: size.0.into() },
+        urdf_rs::Geometry::Cylinder { radius, length } => Geometry::Cylinder { radius, length },
+        urdf_rs::Geometry::Sphere { radius } => Geometry::Sphere { radius },
+        urdf_rs::Geometry::Capsule { radius, length } => Geometry::Capsule { radius, length },
+        urdf_rs::Geometry::Mesh { ref filename, .. } => return Err(filename),
+    })
+}
