@@ -1,0 +1,413 @@
+//! The recorder's pure step: whole ticks in, the summary out. Judged on the simulator's truth, never on the controller's opinion.
+
+use std::collections::BTreeMap;
+
+use hdrhistogram::Histogram;
+use nalgebra::{Matrix3, Vector3};
+use shared_types::codes::{self, KIND_NUMERIC, MODE_REGULAR};
+use shared_types::scenario::Goal;
+use shared_types::summary::{JointSummary, Latency, ModeChange, SingularitySummary, TaskSummary};
+use shared_types::wire::HOPS;
+use shared_types::{MAX_SINGULARITIES, Message, PlantState, SensorSample, SingularityReport, SingularityState, StateEstimate, TorqueCommand};
+
+/// One tick, whole: what each process said about it.
+#[derive(Clone, Copy, Debug)]
+pub struct Tick<'a> {
+    /// From the plant.
+    pub sensor: &'a SensorSample,
+    /// From the plant.
+    pub truth: &'a PlantState,
+    /// From the estimator.
+    pub estimate: &'a StateEstimate,
+    /// From the analyzer.
+    pub report: &'a SingularityReport,
+    /// From the controller.
+    pub command: &'a TorqueCommand,
+}
+
+/// What the judge needs to know of the arm: limits, one entry a joint.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Limits {
+    /// N·m.
+    pub effort: Vec<f64>,
+    /// rad/s.
+    pub velocity: Vec<f64>,
+}
+
+/// Gathers a run's figures tick by tick.
+#[derive(Debug)]
+pub struct Judge {
+    limits: Limits,
+    goal: Goal,
+    planned_ticks: f64,
+    ticks: u64,
+    task: TaskSummary,
+    position_square_sum: f64,
+    joints: JointSummary,
+    torque_steps: Histogram<u64>,
+    last_tau: Option<Vec<f64>>,
+    singularities: Vec<Watched>,
+    modes: Vec<ModeChange>,
+    latencies: BTreeMap<String, Histogram<u64>>,
+    last_sensor: Option<SensorSample>,
+    clipped: bool,
+    phase: u32,
+    first_ns: u64,
+    last_ns: u64,
+}
+
+#[derive(Debug)]
+struct Watched {
+    summary: SingularitySummary,
+    mode: u32,
+    inside: bool,
+    last_zeta: Option<Vector3<f64>>,
+}
+
+/// The judge's findings.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Verdict {
+    /// Whole ticks seen.
+    pub ticks: u64,
+    /// Whether the task ran to its end.
+    pub completed: bool,
+    /// `"goal reached"`, `"goal missed"` or `"stopped"`.
+    pub outcome: String,
+    /// Why, in one sentence.
+    pub reason: String,
+    /// Wall-clock time between the first and the last sample; s.
+    pub wall_s: f64,
+    /// Task errors.
+    pub task: TaskSummary,
+    /// Joint loads.
+    pub joints: JointSummary,
+    /// Per singularity.
+    pub singularities: Vec<SingularitySummary>,
+    /// Mode changes.
+    pub modes: Vec<ModeChange>,
+    /// Per hop and end to end.
+    pub latency_us: BTreeMap<String, Latency>,
+}
+
+/// Torque steps are kept in millionths of the limit: a ratio of 1 is 1 000 000.
+const STEP_UNIT: f64 = 1e6;
+
+fn histogram() -> Histogram<u64> {
+    // 3 significant digits up to 100 s in ns; resizes by itself beyond, so that no sample is left out.
+    let mut histogram = Histogram::new_with_bounds(1, 100_000_000_000, 3).expect("constant bounds are valid");
+    histogram.auto(true);
+    histogram
+}
+
+impl Judge {
+    /// A judge for an arm with these limits and a task planned to take `planned_ticks`.
+    #[must_use]
+    pub fn new(limits: Limits, goal: Goal, planned_ticks: f64) -> Self {
+        Self {
+            limits,
+            goal,
+            planned_ticks,
+            ticks: 0,
+            task: TaskSummary::default(),
+            position_square_sum: 0.0,
+            joints: JointSummary::default(),
+            torque_steps: histogram(),
+            last_tau: None,
+            singularities: Vec::new(),
+            modes: Vec::new(),
+            latencies: BTreeMap::new(),
+            last_sensor: None,
+            clipped: false,
+            phase: 0,
+            first_ns: 0,
+            last_ns: 0,
+        }
+    }
+
+    /// Takes in one whole tick.
+    pub fn tick(&mut self, tick: Tick<'_>) {
+        self.watch_singularities(&tick);
+        self.measure_task(&tick);
+        self.measure_joints(&tick);
+        self.measure_latency(&tick);
+        self.clipped |= tick.command.clipped != 0;
+        self.phase = tick.command.phase;
+        self.ticks += 1;
+    }
+
+    fn measure_task(&mut self, tick: &Tick<'_>) {
+        let (truth, command) = (tick.truth, tick.command);
+        let position = Vector3::from(command.p_BE_d) - Vector3::from(truth.p_BE);
+        let orientation = rotation_vector(&(matrix(&command.R_BE_d) * matrix(&truth.R_BE).transpose()));
+        let (mut across_m, mut across_rad) = (position, orientation);
+        for (i, singularity) in active(tick.report).iter().enumerate() {
+            if command.mode[i] == MODE_REGULAR && singularity.inside == 0 {
+                continue;
+            }
+            let (linear, angular) = halves(&singularity.zeta_B);
+            across_m -= linear * linear.dot(&across_m);
+            across_rad -= angular * angular.dot(&across_rad);
+        }
+        let (mm, deg) = (position.norm() * 1e3, orientation.norm().to_degrees());
+        let task = &mut self.task;
+        task.position_max_mm = task.position_max_mm.max(mm);
+        task.orientation_max_deg = task.orientation_max_deg.max(deg);
+        task.orthogonal_max_mm = task.orthogonal_max_mm.max(across_m.norm() * 1e3);
+        task.orthogonal_max_deg = task.orthogonal_max_deg.max(across_rad.norm().to_degrees());
+        (task.final_position_mm, task.final_orientation_deg) = (mm, deg);
+        self.position_square_sum += mm * mm;
+    }
+
+    fn measure_joints(&mut self, tick: &Tick<'_>) {
+        let n = self.limits.effort.len();
+        let ratio = |value: f64, limit: f64| if limit.is_finite() { value.abs() / limit } else { 0.0 };
+        let joints = &mut self.joints;
+        let tau = &tick.command.tau[..n];
+        for (i, torque) in tau.iter().enumerate() {
+            joints.speed_max_ratio = joints.speed_max_ratio.max(ratio(tick.truth.qdot[i], self.limits.velocity[i]));
+            joints.torque_max_ratio = joints.torque_max_ratio.max(ratio(*torque, self.limits.effort[i]));
+        }
+        if let Some(last) = &self.last_tau {
+            let step = (0..n).fold(0.0f64, |step, i| step.max(ratio(tau[i] - last[i], self.limits.effort[i])));
+            joints.torque_step_max_ratio = joints.torque_step_max_ratio.max(step);
+            self.torque_steps.saturating_record((step * STEP_UNIT) as u64 + 1);
+        } else {
+            joints.q_start = tick.truth.q[..n].to_vec();
+        }
+        joints.q_end = tick.truth.q[..n].to_vec();
+        joints.saturated_ticks += u64::from(tick.command.saturation_mask != 0);
+        self.last_tau = Some(tau.to_vec());
+    }
+
+    fn watch_singularities(&mut self, tick: &Tick<'_>) {
+        for (i, singularity) in active(tick.report).iter().enumerate() {
+            if self.singularities.len() <= i {
+                let name = name_of(singularity, i);
+                let summary = SingularitySummary { name, s_min: f64::INFINITY, ..SingularitySummary::default() };
+                self.singularities.push(Watched { summary, mode: MODE_REGULAR, inside: false, last_zeta: None });
+            }
+            let watched = &mut self.singularities[i];
+            let summary = &mut watched.summary;
+            summary.s_min = summary.s_min.min(singularity.s.abs());
+            codes::name_of(codes::TYPES, singularity.class).clone_into(&mut summary.class);
+            (summary.kappa_1, summary.kappa_2) = (singularity.kappa_1, singularity.kappa_2);
+            let inside = singularity.inside != 0;
+            summary.inside_ticks += u64::from(inside);
+            summary.entries += u64::from(inside && !watched.inside);
+            let (linear, angular) = halves(&singularity.zeta_B);
+            let zeta = if singularity.angular != 0 { angular } else { linear };
+            if let (Some(last), true) = (watched.last_zeta, inside) {
+                summary.zeta_turned_deg += last.cross(&zeta).norm().atan2(last.dot(&zeta)).to_degrees();
+            }
+            watched.last_zeta = Some(zeta);
+            watched.inside = inside;
+            let mode = tick.command.mode[i];
+            if mode != watched.mode {
+                watched.mode = mode;
+                self.modes.push(ModeChange {
+                    tick: tick.command.header.tick,
+                    singularity: summary.name.clone(),
+                    mode: codes::name_of(codes::MODES, mode).to_owned(),
+                });
+            }
+        }
+    }
+
+    /// Latencies from the stamps: each hand-over, each computation, and sensor to torque in the plant's hands.
+    fn measure_latency(&mut self, tick: &Tick<'_>) {
+        let stamps = &tick.command.header().stamps;
+        let mut record = |name: String, from: u64, to: u64| {
+            if from != 0 && to != 0 {
+                self.latencies.entry(name).or_insert_with(histogram).saturating_record(to.saturating_sub(from));
+            }
+        };
+        for hop in 1..HOPS.len() {
+            record(format!("{} to {}", HOPS[hop - 1], HOPS[hop]), stamps.sent_ns[hop - 1], stamps.received_ns[hop]);
+            record(HOPS[hop].to_owned(), stamps.received_ns[hop], stamps.sent_ns[hop]);
+        }
+        // The sample of tick k + 1 says when the plant received torque k.
+        if let Some(last) = &self.last_sensor
+            && last.header.tick + 1 == tick.sensor.header.tick
+        {
+            let (sent, received) = (last.header.stamps.sent_ns[0], tick.sensor.header.stamps.received_ns[0]);
+            record("chain".to_owned(), sent, received);
+            record(HOPS[0].to_owned(), received, tick.sensor.header.stamps.sent_ns[0]);
+        }
+        let sent = tick.sensor.header.stamps.sent_ns[0];
+        self.first_ns = if self.first_ns == 0 { sent } else { self.first_ns };
+        self.last_ns = sent.max(self.last_ns);
+        self.last_sensor = Some(*tick.sensor);
+    }
+
+    /// Speaks the verdict.
+    #[must_use]
+    pub fn verdict(mut self) -> Verdict {
+        if self.ticks > 0 {
+            self.task.position_rms_mm = (self.position_square_sum / self.ticks as f64).sqrt();
+            self.task.time_stretch = self.ticks as f64 / self.planned_ticks.max(1.0);
+            self.joints.torque_step_p95_ratio = self.torque_steps.value_at_quantile(0.95) as f64 / STEP_UNIT;
+        }
+        let (outcome, reason) = self.outcome();
+        Verdict {
+            ticks: self.ticks,
+            completed: self.phase == codes::PHASE_DONE,
+            outcome: outcome.to_owned(),
+            reason,
+            wall_s: self.last_ns.saturating_sub(self.first_ns) as f64 * 1e-9,
+            task: self.task,
+            joints: self.joints,
+            singularities: self.singularities.into_iter().map(|watched| watched.summary).collect(),
+            modes: self.modes,
+            latency_us: self.latencies.into_iter().map(|(name, histogram)| (name, latency(&histogram))).collect(),
+        }
+    }
+
+    fn outcome(&self) -> (&'static str, String) {
+        let (task, goal) = (&self.task, &self.goal);
+        if self.phase == codes::PHASE_REFUSED {
+            return ("stopped", "the controller refused to go on and brought the arm to rest".to_owned());
+        }
+        if self.phase != codes::PHASE_DONE {
+            return ("stopped", format!("the run ended after {} ticks, before the task did", self.ticks));
+        }
+        let missed: Vec<String> = [
+            ("end position", task.final_position_mm, goal.position_mm, "mm"),
+            ("end orientation", task.final_orientation_deg, goal.orientation_deg, "°"),
+            ("position across the singular directions", task.orthogonal_max_mm, goal.orthogonal_mm, "mm"),
+            ("orientation across the singular directions", task.orthogonal_max_deg, goal.orthogonal_deg, "°"),
+        ]
+        .iter()
+        .filter(|(_, value, bound, _)| value > bound)
+        .map(|(what, value, bound, unit)| format!("{what} off by {value:.3} {unit}, allowed {bound} {unit}"))
+        .collect();
+        let clipped = if self.clipped { "; the goal was beyond reach and has been clipped to the boundary" } else { "" };
+        if missed.is_empty() {
+            ("goal reached", format!("all errors within the goal{clipped}"))
+        } else {
+            ("goal missed", format!("{}{clipped}", missed.join("; ")))
+        }
+    }
+}
+
+/// The singularities that are meant, bounded by what the message can carry.
+fn active(report: &SingularityReport) -> &[SingularityState] {
+    &report.singularities[..(report.count as usize).min(MAX_SINGULARITIES)]
+}
+
+/// A singularity's name: its kind, with its place where numeric ones have no other.
+fn name_of(singularity: &SingularityState, place: usize) -> String {
+    match singularity.kind {
+        KIND_NUMERIC => format!("s{}", place + 1),
+        kind => codes::name_of(codes::KINDS, kind).to_owned(),
+    }
+}
+
+fn halves(twist: &[f64; 6]) -> (Vector3<f64>, Vector3<f64>) {
+    (Vector3::new(twist[0], twist[1], twist[2]), Vector3::new(twist[3], twist[4], twist[5]))
+}
+
+fn matrix(columns: &[f64; 9]) -> Matrix3<f64> {
+    Matrix3::from_column_slice(columns)
+}
+
+/// Axis times angle of a rotation matrix, rad; exact near 0 and near π.
+fn rotation_vector(R: &Matrix3<f64>) -> Vector3<f64> {
+    nalgebra::Rotation3::from_matrix_unchecked(*R).scaled_axis()
+}
+
+fn latency(histogram: &Histogram<u64>) -> Latency {
+    let us = |quantile: f64| histogram.value_at_quantile(quantile) as f64 * 1e-3;
+    Latency { count: histogram.len(), p50: us(0.5), p99: us(0.99), p999: us(0.999), max: histogram.max() as f64 * 1e-3 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const IDENTITY: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+
+    fn judged(ticks: u64, shape: impl Fn(u64, &mut SensorSample, &mut PlantState, &mut SingularityReport, &mut TorqueCommand)) -> Verdict {
+        let mut judge = Judge::new(Limits { effort: vec![10.0; 6], velocity: vec![2.0; 6] }, Goal::default(), ticks as f64);
+        for k in 0..ticks {
+            let (mut sensor, mut truth, mut report, mut command) = Default::default();
+            let estimate = StateEstimate::default();
+            (sensor, truth) = (SensorSample { ..sensor }, PlantState { R_BE: IDENTITY, ..truth });
+            (report, command) = (SingularityReport { ..report }, TorqueCommand { R_BE_d: IDENTITY, ..command });
+            sensor.header.tick = k;
+            command.header.tick = k;
+            command.phase = if k + 1 == ticks { codes::PHASE_DONE } else { codes::PHASE_RUNNING };
+            shape(k, &mut sensor, &mut truth, &mut report, &mut command);
+            judge.tick(Tick { sensor: &sensor, truth: &truth, estimate: &estimate, report: &report, command: &command });
+        }
+        judge.verdict()
+    }
+
+    #[test]
+    fn a_perfect_run_reaches_its_goal() {
+        let verdict = judged(10, |_, _, _, _, _| ());
+        assert_eq!((verdict.outcome.as_str(), verdict.completed, verdict.ticks), ("goal reached", true, 10));
+    }
+
+    #[test]
+    fn an_error_at_the_end_misses_the_goal_and_says_by_how_much() {
+        let verdict = judged(10, |k, _, truth, _, _| truth.p_BE[0] = if k == 9 { 2e-3 } else { 0.0 });
+        assert_eq!(verdict.outcome, "goal missed");
+        assert!(verdict.reason.contains("end position off by 2.000 mm, allowed 1 mm"), "{}", verdict.reason);
+        assert!((verdict.task.position_max_mm - 2.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn an_error_along_the_singular_direction_is_not_across_it() {
+        let verdict = judged(10, |k, _, truth, report, command| {
+            report.count = 1;
+            report.singularities[0].zeta_B[0] = 1.0;
+            report.singularities[0].inside = 1;
+            command.mode[0] = codes::MODE_TRACK;
+            truth.p_BE[0] = if k == 4 { 5e-3 } else { 0.0 };
+        });
+        assert!(verdict.task.position_max_mm > 4.9 && verdict.task.orthogonal_max_mm < 1e-12);
+        assert_eq!(verdict.outcome, "goal reached");
+        assert_eq!((verdict.modes.len(), verdict.modes[0].mode.as_str()), (1, "track"));
+    }
+
+    #[test]
+    fn the_turned_angle_adds_up() {
+        let verdict = judged(91, |k, _, _, report, _| {
+            report.count = 1;
+            let angle = (k as f64).to_radians();
+            let zeta = &mut report.singularities[0];
+            (zeta.angular, zeta.inside, zeta.kind) = (1, 1, codes::KIND_WRIST);
+            (zeta.zeta_B[3], zeta.zeta_B[4]) = (angle.cos(), angle.sin());
+        });
+        assert!((verdict.singularities[0].zeta_turned_deg - 90.0).abs() < 1e-9);
+        assert_eq!(verdict.singularities[0].name, "wrist");
+    }
+
+    #[test]
+    fn loads_are_ratios_and_steps_have_a_tail() {
+        let verdict = judged(100, |k, _, truth, _, command| {
+            command.tau[1] = if k == 50 { 5.0 } else { 0.0 };
+            truth.qdot[2] = if k == 3 { -1.0 } else { 0.0 };
+        });
+        assert!((verdict.joints.torque_max_ratio - 0.5).abs() < 1e-12 && (verdict.joints.torque_step_max_ratio - 0.5).abs() < 1e-12);
+        assert!((verdict.joints.speed_max_ratio - 0.5).abs() < 1e-12);
+        assert!(verdict.joints.torque_step_p95_ratio < 1e-3, "two steps of a hundred lie above the 95th percentile");
+    }
+
+    #[test]
+    fn latencies_come_from_the_stamps_and_an_unfinished_run_is_stopped() {
+        let verdict = judged(10, |k, sensor, _, _, command| {
+            let start = 1_000_000 * (k + 1);
+            sensor.header.stamps.sent_ns[0] = start;
+            sensor.header.stamps.received_ns[0] = start - 900_000;
+            command.header.stamps.sent_ns[0] = start;
+            command.header.stamps.received_ns[1] = start + 2_000;
+            command.header.stamps.sent_ns[1] = start + 5_000;
+            command.phase = codes::PHASE_RUNNING;
+        });
+        assert_eq!(verdict.outcome, "stopped");
+        let hop = &verdict.latency_us["plant to estimator"];
+        assert_eq!(hop.count, 10);
+        assert!((hop.p50 - 2.0).abs() < 0.01 && (verdict.latency_us["chain"].p50 - 100.0).abs() < 0.2);
+    }
+}
