@@ -1,0 +1,24 @@
+//! The one clock: `CLOCK_MONOTONIC` in nanoseconds, the same in every process of the machine.
+
+use rustix::thread::{ClockId, clock_nanosleep_absolute};
+use rustix::time::{Timespec, clock_gettime};
+
+const NS_PER_S: u64 = 1_000_000_000;
+
+/// Nanoseconds of `CLOCK_MONOTONIC`.
+#[must_use]
+pub fn now_ns() -> u64 {
+    let now = clock_gettime(rustix::time::ClockId::Monotonic);
+    now.tv_sec as u64 * NS_PER_S + now.tv_nsec as u64
+}
+
+/// A duration or an instant in nanoseconds, as the kernel wants it.
+pub(crate) fn timespec(ns: u64) -> Timespec {
+    Timespec { tv_sec: (ns / NS_PER_S) as i64, tv_nsec: (ns % NS_PER_S) as i64 }
+}
+
+/// Sleeps until an instant of [`now_ns`]; returns early when a signal arrives.
+pub fn sleep_until(ns: u64) {
+    // An error here is an interruption by a signal: the caller looks at its stop flag and the clock.
+    let _ = clock_nanosleep_absolute(ClockId::Monotonic, &timespec(ns));
+}

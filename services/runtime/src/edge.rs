@@ -1,0 +1,77 @@
+//! The edge of a process: every message it receives or sends passes here, and nowhere else.
+//!
+//! This is the one seam for faults. Today it holds what must always hold: messages of dead incarnations are refused, and numbers that
+//! are not finite never leave.
+
+use shared_types::Message;
+use shared_types::wire::{Field, Header};
+
+/// Refuses the messages of a writer's dead incarnations.
+///
+/// A SIGKILLed writer's undelivered messages come first, before its replacement's. In real time the board says which incarnation
+/// lives. In lockstep the last messages of the dead one belong to the run (whether they are read before or after the launcher notices the
+/// death must not matter), so there only an incarnation older than one already heard is refused.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Fence {
+    newest_heard: u32,
+}
+
+impl Fence {
+    /// Whether a message counts. `living` is the writer's incarnation on the board, `None` in lockstep.
+    pub(crate) fn admits(&mut self, header: &Header, living: Option<u32>) -> bool {
+        if header.incarnation < self.newest_heard.max(living.unwrap_or(0)) {
+            return false;
+        }
+        self.newest_heard = header.incarnation;
+        true
+    }
+}
+
+/// The first field of a message that holds a number that is not finite.
+pub(crate) fn first_not_finite<M: Message>(message: &M) -> Option<&'static str> {
+    if message.is_finite() {
+        return None;
+    }
+    let bytes = bytemuck::bytes_of(message);
+    let holds_f64 = |field: &Field| field.type_name.contains("f64");
+    let is_nested = |field: &Field| !["Header", "u32", "u64", "f64"].iter().any(|plain| field.type_name.contains(plain));
+    let is_bad = |field: &&Field| {
+        let numbers = bytes[field.offset..field.offset + field.size].chunks_exact(size_of::<f64>());
+        holds_f64(field) && numbers.map(bytemuck::pod_read_unaligned::<f64>).any(|number| !number.is_finite())
+    };
+    // What none of the plain fields holds is inside a nested one.
+    let guilty = M::FIELDS.iter().find(is_bad).or_else(|| M::FIELDS.iter().find(|field| is_nested(field)));
+    Some(guilty.map_or("a field", |field| field.name))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shared_types::{SingularityReport, TorqueCommand};
+
+    fn of(incarnation: u32) -> Header {
+        Header { incarnation, ..Header::default() }
+    }
+
+    #[test]
+    fn the_dead_are_refused_as_soon_as_the_board_or_a_successor_says_so() {
+        let mut fence = Fence::default();
+        assert!(fence.admits(&of(1), Some(1)));
+        assert!(!fence.admits(&of(1), Some(2)), "the launcher has begun incarnation 2");
+        assert!(fence.admits(&of(2), Some(2)));
+        let mut fence = Fence::default();
+        assert!(fence.admits(&of(1), None) && fence.admits(&of(2), None));
+        assert!(!fence.admits(&of(1), None), "2 has spoken");
+    }
+
+    #[test]
+    fn the_guilty_field_is_named() {
+        let mut command = TorqueCommand::default();
+        assert_eq!(first_not_finite(&command), None);
+        command.tau_null[7] = f64::NEG_INFINITY;
+        assert_eq!(first_not_finite(&command), Some("tau_null"));
+        let mut report = SingularityReport::default();
+        report.singularities[1].zeta_B[2] = f64::NAN;
+        assert_eq!(first_not_finite(&report), Some("singularities"));
+    }
+}

@@ -1,0 +1,207 @@
+//! What every process of a run must know of the others before it starts: one small file in the run's directory.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use crate::board::MAX_PROCESSES;
+use crate::run_dir::RunDir;
+
+/// How time passes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Mode {
+    /// Tick by tick as fast as the machine allows; nothing is lost, nobody sleeps, the same bytes every time.
+    Lockstep,
+    /// On absolute deadlines of a fixed grid; the newest message counts, what is late is counted.
+    Realtime,
+}
+
+/// One process of the graph, as the others see it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Process {
+    /// Its name: the sub-command that runs it.
+    pub name: String,
+    /// Topics that it reads.
+    pub reads: Vec<String>,
+    /// Topics that it writes; a topic has one writer.
+    pub writes: Vec<String>,
+    /// It looks for messages by itself (the recorder): nobody wakes it, it is stopped after all others, and in lockstep the
+    /// source of ticks waits for it.
+    pub polled: bool,
+    /// The core it is pinned to.
+    pub core: Option<usize>,
+    /// Its `SCHED_FIFO` priority in real time, 1 to 99.
+    pub priority: Option<u8>,
+}
+
+/// The run as all its processes know it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Manifest {
+    /// How time passes.
+    pub mode: Mode,
+    /// Ticks per second of the arm's time.
+    pub rate_hz: u32,
+    /// The longest a process waits for another one before it gives up.
+    pub wait_limit: Duration,
+    /// All processes; the index is the process's line on the board.
+    pub processes: Vec<Process>,
+}
+
+/// Why a manifest cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum ManifestError {
+    /// The file cannot be read or written.
+    #[error("cannot use {path}: {source}")]
+    File {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// It is not a manifest of this version.
+    #[error("{path} is not a manifest that this version of armplane wrote: {source}")]
+    Syntax {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: serde_json::Error,
+    },
+    /// Too many processes for the board.
+    #[error("the graph has {count} processes; at most {MAX_PROCESSES} have room on the board")]
+    TooMany {
+        /// How many.
+        count: usize,
+    },
+    /// No tick rate.
+    #[error("the tick rate is 0 Hz; give a positive rate")]
+    NoRate,
+    /// Two processes share a name, or two write one topic.
+    #[error("{what} {name:?} occurs twice in the graph; it must be one process's alone")]
+    Twice {
+        /// What occurs twice.
+        what: &'static str,
+        /// Its name.
+        name: String,
+    },
+}
+
+impl Manifest {
+    /// All topics of the run, sorted: the index is the topic's bit on every doorbell.
+    #[must_use]
+    pub fn topics(&self) -> Vec<&str> {
+        let mut topics: Vec<&str> = self.processes.iter().flat_map(|p| p.reads.iter().chain(&p.writes)).map(String::as_str).collect();
+        topics.sort_unstable();
+        topics.dedup();
+        topics
+    }
+
+    /// The process's line on the board.
+    #[must_use]
+    pub fn index_of(&self, process: &str) -> Option<usize> {
+        self.processes.iter().position(|p| p.name == process)
+    }
+
+    /// The one process that writes a topic.
+    #[must_use]
+    pub fn writer_of(&self, topic: &str) -> Option<usize> {
+        self.processes.iter().position(|p| p.writes.iter().any(|t| t == topic))
+    }
+
+    /// Whom a message on this topic wakes.
+    pub fn woken_by<'a>(&'a self, topic: &'a str) -> impl Iterator<Item = usize> + 'a {
+        let reads = move |p: &Process| !p.polled && p.reads.iter().any(|t| t == topic);
+        self.processes.iter().enumerate().filter(move |(_, p)| reads(p)).map(|(index, _)| index)
+    }
+
+    /// One tick of the arm's time; ns.
+    #[must_use]
+    pub fn period_ns(&self) -> u64 {
+        1_000_000_000 / u64::from(self.rate_hz)
+    }
+
+    /// Writes it into the run's directory.
+    ///
+    /// # Errors
+    /// When it contradicts itself or the file cannot be written.
+    pub fn write(&self, run: &RunDir) -> Result<(), ManifestError> {
+        self.check()?;
+        let path = run.path().join("manifest.json");
+        let text = serde_json::to_vec_pretty(self).map_err(|source| ManifestError::Syntax { path: path.clone(), source })?;
+        std::fs::write(&path, text).map_err(|source| ManifestError::File { path, source })
+    }
+
+    /// Reads it from the run's directory.
+    ///
+    /// # Errors
+    /// When there is none, or it is not one of this version.
+    pub fn read(run: &RunDir) -> Result<Self, ManifestError> {
+        let path = run.path().join("manifest.json");
+        let text = std::fs::read(&path).map_err(|source| ManifestError::File { path: path.clone(), source })?;
+        let manifest: Self = serde_json::from_slice(&text).map_err(|source| ManifestError::Syntax { path, source })?;
+        manifest.check()?;
+        Ok(manifest)
+    }
+
+    fn check(&self) -> Result<(), ManifestError> {
+        if self.processes.len() > MAX_PROCESSES {
+            return Err(ManifestError::TooMany { count: self.processes.len() });
+        }
+        if self.rate_hz == 0 {
+            return Err(ManifestError::NoRate);
+        }
+        let twice = |what, mut names: Vec<&String>| {
+            names.sort_unstable();
+            match names.windows(2).find(|pair| pair[0] == pair[1]) {
+                Some(pair) => Err(ManifestError::Twice { what, name: pair[0].clone() }),
+                None => Ok(()),
+            }
+        };
+        twice("process", self.processes.iter().map(|p| &p.name).collect())?;
+        twice("writer of topic", self.processes.iter().flat_map(|p| &p.writes).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn process(name: &str, reads: &[&str], writes: &[&str], polled: bool) -> Process {
+        let own = |names: &[&str]| names.iter().map(ToString::to_string).collect();
+        Process { name: name.into(), reads: own(reads), writes: own(writes), polled, core: None, priority: None }
+    }
+
+    fn manifest(processes: Vec<Process>) -> Manifest {
+        Manifest { mode: Mode::Lockstep, rate_hz: 1000, wait_limit: Duration::from_secs(1), processes }
+    }
+
+    #[test]
+    fn it_survives_the_file_and_knows_who_talks_to_whom() {
+        let run = RunDir::create().unwrap();
+        let written = manifest(vec![
+            process("plant", &["torque"], &["sensor"], false),
+            process("controller", &["sensor"], &["torque"], false),
+            process("recorder", &["sensor", "torque"], &[], true),
+        ]);
+        written.write(&run).unwrap();
+        let read = Manifest::read(&run).unwrap();
+        assert_eq!(read, written);
+        assert_eq!(read.topics(), ["sensor", "torque"]);
+        assert_eq!(read.writer_of("torque"), Some(1));
+        assert_eq!(read.woken_by("sensor").collect::<Vec<_>>(), [1], "the recorder polls");
+        assert_eq!(read.period_ns(), 1_000_000);
+    }
+
+    #[test]
+    fn contradictions_are_refused() {
+        let run = RunDir::create().unwrap();
+        let two_writers = manifest(vec![process("a", &[], &["sensor"], false), process("b", &[], &["sensor"], false)]);
+        assert!(two_writers.write(&run).unwrap_err().to_string().contains("\"sensor\" occurs twice"));
+        let two_names = manifest(vec![process("a", &[], &[], false), process("a", &[], &[], false)]);
+        assert!(matches!(two_names.write(&run), Err(ManifestError::Twice { what: "process", .. })));
+        let crowd = (0..=MAX_PROCESSES).map(|i| process(&i.to_string(), &[], &[], false)).collect();
+        assert!(matches!(manifest(crowd).write(&run), Err(ManifestError::TooMany { .. })));
+        assert!(matches!(Manifest { rate_hz: 0, ..manifest(vec![]) }.write(&run), Err(ManifestError::NoRate)));
+    }
+}

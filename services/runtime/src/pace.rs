@@ -1,0 +1,113 @@
+//! The rhythm of the process that makes the ticks (the plant).
+
+use std::rc::Rc;
+
+use crate::board::Count;
+use crate::clock::{now_ns, sleep_until};
+use crate::realtime::Usage;
+use crate::shell::{Interrupted, Shared, Waited};
+
+/// Gives out one tick after the other.
+///
+/// In lockstep each at once, unless the recorder lags too far. In real time on absolute deadlines t₀ + k·T: after an overrun the phase
+/// is kept, the grid points that have passed are counted as missed, and the next tick waits for the next grid point.
+pub struct Pace {
+    shared: Rc<Shared>,
+    next_tick: u64,
+    /// Grid point at which the tick in hand began; 0 before the first one.
+    grid_ns: u64,
+    usage: Usage,
+    incarnations: u32,
+}
+
+impl Pace {
+    pub(crate) fn new(shared: Rc<Shared>, first: u64) -> Self {
+        Self { shared, next_tick: first, grid_ns: 0, usage: Usage::default(), incarnations: 0 }
+    }
+
+    /// Waits for the next tick's time; `None` when the run stops.
+    ///
+    /// # Errors
+    /// When in lockstep the recorder takes nothing in within the limit, or the run does not start.
+    #[allow(clippy::should_implement_trait, reason = "it can fail; `while let Some(tick) = pace.next()?`")]
+    pub fn next(&mut self) -> Result<Option<u64>, Interrupted> {
+        if !matches!(self.shared.start()?, Waited::Ready(())) {
+            return Ok(None);
+        }
+        let tick = self.next_tick;
+        if self.shared.is_lockstep() {
+            if !matches!(self.shared.wait_for_recorder(tick)?, Waited::Ready(())) {
+                return Ok(None);
+            }
+        } else {
+            self.wait_for_grid();
+        }
+        if self.shared.is_stopping() {
+            return Ok(None);
+        }
+        self.next_tick += 1;
+        Ok(Some(tick))
+    }
+
+    /// The end of the tick in hand on `CLOCK_MONOTONIC`; in lockstep there is none.
+    #[must_use]
+    pub fn deadline_ns(&self) -> Option<u64> {
+        (!self.shared.is_lockstep()).then(|| self.grid_ns + self.shared.manifest.period_ns())
+    }
+
+    fn wait_for_grid(&mut self) {
+        let period = self.shared.manifest.period_ns();
+        let now = now_ns();
+        let usage = Usage::now();
+        let incarnations = self.incarnations_of_all();
+        if self.grid_ns == 0 {
+            let origin = self.shared.board.grid_origin(now + period);
+            // A replacement joins on a grid point that lies ahead.
+            self.grid_ns = origin + now.saturating_sub(origin).div_ceil(period) * period;
+        } else {
+            let missed = now.saturating_sub(self.grid_ns) / period;
+            if missed > 0 {
+                let cause = cause(self.usage, usage, incarnations != self.incarnations);
+                self.shared.line().add(cause, missed);
+            }
+            self.grid_ns += (missed + 1) * period;
+        }
+        (self.usage, self.incarnations) = (usage, incarnations);
+        while now_ns() < self.grid_ns && !self.shared.is_stopping() {
+            sleep_until(self.grid_ns);
+        }
+    }
+
+    fn incarnations_of_all(&self) -> u32 {
+        (0..self.shared.manifest.processes.len()).map(|index| self.shared.board.line(index).incarnation()).sum()
+    }
+}
+
+/// Why a deadline was missed, as far as the kernel can tell: what is rarer and costs more is named first.
+pub(crate) fn cause(before: Usage, after: Usage, a_peer_restarted: bool) -> Count {
+    if after.major_faults > before.major_faults {
+        Count::MissedMajorFault
+    } else if a_peer_restarted {
+        Count::MissedPeerRestart
+    } else if after.preemptions > before.preemptions {
+        Count::MissedPreempted
+    } else {
+        Count::MissedOverrun
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_rarest_cause_is_named() {
+        let before = Usage { major_faults: 1, preemptions: 5 };
+        let fault = Usage { major_faults: 2, preemptions: 6 };
+        let preempted = Usage { major_faults: 1, preemptions: 6 };
+        assert_eq!(cause(before, fault, true), Count::MissedMajorFault);
+        assert_eq!(cause(before, preempted, true), Count::MissedPeerRestart);
+        assert_eq!(cause(before, preempted, false), Count::MissedPreempted);
+        assert_eq!(cause(before, before, false), Count::MissedOverrun);
+    }
+}

@@ -1,0 +1,158 @@
+//! Real-time settings of a process, as far as the machine allows.
+
+use rustix::mm::{MlockAllFlags, mlockall};
+use rustix::process::{Resource, getrlimit};
+use rustix::thread::{CapabilitySet, CpuSet, capabilities, sched_getaffinity, sched_setaffinity};
+
+/// Stack touched before the first tick, so that no page fault comes later; bytes.
+const STACK: usize = 256 * 1024;
+
+/// A right or resource that the process should have and has not.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Missing {
+    /// Not pinned.
+    #[error("core {core} (this process may use {allowed:?})")]
+    Core {
+        /// The core asked for.
+        core: usize,
+        /// The cores it may use.
+        allowed: Vec<usize>,
+    },
+    /// No real-time scheduling.
+    #[error("SCHED_FIFO priority {priority} ({reason}; needs CAP_SYS_NICE or `ulimit -r {priority}`)")]
+    Fifo {
+        /// The priority asked for.
+        priority: u8,
+        /// What the kernel says.
+        reason: String,
+    },
+    /// Memory not locked.
+    #[error("locked memory ({reason}; needs CAP_IPC_LOCK or `ulimit -l unlimited`)")]
+    LockedMemory {
+        /// What the kernel says.
+        reason: String,
+    },
+}
+
+/// The cores this process may use.
+#[must_use]
+pub fn allowed_cores() -> Vec<usize> {
+    sched_getaffinity(None).map_or_else(|_| Vec::new(), |set| (0..CpuSet::MAX_CPU).filter(|&core| set.is_set(core)).collect())
+}
+
+/// Pins this process to a core.
+///
+/// # Errors
+/// When there is no such core, or this process may not use it.
+pub fn pin(core: usize) -> Result<(), Missing> {
+    let allowed = allowed_cores();
+    let mut set = CpuSet::new();
+    if allowed.contains(&core) {
+        set.set(core);
+        if sched_setaffinity(None, &set).is_ok() {
+            return Ok(());
+        }
+    }
+    Err(Missing::Core { core, allowed })
+}
+
+/// Locks memory, touches the stack and takes a `SCHED_FIFO` priority; what is not allowed is returned, not fatal.
+#[must_use]
+pub fn enter(priority: Option<u8>) -> Vec<Missing> {
+    let mut missing = Vec::new();
+    if let Err(errno) = mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE) {
+        missing.push(Missing::LockedMemory { reason: errno.to_string() });
+    }
+    touch_stack();
+    if let Some(priority) = priority {
+        let parameters = libc::sched_param { sched_priority: i32::from(priority) };
+        // SAFETY: a plain system call on this thread with a valid structure.
+        if unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) } != 0 {
+            missing.push(Missing::Fifo { priority, reason: std::io::Error::last_os_error().to_string() });
+        }
+    }
+    missing
+}
+
+#[inline(never)]
+fn touch_stack() {
+    let mut stack = [0_u8; STACK];
+    std::hint::black_box(&mut stack);
+}
+
+/// Rights that real time needs, as this process has them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Rights {
+    /// Whether it may use `SCHED_FIFO` at any priority (`CAP_SYS_NICE`).
+    pub cap_sys_nice: bool,
+    /// Whether it may lock any amount of memory (`CAP_IPC_LOCK`).
+    pub cap_ipc_lock: bool,
+    /// `RLIMIT_RTPRIO`; `None` is unlimited.
+    pub rtprio_limit: Option<u64>,
+    /// `RLIMIT_MEMLOCK` in bytes; `None` is unlimited.
+    pub memlock_limit: Option<u64>,
+}
+
+impl Rights {
+    /// Asks the kernel.
+    #[must_use]
+    pub fn query() -> Self {
+        let effective = capabilities(None).map_or(CapabilitySet::empty(), |sets| sets.effective);
+        Self {
+            cap_sys_nice: effective.contains(CapabilitySet::SYS_NICE),
+            cap_ipc_lock: effective.contains(CapabilitySet::IPC_LOCK),
+            rtprio_limit: getrlimit(Resource::Rtprio).current,
+            memlock_limit: getrlimit(Resource::Memlock).current,
+        }
+    }
+
+    /// Whether `SCHED_FIFO` will be granted.
+    #[must_use]
+    pub fn fifo(&self) -> bool {
+        self.cap_sys_nice || self.rtprio_limit.is_none_or(|limit| limit > 0)
+    }
+
+    /// Whether all memory may be locked.
+    #[must_use]
+    pub fn lock_memory(&self) -> bool {
+        self.cap_ipc_lock || self.memlock_limit.is_none()
+    }
+}
+
+/// What the kernel has counted against this thread so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Usage {
+    pub(crate) major_faults: i64,
+    pub(crate) preemptions: i64,
+}
+
+impl Usage {
+    pub(crate) fn now() -> Self {
+        // SAFETY: `rusage` is plain integers; zero is valid.
+        let mut usage: libc::rusage = unsafe { std::mem::zeroed() };
+        // SAFETY: a plain system call that fills the structure.
+        unsafe { libc::getrusage(libc::RUSAGE_THREAD, &raw mut usage) };
+        Self { major_faults: usage.ru_majflt, preemptions: usage.ru_nivcsw }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pinning_names_the_cores_that_exist() {
+        let allowed = allowed_cores();
+        assert!(!allowed.is_empty());
+        match pin(CpuSet::MAX_CPU - 1) {
+            Err(Missing::Core { core, allowed: named }) => assert_eq!((core, named), (CpuSet::MAX_CPU - 1, allowed)),
+            other => panic!("pinned to a core that does not exist: {other:?}"),
+        }
+    }
+
+    #[test]
+    fn missing_rights_say_what_would_give_them() {
+        let text = Missing::Fifo { priority: 80, reason: "not permitted".into() }.to_string();
+        assert!(text.contains("CAP_SYS_NICE") && text.contains("ulimit -r 80"), "{text}");
+    }
+}

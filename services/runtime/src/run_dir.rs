@@ -1,0 +1,284 @@
+//! Where a run lives in shared memory: one private directory, and iceoryx2's files beside it under the same name.
+//!
+//! ```text
+//! /dev/shm/armplane-<uid>-<pid>-<start>-<n>/     manifest.json, board, nodes/, services/; mode 0700
+//! /dev/shm/armplane-<uid>-<pid>-<start>-<n>.*    iceoryx2's segments
+//! ```
+//!
+//! The name says whose it is: the launcher's process id and its start time (field 22 of `/proc/PID/stat`), so that a process id
+//! used again is not mistaken for the old launcher. Besides, a living launcher holds a lock on the directory, which also holds
+//! where process ids mean different things (containers that share `/dev/shm`).
+
+use std::fs;
+use std::os::fd::OwnedFd;
+use std::os::unix::fs::{DirBuilderExt, MetadataExt};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use rustix::fs::{FlockOperation, Mode, OFlags};
+
+/// The memory file system that all runs share.
+pub const SHM: &str = "/dev/shm";
+
+/// The directory of one run; its creator removes it, and everything of the run, when it drops it.
+#[derive(Debug)]
+pub struct RunDir {
+    path: PathBuf,
+    /// Held by the creator only: the lock that says "alive".
+    owner: Option<OwnedFd>,
+}
+
+/// Why a run directory cannot be made, opened or removed.
+#[derive(Debug, thiserror::Error)]
+pub enum RunDirError {
+    /// The directory cannot be made.
+    #[error("cannot create {path} for the run: {source}; {SHM} must be a writable memory file system (see `armplane doctor`)")]
+    Create {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// It is not a run directory of this user.
+    #[error("{path} is not the directory of a run of yours: {reason}")]
+    NotARun {
+        /// Which.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// Something of it cannot be removed.
+    #[error("cannot remove {path}: {source}")]
+    Remove {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Its own process entry cannot be read.
+    #[error("cannot read /proc/self/stat, which tells this process's start time: is /proc mounted?")]
+    NoProc,
+}
+
+/// A run found in shared memory.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FoundRun {
+    /// Name of its directory; also the prefix of its other files.
+    pub name: String,
+    /// Process id of the launcher that made it.
+    pub launcher_pid: u32,
+    /// Whether that launcher still lives.
+    pub alive: bool,
+    /// Size of all its files as they are allocated; bytes.
+    pub bytes: u64,
+}
+
+impl RunDir {
+    /// Makes a fresh directory, readable by this user only, named after this process.
+    ///
+    /// # Errors
+    /// When `/dev/shm` is missing or not writable.
+    pub fn create() -> Result<Self, RunDirError> {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        let pid = std::process::id();
+        let start = start_time("self").ok_or(RunDirError::NoProc)?;
+        let n = COUNT.fetch_add(1, Ordering::Relaxed);
+        let path = Path::new(SHM).join(format!("{}{pid}-{start:x}-{n}", own_prefix()));
+        let failed = |source| RunDirError::Create { path: path.clone(), source };
+        fs::DirBuilder::new().mode(0o700).create(&path).map_err(failed)?;
+        let owner = rustix::fs::open(&path, OFlags::RDONLY | OFlags::DIRECTORY | OFlags::CLOEXEC, Mode::empty())
+            .and_then(|fd| rustix::fs::flock(&fd, FlockOperation::NonBlockingLockExclusive).map(|()| fd))
+            .map_err(|errno| failed(errno.into()))?;
+        Ok(Self { path, owner: Some(owner) })
+    }
+
+    /// Opens the directory that a launcher made.
+    ///
+    /// # Errors
+    /// When it does not exist, or belongs to another user, or others may enter it.
+    pub fn open(path: &Path) -> Result<Self, RunDirError> {
+        let not_a_run = |reason: String| RunDirError::NotARun { path: path.to_owned(), reason };
+        let metadata = fs::symlink_metadata(path).map_err(|e| not_a_run(e.to_string()))?;
+        if !metadata.is_dir() || metadata.uid() != rustix::process::geteuid().as_raw() || metadata.mode() & 0o077 != 0 {
+            return Err(not_a_run(format!("owner {}, mode {:o}", metadata.uid(), metadata.mode() & 0o7777)));
+        }
+        Ok(Self { path: path.to_owned(), owner: None })
+    }
+
+    /// The directory.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Its name, which tells the run from every other one on this machine.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        self.path.file_name().and_then(|name| name.to_str()).unwrap_or_default()
+    }
+
+    /// All runs of this user in shared memory, living and dead, by name.
+    #[must_use]
+    pub fn list() -> Vec<FoundRun> {
+        let mut runs: Vec<FoundRun> = Vec::new();
+        for (name, path) in entries() {
+            let Some((launcher_pid, start)) = owner_of(&name) else { continue };
+            let bytes = disk_usage(&path);
+            match runs.iter_mut().find(|run| run.name == name) {
+                Some(run) => run.bytes += bytes,
+                None => {
+                    let alive = start_time(&launcher_pid.to_string()) == Some(start) || is_locked(&name);
+                    runs.push(FoundRun { name, launcher_pid, alive, bytes });
+                }
+            }
+        }
+        runs.sort_by(|a, b| a.name.cmp(&b.name));
+        runs
+    }
+
+    /// Removes what dead launchers left; living runs are not touched. Returns what was removed.
+    ///
+    /// # Errors
+    /// When a file of a dead run cannot be removed.
+    pub fn remove_stale() -> Result<Vec<FoundRun>, RunDirError> {
+        let stale: Vec<_> = Self::list().into_iter().filter(|run| !run.alive).collect();
+        for run in &stale {
+            remove_files(&run.name)?;
+        }
+        Ok(stale)
+    }
+
+    /// Removes the run and everything in it.
+    ///
+    /// # Errors
+    /// When a file cannot be removed; the rest is removed nevertheless.
+    pub fn remove(mut self) -> Result<(), RunDirError> {
+        self.owner = None;
+        remove_files(self.name())
+    }
+}
+
+impl Drop for RunDir {
+    fn drop(&mut self) {
+        if self.owner.is_some()
+            && let Err(error) = remove_files(self.name())
+        {
+            tracing::warn!("{error}");
+        }
+    }
+}
+
+fn own_prefix() -> String {
+    format!("armplane-{}-", rustix::process::geteuid().as_raw())
+}
+
+/// Everything of this user's runs in shared memory: the run's name and the path.
+fn entries() -> Vec<(String, PathBuf)> {
+    let prefix = own_prefix();
+    let Ok(listing) = fs::read_dir(SHM) else { return Vec::new() };
+    listing
+        .flatten()
+        .filter_map(|entry| {
+            let file_name = entry.file_name().into_string().ok()?;
+            file_name.starts_with(&prefix).then(|| {
+                let name = file_name.split('.').next().unwrap_or_default().to_owned();
+                (name, entry.path())
+            })
+        })
+        .collect()
+}
+
+/// Process id and start time in a run's name.
+fn owner_of(name: &str) -> Option<(u32, u64)> {
+    let mut parts = name.strip_prefix(&own_prefix())?.split('-');
+    let (pid, start, n) = (parts.next()?, parts.next()?, parts.next()?);
+    n.parse::<u32>().ok()?;
+    parts.next().is_none().then_some((pid.parse().ok()?, u64::from_str_radix(start, 16).ok()?))
+}
+
+/// When a process started, in clock ticks since boot.
+fn start_time(pid: &str) -> Option<u64> {
+    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+    // The second field is the command in parentheses and may contain anything: count from its end.
+    stat.rsplit_once(')')?.1.split_whitespace().nth(19)?.parse().ok()
+}
+
+fn is_locked(name: &str) -> bool {
+    let path = Path::new(SHM).join(name);
+    match rustix::fs::open(&path, OFlags::RDONLY | OFlags::DIRECTORY | OFlags::CLOEXEC, Mode::empty()) {
+        Ok(fd) => rustix::fs::flock(&fd, FlockOperation::NonBlockingLockExclusive) == Err(rustix::io::Errno::WOULDBLOCK),
+        Err(_) => false,
+    }
+}
+
+fn disk_usage(path: &Path) -> u64 {
+    let Ok(metadata) = fs::symlink_metadata(path) else { return 0 };
+    let inside = match fs::read_dir(path) {
+        Ok(listing) if metadata.is_dir() => listing.flatten().map(|entry| disk_usage(&entry.path())).sum(),
+        _ => 0,
+    };
+    metadata.blocks() * 512 + inside
+}
+
+/// The files first, the directory last: as long as anything is left, the directory shows it.
+fn remove_files(name: &str) -> Result<(), RunDirError> {
+    let mut first_error = None;
+    let (directories, files): (Vec<_>, Vec<_>) =
+        entries().into_iter().filter(|entry| entry.0 == name).map(|entry| entry.1).partition(|path| path.is_dir());
+    for path in files.into_iter().chain(directories) {
+        let removed = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
+        if let Err(source) = removed
+            && source.kind() != std::io::ErrorKind::NotFound
+        {
+            first_error.get_or_insert(RunDirError::Remove { path, source });
+        }
+    }
+    first_error.map_or(Ok(()), Err)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_directory_is_private_short_listed_and_gone_with_its_owner() {
+        let run = RunDir::create().unwrap();
+        let (name, path) = (run.name().to_owned(), run.path().to_owned());
+        assert_eq!(fs::metadata(&path).unwrap().mode() & 0o777, 0o700);
+        assert!(path.as_os_str().len() < 66, "{} is too long for a socket path", path.display());
+        fs::write(path.join("inside"), "x").unwrap();
+        fs::write(Path::new(SHM).join(format!("{name}.segment")), "x").unwrap();
+        let found = RunDir::list().into_iter().find(|run| run.name == name).unwrap();
+        assert!(found.alive && found.launcher_pid == std::process::id() && found.bytes > 0);
+        RunDir::open(&path).unwrap();
+        drop(run);
+        assert!(!path.exists() && !Path::new(SHM).join(format!("{name}.segment")).exists());
+    }
+
+    #[test]
+    fn only_what_the_dead_left_is_removed() {
+        let living = RunDir::create().unwrap();
+        // A process id beyond the kernel's maximum belongs to nobody.
+        let dead = format!("{}4194999-1f-0", own_prefix());
+        fs::create_dir(Path::new(SHM).join(&dead)).unwrap();
+        fs::write(Path::new(SHM).join(format!("{dead}.segment")), "x").unwrap();
+        let removed = RunDir::remove_stale().unwrap();
+        assert!(removed.iter().any(|run| run.name == dead));
+        assert!(!Path::new(SHM).join(&dead).exists() && !Path::new(SHM).join(format!("{dead}.segment")).exists());
+        assert!(living.path().exists());
+    }
+
+    #[test]
+    fn names_that_are_not_ours_are_left_alone() {
+        for name in ["armplane", "armplane-0", "armplane-0-x-1-0", "armplane-0-1-1-0-7", "something-else"] {
+            assert_eq!(owner_of(name), None, "{name}");
+        }
+    }
+
+    #[test]
+    fn a_directory_that_others_may_enter_is_refused() {
+        let run = RunDir::create().unwrap();
+        fs::set_permissions(run.path(), std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+        assert!(matches!(RunDir::open(run.path()), Err(RunDirError::NotARun { .. })));
+    }
+}

@@ -1,0 +1,464 @@
+//! The shell of one process: joins the run, hands out ports, and owns every wait.
+
+use std::cell::Cell;
+use std::path::Path;
+use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use iceoryx2::prelude::{Node, ipc};
+use shared_types::Message;
+use shared_types::wire::{HOPS, Header, Stamps};
+
+use crate::board::{ANYTHING, Board, BoardError, Count, Line, PROGRESS, State, Stop};
+use crate::clock::now_ns;
+use crate::manifest::{Manifest, ManifestError, Mode};
+use crate::pace::Pace;
+use crate::ports::{Drain, Reader, SendError, Writer};
+use crate::realtime;
+use crate::run_dir::{RunDir, RunDirError};
+use crate::topics::{self, CHAIN_DEPTH, RECORDER_DEPTH, TopicError};
+
+/// In lockstep the source of ticks may be this many ticks ahead of the recorder: half of what its buffers hold.
+const RECORDER_LAG: u64 = RECORDER_DEPTH as u64 / 2;
+/// A sleeper looks at its stop flag and the clock at least this often, whatever wake was lost.
+const SLICE_NS: u64 = 20_000_000;
+
+/// Why a process cannot join its run.
+#[derive(Debug, thiserror::Error)]
+pub enum OpenError {
+    /// The run's directory.
+    #[error(transparent)]
+    RunDir(#[from] RunDirError),
+    /// The run's manifest.
+    #[error(transparent)]
+    Manifest(#[from] ManifestError),
+    /// The run's control page.
+    #[error(transparent)]
+    Board(#[from] BoardError),
+    /// One of its topics.
+    #[error(transparent)]
+    Topic(#[from] TopicError),
+    /// It is not in the graph.
+    #[error("the run at {run} has no process {process:?}; its graph has {known}")]
+    NotInGraph {
+        /// The name asked for.
+        process: String,
+        /// The run's directory.
+        run: String,
+        /// The names there are.
+        known: String,
+    },
+    /// Signals cannot be caught.
+    #[error("cannot catch SIGTERM and SIGINT: {0}")]
+    Signals(std::io::Error),
+}
+
+/// Why a wait ended without what was waited for. A stop of the run is not among them: waits return `None` then.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Interrupted {
+    /// Nothing came within the limit.
+    #[error("{process} waited {waited:?} for {what} and gave up: is {from} alive?")]
+    TimedOut {
+        /// Who waited.
+        process: String,
+        /// For what.
+        what: String,
+        /// Who should have brought it.
+        from: String,
+        /// How long.
+        waited: Duration,
+    },
+    /// In lockstep a tick was skipped; nothing may be lost there.
+    #[error("{process} expected tick {expected} of topic {topic:?} and got tick {found}: a message was lost in lockstep")]
+    Lost {
+        /// Who reads.
+        process: String,
+        /// Which topic.
+        topic: &'static str,
+        /// The tick that should have come.
+        expected: u64,
+        /// The tick that came.
+        found: u64,
+    },
+    /// iceoryx2 failed.
+    #[error("{process} cannot receive topic {topic:?}: {reason}")]
+    Port {
+        /// Who reads.
+        process: String,
+        /// Which topic.
+        topic: &'static str,
+        /// What iceoryx2 says.
+        reason: String,
+    },
+}
+
+/// Anything that ends a process before its time.
+#[derive(Debug, thiserror::Error)]
+pub enum ProcessError {
+    /// It could not join.
+    #[error(transparent)]
+    Open(#[from] OpenError),
+    /// A topic could not be opened.
+    #[error(transparent)]
+    Topic(#[from] TopicError),
+    /// A wait ended in vain.
+    #[error(transparent)]
+    Interrupted(#[from] Interrupted),
+    /// A message was refused or could not be sent.
+    #[error(transparent)]
+    Send(#[from] SendError),
+}
+
+/// How a wait ended.
+pub(crate) enum Waited<T> {
+    Ready(T),
+    Late,
+    Stopped,
+}
+
+/// What one process has of the run; shared by its ports.
+pub(crate) struct Shared {
+    pub(crate) manifest: Manifest,
+    pub(crate) board: Board,
+    pub(crate) node: Node<ipc::Service>,
+    me: usize,
+    /// Its place in [`HOPS`], if it has one.
+    hop: Option<usize>,
+    signalled: Arc<AtomicBool>,
+    started: Cell<bool>,
+    /// The stamps of the inputs of the tick in hand.
+    input: Cell<Input>,
+}
+
+#[derive(Clone, Copy, Default)]
+struct Input {
+    tick: u64,
+    received_ns: u64,
+    stamps: Stamps,
+}
+
+impl Shared {
+    pub(crate) fn name(&self) -> &str {
+        &self.manifest.processes[self.me].name
+    }
+
+    pub(crate) fn line(&self) -> &Line {
+        self.board.line(self.me)
+    }
+
+    pub(crate) fn is_lockstep(&self) -> bool {
+        self.manifest.mode == Mode::Lockstep
+    }
+
+    pub(crate) fn is_stopping(&self) -> bool {
+        let stop_at = if self.manifest.processes[self.me].polled { Stop::Everything } else { Stop::Chain };
+        self.board.stop() >= stop_at || self.signalled.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn topic_bit(&self, topic: &str) -> u32 {
+        self.manifest.topics().iter().position(|&t| t == topic).map_or(0, |index| 1 << index)
+    }
+
+    /// Announces that all ports are open and waits until everybody's are: from here on nothing can be lost.
+    pub(crate) fn start(&self) -> Result<Waited<()>, Interrupted> {
+        if self.started.get() {
+            return Ok(Waited::Ready(()));
+        }
+        self.line().set_state(State::Ready);
+        let all = || Wait { what: "the start of the run".into(), from: "the launcher".into() };
+        let waited = self.wait(0, None, all, || Ok(self.board.has_gone().then_some(())))?;
+        if matches!(waited, Waited::Ready(())) {
+            self.started.set(true);
+            self.line().set_state(State::Running);
+        }
+        Ok(waited)
+    }
+
+    /// The one wait: look, then sleep until somebody rings for one of `bits`, look again; never longer than the limit.
+    pub(crate) fn wait<T>(
+        &self,
+        bits: u32,
+        deadline_ns: Option<u64>,
+        describe: impl Fn() -> Wait,
+        mut look: impl FnMut() -> Result<Option<T>, Interrupted>,
+    ) -> Result<Waited<T>, Interrupted> {
+        if self.is_stopping() {
+            return Ok(Waited::Stopped);
+        }
+        if let Some(found) = look()? {
+            return Ok(Waited::Ready(found));
+        }
+        let bell = self.line().bell();
+        let began_ns = now_ns();
+        let limit_ns = began_ns.saturating_add(self.manifest.wait_limit.as_nanos() as u64);
+        let mut now = began_ns;
+        loop {
+            let seen = bell.rings();
+            bell.arm(bits);
+            let found = look();
+            if self.is_stopping() || !matches!(found, Ok(None)) {
+                bell.disarm();
+                return Ok(found?.map_or(Waited::Stopped, Waited::Ready));
+            }
+            let until_ns = deadline_ns.unwrap_or(u64::MAX).min(limit_ns).min(now + SLICE_NS);
+            bell.sleep(seen, until_ns.saturating_sub(now));
+            bell.disarm();
+            if let Some(found) = look()? {
+                return Ok(Waited::Ready(found));
+            }
+            now = now_ns();
+            if deadline_ns.is_some_and(|deadline| now >= deadline) {
+                return Ok(Waited::Late);
+            }
+            if now >= limit_ns {
+                let Wait { what, from } = describe();
+                let waited = Duration::from_nanos(now - began_ns);
+                return Err(Interrupted::TimedOut { process: self.name().to_owned(), what, from, waited });
+            }
+        }
+    }
+
+    /// A message is in the process's hands: remember when, and which way it came.
+    pub(crate) fn note_input(&self, header: &Header) {
+        let mut input = self.input.get();
+        if input.tick != header.tick || input.received_ns == 0 {
+            input = Input { tick: header.tick, ..Input::default() };
+        }
+        input.received_ns = now_ns();
+        for hop in 0..HOPS.len() {
+            let (mine, theirs) = (&mut input.stamps, &header.stamps);
+            mine.received_ns[hop] = mine.received_ns[hop].max(theirs.received_ns[hop]);
+            mine.sent_ns[hop] = mine.sent_ns[hop].max(theirs.sent_ns[hop]);
+        }
+        self.input.set(input);
+    }
+
+    /// Fills an output's header: the stamps of the inputs of the same tick, and this hop's own. Returns the time of sending.
+    pub(crate) fn stamp(&self, header: &mut Header) -> u64 {
+        let input = self.input.get();
+        header.incarnation = self.line().incarnation();
+        header.stamps = if input.tick == header.tick { input.stamps } else { Stamps::default() };
+        let now = now_ns();
+        if let Some(hop) = self.hop {
+            if hop == 0 {
+                header.stamps = Stamps::default();
+            }
+            header.stamps.received_ns[hop] = input.received_ns;
+            header.stamps.sent_ns[hop] = now;
+        }
+        now
+    }
+
+    /// In lockstep: waits until no polled process lags so far that it could lose this tick.
+    pub(crate) fn wait_for_recorder(&self, tick: u64) -> Result<Waited<()>, Interrupted> {
+        let laggard = || {
+            let lags = |index: &usize| {
+                let line = self.board.line(*index);
+                self.manifest.processes[*index].polled && line.state() != State::Gone && tick > line.ticks() + RECORDER_LAG
+            };
+            (0..self.manifest.processes.len()).find(lags)
+        };
+        let describe = || Wait {
+            what: format!("room to send tick {tick}"),
+            from: laggard().map_or("the recorder".into(), |index| self.manifest.processes[index].name.clone()),
+        };
+        self.wait(PROGRESS, None, describe, || Ok(laggard().is_none().then_some(())))
+    }
+}
+
+/// What a wait waits for, told only when it fails.
+pub(crate) struct Wait {
+    pub(crate) what: String,
+    pub(crate) from: String,
+}
+
+/// One process of a run.
+///
+/// ```no_run
+/// # use runtime::{ProcessError, Shell};
+/// # use shared_types::{SensorSample, StateEstimate};
+/// # fn step(_: &SensorSample) -> StateEstimate { StateEstimate::default() }
+/// # fn main() -> Result<(), ProcessError> {
+/// let shell = Shell::open("/dev/shm/…".as_ref(), "estimator")?;
+/// let mut sensors = shell.reader::<SensorSample>()?;
+/// let mut estimates = shell.writer::<StateEstimate>()?;
+/// while let Some(sample) = sensors.next()? {
+///     estimates.send(step(sample))?;
+/// }
+/// # Ok(()) }
+/// ```
+pub struct Shell {
+    shared: Rc<Shared>,
+    round: Cell<Round>,
+}
+
+/// Where a polled process is between two rounds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Round {
+    Before,
+    /// In a round that began when the run had done so many ticks.
+    From(u64),
+    /// In the round after which nothing more can come.
+    Last,
+}
+
+impl Shell {
+    /// Joins a run: catches SIGTERM and SIGINT, pins the process, takes its real-time settings, maps the board.
+    ///
+    /// A right that is missing is one warning that names it, and the run goes on.
+    ///
+    /// # Errors
+    /// When the run, its files or the process's entry in its graph cannot be used.
+    pub fn open(run: &Path, process: &str) -> Result<Self, OpenError> {
+        let run = RunDir::open(run)?;
+        let manifest = Manifest::read(&run)?;
+        let Some(me) = manifest.index_of(process) else {
+            let known = manifest.processes.iter().map(|p| p.name.as_str()).collect::<Vec<_>>().join(", ");
+            return Err(OpenError::NotInGraph { process: process.into(), run: run.path().display().to_string(), known });
+        };
+        let signalled = Arc::new(AtomicBool::new(false));
+        for signal in [libc::SIGTERM, libc::SIGINT] {
+            signal_hook::flag::register(signal, Arc::clone(&signalled)).map_err(OpenError::Signals)?;
+        }
+        settle(&manifest, me);
+        let board = Board::open(&run)?;
+        let node = topics::join(&run, process, false)?;
+        let hop = HOPS.iter().position(|&hop| hop == process);
+        let (started, input) = (Cell::new(false), Cell::new(Input::default()));
+        let shared = Rc::new(Shared { manifest, board, node, me, hop, signalled, started, input });
+        Ok(Self { shared, round: Cell::new(Round::Before) })
+    }
+
+    /// Reads a topic message by message: the next tick in lockstep, the newest in real time.
+    ///
+    /// # Errors
+    /// When the graph does not say that this process reads it, or the wire formats differ.
+    pub fn reader<M: Message>(&self) -> Result<Reader<M>, TopicError> {
+        self.declared::<M>("read")?;
+        Ok(Reader::new(Rc::clone(&self.shared), topics::subscriber(&self.shared.node, CHAIN_DEPTH)?))
+    }
+
+    /// Reads everything of a topic, in order, in rounds of [`Shell::poll`]: for the recorder.
+    ///
+    /// # Errors
+    /// As [`Shell::reader`].
+    pub fn drain<M: Message>(&self) -> Result<Drain<M>, TopicError> {
+        self.declared::<M>("read")?;
+        Ok(Drain::new(Rc::clone(&self.shared), topics::subscriber(&self.shared.node, RECORDER_DEPTH)?))
+    }
+
+    /// Writes a topic; wakes the processes that the graph names as its readers.
+    ///
+    /// # Errors
+    /// When the graph does not say that this process writes it, or the wire formats differ.
+    pub fn writer<M: Message>(&self) -> Result<Writer<M>, TopicError> {
+        self.declared::<M>("write")?;
+        Ok(Writer::new(Rc::clone(&self.shared), topics::publisher(&self.shared.node)?))
+    }
+
+    /// Gives out ticks from `first` on: on the grid in real time, as fast as the recorder follows in lockstep.
+    #[must_use]
+    pub fn pace(&self, first: u64) -> Pace {
+        Pace::new(Rc::clone(&self.shared), first)
+    }
+
+    /// A polled process's rhythm: ends a round, sleeps, begins the next; `false` after the round in which nothing more can come.
+    ///
+    /// What the process drained in the round counts as taken in: in lockstep the source of ticks may go on.
+    ///
+    /// # Errors
+    /// When the run does not start within the limit.
+    pub fn poll(&self, every: Duration) -> Result<bool, Interrupted> {
+        let shared = &self.shared;
+        match self.round.get() {
+            Round::Last => return Ok(false),
+            Round::From(ticks) => {
+                shared.line().set_ticks(ticks);
+                self.each_other(|line| line.bell().ring(PROGRESS));
+            }
+            Round::Before => {
+                if matches!(shared.start()?, Waited::Stopped) {
+                    self.round.set(Round::Last);
+                    return Ok(true);
+                }
+            }
+        }
+        let is_awaited = Cell::new(false);
+        self.each_other(|line| is_awaited.set(is_awaited.get() || line.bell().is_armed_for(PROGRESS)));
+        if !is_awaited.get() && !shared.is_stopping() {
+            let bell = shared.line().bell();
+            let seen = bell.rings();
+            bell.arm(ANYTHING);
+            if !shared.is_stopping() {
+                bell.sleep(seen, every.as_nanos() as u64);
+            }
+            bell.disarm();
+        }
+        // Read before the round: everything of these ticks is in the buffers now.
+        let last = shared.is_stopping();
+        let ticks = Cell::new(0);
+        self.each_other(|line| ticks.set(ticks.get().max(line.ticks())));
+        self.round.set(if last { Round::Last } else { Round::From(ticks.get()) });
+        Ok(true)
+    }
+
+    fn each_other(&self, act: impl Fn(&Line)) {
+        let me = self.shared.me;
+        (0..self.shared.manifest.processes.len()).filter(|&index| index != me).for_each(|i| act(self.shared.board.line(i)));
+    }
+
+    /// How time passes in this run.
+    #[must_use]
+    pub fn mode(&self) -> Mode {
+        self.shared.manifest.mode
+    }
+
+    /// The run as all its processes know it.
+    #[must_use]
+    pub fn manifest(&self) -> &Manifest {
+        &self.shared.manifest
+    }
+
+    /// How often this process has been started in this run, from 1.
+    #[must_use]
+    pub fn incarnation(&self) -> u32 {
+        self.shared.line().incarnation()
+    }
+
+    /// Whether the run is to stop.
+    #[must_use]
+    pub fn is_stopping(&self) -> bool {
+        self.shared.is_stopping()
+    }
+
+    /// One of this process's counts so far.
+    #[must_use]
+    pub fn count(&self, count: Count) -> u64 {
+        self.shared.line().count(count)
+    }
+
+    fn declared<M: Message>(&self, action: &'static str) -> Result<(), TopicError> {
+        let process = &self.shared.manifest.processes[self.shared.me];
+        let topics = if action == "read" { &process.reads } else { &process.writes };
+        match topics.iter().any(|topic| topic == M::TOPIC) {
+            true => Ok(()),
+            false => Err(TopicError::Undeclared { process: process.name.clone(), action, topic: M::TOPIC }),
+        }
+    }
+}
+
+/// Pins the process where the graph wants it and, in real time, takes its scheduling class and locks its memory.
+fn settle(manifest: &Manifest, me: usize) {
+    let process = &manifest.processes[me];
+    let mut missing = Vec::new();
+    missing.extend(process.core.and_then(|core| realtime::pin(core).err()));
+    if manifest.mode == Mode::Realtime {
+        missing.extend(realtime::enter(process.priority));
+    }
+    if !missing.is_empty() {
+        let missing = missing.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
+        tracing::warn!("{} runs without: {missing}", process.name);
+    }
+}
