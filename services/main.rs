@@ -1,1 +1,7 @@
-fn main(){}
+//! `armplane`: one executable, many processes. What a person types, and what the launcher types for the processes it starts.
+
+mod cli;
+
+fn main() -> std::process::ExitCode {
+    cli::main()
+}

@@ -6,7 +6,7 @@
 //! * [`scenario`]: what a run does: robot, start, task, gains, noise, seed, judgement.
 //! * [`graph`]: which processes run, what each reads and writes, where, and what happens when one dies.
 //! * [`file`]: how such files are read, and how their errors name the place and the remedy.
-//! * [`manifest`]: all of it together, as a starting process reads it.
+//! * [`job`]: all of it together, as a starting process reads it.
 //! * [`summary`]: what a run left: the schema of `summary.json`.
 //!
 //! This crate imports no other crate of the workspace, knows no algebra and does no input or output.
@@ -14,7 +14,7 @@
 pub mod codes;
 pub mod file;
 pub mod graph;
-pub mod manifest;
+pub mod job;
 pub mod messages;
 pub mod scenario;
 pub mod summary;

@@ -40,9 +40,9 @@ pub struct RobotText {
     pub urdf: String,
 }
 
-/// A run, as its processes see it.
+/// What is to be done in a run, and with what.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Manifest {
+pub struct Job {
     /// Identifies the run.
     pub run: String,
     /// Version of armplane that wrote this.

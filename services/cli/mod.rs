@@ -1,0 +1,185 @@
+//! The command line: parse, validate, dispatch.
+
+mod clean;
+mod doctor;
+mod failure;
+mod graph;
+mod inspect;
+mod list;
+mod load;
+mod process;
+mod run;
+mod table;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use shared_types::job::Mode;
+
+use failure::Failure;
+
+#[derive(Parser)]
+#[command(
+    name = "armplane",
+    version,
+    about = "Robot arms through kinematic singularities: five processes, shared memory, one recording",
+    long_about = "Runs a robot arm through kinematic singularities with the dynamically consistent strategy of Chang & Khatib (1995): \
+                  plant, estimator, analyzer, controller and recorder as processes over shared memory. Without a command it runs the \
+                  default scenario.",
+    after_help = "Examples:\n  armplane                                    run the default scenario, save a recording\n  armplane run fig5-wrist-rotation --seed 7   the same, with other noise\n  armplane list                               scenarios and robots\n  armplane inspect --robot puma560 --q ready  the arm's numbers at a posture\n\nExit codes: 0 success, 1 the run failed its goal or was stopped by a fault, 2 usage or invalid input."
+)]
+struct Cli {
+    #[command(subcommand)]
+    command: Option<Command>,
+    /// Print results as JSON on standard output, for machines.
+    #[arg(long, global = true)]
+    json: bool,
+    /// Say more on standard error (-v, -vv).
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    verbose: u8,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Run a scenario in its processes and save a recording.
+    #[command(after_help = "Examples:\n  armplane run\n  armplane run fig5-wrist-rotation --out /tmp/fig5 --seed 3\n  armplane run my.toml --set control.k_p=900 --set plant.friction=true")]
+    Run(RunArgs),
+    /// List the built-in scenarios and robots.
+    #[command(after_help = "Example:\n  armplane list --json")]
+    List,
+    /// Show an arm's kinematics, dynamics and singularities at one posture.
+    #[command(
+        after_help = "Examples:\n  armplane inspect --robot puma560 --q ready\n  armplane inspect --robot puma560 --q-deg=20,-60,170,0,0,0\n  armplane inspect --robot my.urdf --frame tool0 --q=0,0.1,0.2,0,0,0 --qdot=0,0,0,0,0,1 --json"
+    )]
+    Inspect(InspectArgs),
+    /// Show which process reads and writes what.
+    #[command(after_help = "Examples:\n  armplane graph\n  armplane graph --format dot | dot -Tsvg > graph.svg")]
+    Graph(GraphArgs),
+    /// Check what the machine offers: shared memory, real-time rights, cores, leftovers.
+    #[command(after_help = "Example:\n  armplane doctor")]
+    Doctor,
+    /// Remove what dead runs left in shared memory; living runs are not touched.
+    #[command(after_help = "Example:\n  armplane clean")]
+    Clean,
+    #[command(flatten)]
+    Process(process::Command),
+}
+
+#[derive(Args)]
+struct RunArgs {
+    /// A built-in scenario's name, or a scenario file.
+    #[arg(value_name = "SCENARIO|FILE.toml", default_value = load::DEFAULT_SCENARIO)]
+    scenario: String,
+    /// Folder for the results [default: the next free runs/SCENARIO-NNN].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// How time passes.
+    #[arg(long, value_enum, default_value = "lockstep")]
+    mode: ModeArg,
+    /// Seed of every random number of the run [default: the scenario's].
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Lay a value over the scenario's, for example control.k_p=900 (repeatable).
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// A process graph of your own instead of the built-in one.
+    #[arg(long, value_name = "FILE.toml")]
+    graph: Option<PathBuf>,
+    /// Judge and hash, but write no recording.
+    #[arg(long)]
+    no_record: bool,
+}
+
+impl Default for RunArgs {
+    fn default() -> Self {
+        Self {
+            scenario: load::DEFAULT_SCENARIO.to_owned(),
+            out: None,
+            mode: ModeArg::Lockstep,
+            seed: None,
+            set: Vec::new(),
+            graph: None,
+            no_record: false,
+        }
+    }
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum ModeArg {
+    /// As fast as the machine allows, bit-identical.
+    Lockstep,
+    /// Paced on absolute deadlines.
+    Realtime,
+}
+
+impl From<ModeArg> for Mode {
+    fn from(mode: ModeArg) -> Self {
+        match mode {
+            ModeArg::Lockstep => Self::Lockstep,
+            ModeArg::Realtime => Self::Realtime,
+        }
+    }
+}
+
+#[derive(Args)]
+struct InspectArgs {
+    /// A built-in robot's name, or a URDF file.
+    #[arg(long, value_name = "NAME|FILE.urdf", default_value = "puma560")]
+    robot: String,
+    /// End-effector frame [default: the robot's].
+    #[arg(long, value_name = "LINK")]
+    frame: Option<String>,
+    /// Joint positions in rad, separated by commas, or a posture's name.
+    #[arg(long, value_name = "Q", allow_hyphen_values = true, required_unless_present = "q_deg", conflicts_with = "q_deg")]
+    q: Option<String>,
+    /// Joint positions in degrees, separated by commas.
+    #[arg(long, value_name = "Q", allow_hyphen_values = true, value_delimiter = ',')]
+    q_deg: Option<Vec<f64>>,
+    /// Joint velocities in rad/s, separated by commas [default: at rest].
+    #[arg(long, value_name = "QDOT", allow_hyphen_values = true, value_delimiter = ',')]
+    qdot: Option<Vec<f64>>,
+}
+
+#[derive(Args)]
+struct GraphArgs {
+    /// A process graph of your own instead of the built-in one.
+    #[arg(value_name = "FILE.toml")]
+    file: Option<PathBuf>,
+    /// How to draw it.
+    #[arg(long, value_enum, default_value = "text")]
+    format: GraphFormat,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum GraphFormat {
+    /// A table for people.
+    Text,
+    /// Graphviz.
+    Dot,
+    /// Mermaid, as Markdown pages show it.
+    Mermaid,
+}
+
+/// Parses the arguments and does what they say.
+pub(crate) fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let level = match cli.verbose {
+        0 => "warn",
+        1 => "info",
+        _ => "debug",
+    };
+    let filter = tracing_subscriber::EnvFilter::try_from_env("ARMPLANE_LOG").unwrap_or_else(|_| level.into());
+    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).without_time().with_target(false).init();
+    let json = cli.json;
+    let done = match cli.command.unwrap_or_else(|| Command::Run(RunArgs::default())) {
+        Command::Run(args) => run::run(&args, json),
+        Command::List => list::list(json),
+        Command::Inspect(args) => inspect::inspect(&args, json),
+        Command::Graph(args) => graph::graph(&args, json),
+        Command::Doctor => doctor::doctor(json),
+        Command::Clean => clean::clean(json),
+        Command::Process(command) => process::run(&command),
+    };
+    done.unwrap_or_else(|failure: Failure| failure.report())
+}
