@@ -109,6 +109,16 @@ pub enum ProcessError {
     /// A message was refused or could not be sent.
     #[error(transparent)]
     Send(#[from] SendError),
+    /// Its own work cannot begin.
+    #[error("{0}")]
+    Setup(String),
+}
+
+impl ProcessError {
+    /// The process's own work cannot begin, for this reason.
+    pub fn setup(reason: impl std::fmt::Display) -> Self {
+        Self::Setup(reason.to_string())
+    }
 }
 
 /// How a wait ended.
