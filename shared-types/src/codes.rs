@@ -9,6 +9,15 @@ pub fn name_of(table: &[Named], code: u32) -> &'static str {
     table.iter().find(|(known, _)| *known == code).map_or("unknown", |(_, name)| name)
 }
 
+/// What people call a singularity: its kind, or, for one found numerically, its place in the report (`s1`, `s2`, …).
+#[must_use]
+pub fn singularity_name(kind: u32, place: usize) -> String {
+    match kind {
+        KIND_NUMERIC => format!("s{}", place + 1),
+        kind => name_of(KINDS, kind).to_owned(),
+    }
+}
+
 macro_rules! codes {
     ($(#[$meta:meta])* $table:ident { $( $(#[$doc:meta])* $name:ident = $value:literal $text:literal ),* $(,)? }) => {
         $( $(#[$doc])* pub const $name: u32 = $value; )*

@@ -60,7 +60,7 @@ pub struct Summary {
 pub struct TopicSummary {
     /// Messages recorded.
     pub count: u64,
-    /// XXH3-128 over the contents in order, hexadecimal.
+    /// XXH3-64 over the contents in order, hexadecimal.
     pub hash: String,
 }
 

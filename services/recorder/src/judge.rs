@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use hdrhistogram::Histogram;
 use nalgebra::{Matrix3, Vector3};
-use shared_types::codes::{self, KIND_NUMERIC, MODE_REGULAR};
+use shared_types::codes::{self, MODE_REGULAR};
 use shared_types::scenario::Goal;
 use shared_types::summary::{JointSummary, Latency, ModeChange, SingularitySummary, TaskSummary};
 use shared_types::wire::HOPS;
@@ -182,7 +182,7 @@ impl Judge {
     fn watch_singularities(&mut self, tick: &Tick<'_>) {
         for (i, singularity) in active(tick.report).iter().enumerate() {
             if self.singularities.len() <= i {
-                let name = name_of(singularity, i);
+                let name = codes::singularity_name(singularity.kind, i);
                 let summary = SingularitySummary { name, s_min: f64::INFINITY, ..SingularitySummary::default() };
                 self.singularities.push(Watched { summary, mode: MODE_REGULAR, inside: false, last_zeta: None });
             }
@@ -292,14 +292,6 @@ impl Judge {
 /// The singularities that are meant, bounded by what the message can carry.
 fn active(report: &SingularityReport) -> &[SingularityState] {
     &report.singularities[..(report.count as usize).min(MAX_SINGULARITIES)]
-}
-
-/// A singularity's name: its kind, with its place where numeric ones have no other.
-fn name_of(singularity: &SingularityState, place: usize) -> String {
-    match singularity.kind {
-        KIND_NUMERIC => format!("s{}", place + 1),
-        kind => codes::name_of(codes::KINDS, kind).to_owned(),
-    }
 }
 
 fn halves(twist: &[f64; 6]) -> (Vector3<f64>, Vector3<f64>) {

@@ -1,0 +1,114 @@
+//! From five streams of messages to whole ticks.
+
+use std::collections::VecDeque;
+
+use shared_types::{PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+
+/// What has come of one tick so far.
+#[derive(Clone, Debug, Default)]
+pub struct Row {
+    /// The tick.
+    pub tick: u64,
+    /// From the plant.
+    pub sensor: Option<SensorSample>,
+    /// From the plant.
+    pub truth: Option<PlantState>,
+    /// From the estimator.
+    pub estimate: Option<StateEstimate>,
+    /// From the analyzer.
+    pub report: Option<SingularityReport>,
+    /// From the controller.
+    pub command: Option<TorqueCommand>,
+}
+
+impl Row {
+    fn is_whole(&self) -> bool {
+        self.sensor.is_some() && self.truth.is_some() && self.estimate.is_some() && self.report.is_some() && self.command.is_some()
+    }
+}
+
+/// Collects messages by tick and gives out rows in order: whole ones at once, torn ones when they are `patience` ticks old.
+#[derive(Debug)]
+pub struct Assembler {
+    rows: VecDeque<Row>,
+    next: u64,
+    patience: usize,
+}
+
+impl Assembler {
+    /// An assembler that waits `patience` ticks for what is missing.
+    #[must_use]
+    pub fn new(patience: usize) -> Self {
+        Self { rows: VecDeque::with_capacity(patience + 1), next: 0, patience }
+    }
+
+    /// The row of a tick; `None` when it has been given out already.
+    pub fn row(&mut self, tick: u64) -> Option<&mut Row> {
+        let place = usize::try_from(tick.checked_sub(self.next)?).ok()?;
+        if place > 2 * self.patience {
+            // A jump far ahead: what lies between will not come any more.
+            self.rows.clear();
+            self.next = tick;
+            return self.row(tick);
+        }
+        while self.rows.len() <= place {
+            let tick = self.next + self.rows.len() as u64;
+            self.rows.push_back(Row { tick, ..Row::default() });
+        }
+        self.rows.get_mut(place)
+    }
+
+    /// The next row, if it is whole or too old to wait for; with `flush`, whatever there is.
+    pub fn pop(&mut self, flush: bool) -> Option<Row> {
+        let due = self.rows.front()?.is_whole() || self.rows.len() > self.patience || flush;
+        if !due {
+            return None;
+        }
+        self.next += 1;
+        self.rows.pop_front()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fill(assembler: &mut Assembler, tick: u64) {
+        let row = assembler.row(tick).unwrap();
+        row.sensor = Some(SensorSample::default());
+        row.truth = Some(PlantState::default());
+        row.estimate = Some(StateEstimate::default());
+        row.report = Some(SingularityReport::default());
+        row.command = Some(TorqueCommand::default());
+    }
+
+    #[test]
+    fn rows_come_whole_and_in_order() {
+        let mut assembler = Assembler::new(10);
+        fill(&mut assembler, 1);
+        assert!(assembler.pop(false).is_none(), "tick 0 is still missing");
+        fill(&mut assembler, 0);
+        assert_eq!((assembler.pop(false).unwrap().tick, assembler.pop(false).unwrap().tick), (0, 1));
+        assert!(assembler.pop(false).is_none());
+        assert!(assembler.row(0).is_none(), "given out already");
+    }
+
+    #[test]
+    fn what_is_missing_is_not_waited_for_for_ever() {
+        let mut assembler = Assembler::new(3);
+        assembler.row(0).unwrap().sensor = Some(SensorSample::default());
+        (1..=3).for_each(|tick| fill(&mut assembler, tick));
+        let torn = assembler.pop(false).unwrap();
+        assert!(torn.tick == 0 && torn.truth.is_none());
+        assert_eq!(assembler.pop(false).unwrap().tick, 1);
+    }
+
+    #[test]
+    fn the_end_gives_out_everything() {
+        let mut assembler = Assembler::new(3);
+        assembler.row(1).unwrap().sensor = Some(SensorSample::default());
+        assert_eq!((assembler.pop(true).unwrap().tick, assembler.pop(true).unwrap().tick), (0, 1));
+        assert!(assembler.pop(true).is_none());
+        assert!(assembler.row(1_000_000).is_some(), "a jump does not fill memory");
+    }
+}
