@@ -1,1 +1,28 @@
-//! placeholder
+//! Starts the processes of a run, watches them, stops them, and leaves nothing behind.
+//!
+//! The launcher knows names and process ids, never the contents of a message. Its promises:
+//!
+//! * Nothing half-started: when a process cannot be started or does not get ready, the others are stopped and everything is removed.
+//! * No child outlives it, whatever kills it (`PR_SET_PDEATHSIG`); what is left in shared memory then, [`RunDir::remove_stale`] finds.
+//! * Ctrl-C reaches it alone; it asks the children to stop, then tells them (SIGTERM), then makes them (SIGKILL), each with a limit. The
+//!   recorder is stopped last. A second Ctrl-C skips the asking.
+//! * A process that ends unasked ends the run, with one sentence that names it, unless its restart policy says otherwise.
+
+mod child;
+pub mod doctor;
+mod supervise;
+#[cfg(test)]
+mod tests;
+
+pub use child::Exit;
+pub use supervise::{Child, End, Event, Failure, LaunchError, Launcher, Limits, Outcome, Plan, ProcessOutcome, Restart, reexec};
+
+use runtime::RunDir;
+
+/// Removes what dead launchers of this user left in shared memory; living runs are not touched.
+///
+/// # Errors
+/// When a file cannot be removed.
+pub fn clean() -> Result<Vec<runtime::FoundRun>, runtime::RunDirError> {
+    RunDir::remove_stale()
+}

@@ -85,32 +85,49 @@ pub enum State {
     Gone = 4,
 }
 
-/// What a process counts.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(usize)]
-pub enum Count {
-    /// Deadlines missed with a major page fault in the period.
-    MissedMajorFault,
-    /// Deadlines missed with an involuntary context switch in the period.
-    MissedPreempted,
-    /// Deadlines missed while a peer was being restarted.
-    MissedPeerRestart,
-    /// Deadlines missed because the input was late already.
-    MissedLateInput,
-    /// Deadlines missed with no other cause: the computation took too long.
-    MissedOverrun,
-    /// Own messages refused because a number in them was not finite.
-    NotFinite,
-    /// Received messages refused because a dead incarnation had sent them.
-    Fenced,
-    /// Received messages of a tick already passed.
-    Repeated,
-    /// Ticks never received.
-    Lost,
-}
+/// Declares what is counted: the variants, and the record of all of them.
+macro_rules! counts {
+    ($( $(#[$meta:meta])* $variant:ident $field:ident ),* $(,)?) => {
+        /// What a process counts.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        #[repr(usize)]
+        pub enum Count { $( $(#[$meta])* $variant ),* }
 
-/// Number of [`Count`]s.
-const COUNTS: usize = Count::Lost as usize + 1;
+        /// Everything a process has counted.
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+        pub struct Counts { $( $(#[$meta])* pub $field: u64 ),* }
+
+        const COUNTS: usize = [$(Count::$variant),*].len();
+
+        impl Line {
+            /// All its counts.
+            #[must_use]
+            pub fn counts(&self) -> Counts {
+                Counts { $( $field: self.count(Count::$variant) ),* }
+            }
+        }
+    };
+}
+counts! {
+    /// Deadlines missed with a major page fault in the period.
+    MissedMajorFault missed_major_fault,
+    /// Deadlines missed with an involuntary context switch in the period.
+    MissedPreempted missed_preempted,
+    /// Deadlines missed while a peer was being restarted.
+    MissedPeerRestart missed_peer_restart,
+    /// Deadlines missed because the input was late already.
+    MissedLateInput missed_late_input,
+    /// Deadlines missed with no other cause: the computation took too long.
+    MissedOverrun missed_overrun,
+    /// Own messages refused because a number in them was not finite.
+    NotFinite not_finite,
+    /// Received messages refused because a dead incarnation had sent them.
+    Fenced fenced,
+    /// Received messages of a tick already passed.
+    Repeated repeated,
+    /// Ticks never received.
+    Lost lost,
+}
 
 /// One process on the board.
 #[repr(C, align(64))]
