@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-use runtime::{Board, BoardError, Hub, Manifest, ManifestError, Mode, Process, RunDir, RunDirError, State, Stop, TopicError};
+use runtime::{Board, BoardError, Hub, Manifest, ManifestError, Mode, Phase, Process, RunDir, RunDirError, State, Stop, TopicError};
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::process::Signal;
 use rustix::time::Timespec;
@@ -171,7 +171,7 @@ pub enum Failure {
         last_words: Vec<String>,
     },
     /// A process did not get ready.
-    #[error("{process} was not ready within {limit:?}; it is still opening its topics")]
+    #[error("{process} was not ready for the first tick within {limit:?}")]
     Slow {
         /// Which.
         process: String,
@@ -330,8 +330,11 @@ impl Launcher {
         for index in 0..self.plan.children.len() {
             self.start(index, commands)?;
         }
-        self.await_ready(&mut signals, report)?;
-        self.board.go();
+        let until = Instant::now() + self.plan.limits.start;
+        for (state, next) in [(State::Ready, Phase::Connect), (State::Connected, Phase::Work)] {
+            self.await_all(state, until, &mut signals, report)?;
+            self.board.begin(next);
+        }
         report(Event::Go);
         let end = self.watch(commands, &mut signals, report);
         report(Event::Stopping);
@@ -361,9 +364,7 @@ impl Launcher {
         Ok(())
     }
 
-    fn await_ready(&mut self, signals: &mut Interrupts, report: Report<'_>) -> Result<(), LaunchError> {
-        let limit = self.plan.limits.start;
-        let until = Instant::now() + limit;
+    fn await_all(&mut self, state: State, until: Instant, signals: &mut Interrupts, report: Report<'_>) -> Result<(), LaunchError> {
         loop {
             self.rest(Duration::from_millis(2));
             self.pass_lines_on(report);
@@ -373,11 +374,14 @@ impl Launcher {
             if let Some(signal) = signals.pending() {
                 return Err(LaunchError::Interrupted { signal });
             }
-            let laggard = (0..self.plan.children.len()).find(|&index| self.board.line(index).state() != State::Ready);
+            let laggard = (0..self.plan.children.len()).find(|&index| self.board.line(index).state() != state);
             match laggard {
                 None => return Ok(()),
                 Some(index) if Instant::now() > until => {
-                    return Err(LaunchError::NotReady(Failure::Slow { process: self.name(index).to_owned(), limit }));
+                    return Err(LaunchError::NotReady(Failure::Slow {
+                        process: self.name(index).to_owned(),
+                        limit: self.plan.limits.start,
+                    }));
                 }
                 Some(_) => {}
             }

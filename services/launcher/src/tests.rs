@@ -119,12 +119,11 @@ fn recorder(run: &Path, file: &Path) -> Result<(), ProcessError> {
 fn launch_and_tell() -> Result<(), ProcessError> {
     let launcher = Launcher::prepare(plan(Mode::Lockstep, Restart::Never)).expect("prepared");
     eprintln!("run {}", launcher.run_dir().display());
-    let pids = |event: Event<'_>| {
+    let mut report = |event: Event<'_>| {
         if let Event::Progress { ticks: 1.. } = event {
             eprintln!("going");
         }
     };
-    let mut report = pids;
     let outcome = launcher.run(&command("controller", u64::MAX), &mut report).expect("ran");
     eprintln!("{:?}", outcome.end);
     Ok(())
@@ -232,10 +231,8 @@ fn two_runs_side_by_side_do_not_disturb_each_other() {
 
 #[test]
 fn a_killed_process_ends_the_run_with_its_name_and_nothing_is_left() {
-    let launcher_name = std::cell::RefCell::new(None);
     let launcher = Launcher::prepare(plan(Mode::Lockstep, Restart::Never)).unwrap();
     let name = launcher.run_dir().file_name().unwrap().to_str().unwrap().to_owned();
-    *launcher_name.borrow_mut() = Some(name.clone());
     let mut killed = None;
     let mut report = |event: Event<'_>| {
         if let (Event::Progress { ticks: 1.. }, None) = (event, killed) {
@@ -317,6 +314,31 @@ fn a_restart_within_the_budget_goes_on_in_real_time() {
     assert_eq!(restarts, [("controller".to_owned(), Exit::Signal(9), 2)]);
     assert_eq!((outcome.processes[1].restarts, outcome.processes[1].exit), (1, Exit::Code(0)));
     assert!(!is_left_behind(&name));
+}
+
+#[test]
+fn a_stopped_recorder_costs_the_chain_nothing_in_real_time_and_its_losses_are_counted() {
+    let mut plan = plan(Mode::Realtime, Restart::Never);
+    plan.rate_hz = 4_000;
+    let launcher = Launcher::prepare(plan).unwrap();
+    let name = launcher.run_dir().file_name().unwrap().to_str().unwrap().to_owned();
+    let (mut stopped, mut recorded) = (None, None);
+    let mut report = |event: Event<'_>| match event {
+        Event::Progress { .. } if stopped.is_none() => {
+            stopped = pid_of(&name, "recorder");
+            kill_process(stopped.unwrap(), Signal::STOP).unwrap();
+        }
+        // By now the plant has done all its ticks beside a recorder that took nothing in.
+        Event::Stopping => kill_process(stopped.unwrap(), Signal::CONT).unwrap(),
+        Event::Line { process: "recorder", line } if line.starts_with("recorded ") => recorded = Some(line["recorded ".len()..].to_owned()),
+        _ => {}
+    };
+    let outcome = launcher.run(&command("controller", 4_000), &mut report).unwrap();
+    assert_eq!((&outcome.end, outcome.ticks), (&End::Completed, 4_000), "{outcome:?}");
+    let recorded = fields(&recorded);
+    let number = |i: usize| recorded[i].parse::<u64>().unwrap();
+    assert!(number(4) > 0 && number(4) == outcome.processes[2].counts.lost, "{recorded:?}");
+    assert!(number(0) + number(2) + number(4) <= 8_000, "{recorded:?}");
 }
 
 /// Starts a launcher of its own and waits until it goes; returns it, its run and the rest of what it says.

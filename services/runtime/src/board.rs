@@ -77,12 +77,14 @@ pub enum State {
     Absent = 0,
     /// Started, opening its ports.
     Starting = 1,
-    /// Ready, waiting for the others.
+    /// All its ports are open; it waits for everybody else's.
     Ready = 2,
+    /// It is connected to everybody; it waits for the first tick.
+    Connected = 3,
     /// Working.
-    Running = 3,
+    Running = 4,
     /// It has ended.
-    Gone = 4,
+    Gone = 5,
 }
 
 /// Declares what is counted: the variants, and the record of all of them.
@@ -177,8 +179,9 @@ impl Line {
         match self.state.load(Ordering::Acquire) {
             1 => State::Starting,
             2 => State::Ready,
-            3 => State::Running,
-            4 => State::Gone,
+            3 => State::Connected,
+            4 => State::Running,
+            5 => State::Gone,
             _ => State::Absent,
         }
     }
@@ -215,6 +218,21 @@ impl Line {
     }
 }
 
+/// How far a run has come in its beginning.
+///
+/// A message reaches those who are connected when it is sent, and survives its writer only in the buffers of those who were connected
+/// before the writer ended. So first all open their ports, then all connect them, and only then the first message is sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u32)]
+pub enum Phase {
+    /// The processes open their ports.
+    Open = 0,
+    /// They connect them.
+    Connect = 1,
+    /// They work.
+    Work = 2,
+}
+
 /// How far a run has come to its end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u32)]
@@ -230,7 +248,7 @@ pub enum Stop {
 #[repr(C, align(64))]
 struct Page {
     magic: u64,
-    go: AtomicU32,
+    phase: AtomicU32,
     stop: AtomicU32,
     /// Origin of the real-time grid on `CLOCK_MONOTONIC`; 0 until the source of ticks has set it.
     grid_origin_ns: AtomicU64,
@@ -324,14 +342,14 @@ impl Board {
         &self.page().lines[index]
     }
 
-    /// The launcher, when all processes are ready.
-    pub fn go(&self) {
-        self.page().go.store(1, Ordering::Release);
+    /// The launcher, when all processes are through with the phase before.
+    pub fn begin(&self, phase: Phase) {
+        self.page().phase.fetch_max(phase as u32, Ordering::AcqRel);
         self.ring_all();
     }
 
-    pub(crate) fn has_gone(&self) -> bool {
-        self.page().go.load(Ordering::Acquire) != 0
+    pub(crate) fn has_begun(&self, phase: Phase) -> bool {
+        self.page().phase.load(Ordering::Acquire) >= phase as u32
     }
 
     /// How far the run has come to its end.

@@ -22,7 +22,10 @@ mod run_dir;
 mod shell;
 mod topics;
 
-pub use board::{Board, BoardError, Count, Counts, Line, MAX_PROCESSES, State, Stop};
+#[cfg(test)]
+mod tests;
+
+pub use board::{Board, BoardError, Count, Counts, Line, MAX_PROCESSES, Phase, State, Stop};
 pub use clock::{now_ns, sleep_until};
 pub use hash::TopicHash;
 pub use manifest::{Manifest, ManifestError, Mode, Process};

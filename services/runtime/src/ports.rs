@@ -2,6 +2,7 @@
 
 use std::rc::Rc;
 
+use iceoryx2::port::update_connections::UpdateConnections;
 use shared_types::Message;
 
 use crate::board::Count;
@@ -10,6 +11,23 @@ use crate::pace::cause;
 use crate::realtime::Usage;
 use crate::shell::{Interrupted, Shared, Wait, Waited};
 use crate::topics::{Publishing, Subscribing, Wire};
+
+/// A port that can connect to its counterparts at a time of the shell's choosing, not in the first tick.
+pub(crate) trait Connect {
+    fn connect(&self, shared: &Shared) -> Result<(), Interrupted>;
+}
+
+impl<M: Message> Connect for Subscribing<M> {
+    fn connect(&self, shared: &Shared) -> Result<(), Interrupted> {
+        self.update_connections().map_err(|error| shared.port_failed(M::TOPIC, error))
+    }
+}
+
+impl<M: Message> Connect for Publishing<M> {
+    fn connect(&self, shared: &Shared) -> Result<(), Interrupted> {
+        self.update_connections().map_err(|error| shared.port_failed(M::TOPIC, error))
+    }
+}
 
 /// Reads a topic, one message at a time.
 pub struct Reader<M: Message> {
@@ -32,7 +50,7 @@ enum Found<M> {
 }
 
 impl<M: Message> Reader<M> {
-    pub(crate) fn new(shared: Rc<Shared>, subscriber: Subscribing<M>) -> Self {
+    pub(crate) fn new(shared: Rc<Shared>, subscriber: Rc<Subscribing<M>>) -> Self {
         let bit = shared.topic_bit(M::TOPIC);
         let inlet = Inlet::new(Rc::clone(&shared), subscriber);
         Self { shared, inlet, bit, current: M::zeroed(), last: None, ahead: None }
@@ -148,24 +166,20 @@ fn look<M: Message>(
 /// Where messages enter the process.
 struct Inlet<M: Message> {
     shared: Rc<Shared>,
-    subscriber: Subscribing<M>,
+    subscriber: Rc<Subscribing<M>>,
     writer: Option<usize>,
     fence: Fence,
 }
 
 impl<M: Message> Inlet<M> {
-    fn new(shared: Rc<Shared>, subscriber: Subscribing<M>) -> Self {
+    fn new(shared: Rc<Shared>, subscriber: Rc<Subscribing<M>>) -> Self {
         let writer = shared.manifest.writer_of(M::TOPIC);
         Self { shared, subscriber, writer, fence: Fence::default() }
     }
 
     fn receive(&mut self) -> Result<Option<M>, Interrupted> {
         loop {
-            let sample = self.subscriber.receive().map_err(|error| Interrupted::Port {
-                process: self.shared.name().to_owned(),
-                topic: M::TOPIC,
-                reason: error.to_string(),
-            })?;
+            let sample = self.subscriber.receive().map_err(|error| self.shared.port_failed(M::TOPIC, error))?;
             let Some(sample) = sample else { return Ok(None) };
             let living = match (self.shared.is_lockstep(), self.writer) {
                 (false, Some(writer)) => Some(self.shared.board.line(writer).incarnation()),
@@ -189,7 +203,7 @@ pub struct Drain<M: Message> {
 }
 
 impl<M: Message> Drain<M> {
-    pub(crate) fn new(shared: Rc<Shared>, subscriber: Subscribing<M>) -> Self {
+    pub(crate) fn new(shared: Rc<Shared>, subscriber: Rc<Subscribing<M>>) -> Self {
         Self { inlet: Inlet::new(shared, subscriber), last: None, lost: 0 }
     }
 
@@ -250,14 +264,14 @@ pub enum SendError {
 /// Writes a topic.
 pub struct Writer<M: Message> {
     shared: Rc<Shared>,
-    publisher: Publishing<M>,
+    publisher: Rc<Publishing<M>>,
     bit: u32,
     readers: Vec<usize>,
     usage: Usage,
 }
 
 impl<M: Message> Writer<M> {
-    pub(crate) fn new(shared: Rc<Shared>, publisher: Publishing<M>) -> Self {
+    pub(crate) fn new(shared: Rc<Shared>, publisher: Rc<Publishing<M>>) -> Self {
         let bit = shared.topic_bit(M::TOPIC);
         let readers = shared.manifest.woken_by(M::TOPIC).collect();
         Self { shared, publisher, bit, readers, usage: Usage::now() }

@@ -11,7 +11,7 @@
 
 use std::fs;
 use std::os::fd::OwnedFd;
-use std::os::unix::fs::{DirBuilderExt, MetadataExt};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -148,6 +148,12 @@ impl RunDir {
         Ok(stale)
     }
 
+    /// Takes the rights of others away from the run's files beside the directory: iceoryx2 makes its node counter writable for everybody.
+    pub(crate) fn make_private(&self) -> std::io::Result<()> {
+        let beside = entries().into_iter().filter(|(name, path)| name == self.name() && path.is_file());
+        beside.map(|(_, path)| fs::set_permissions(path, fs::Permissions::from_mode(0o600))).collect()
+    }
+
     /// Removes the run and everything in it.
     ///
     /// # Errors
@@ -278,7 +284,7 @@ mod tests {
     #[test]
     fn a_directory_that_others_may_enter_is_refused() {
         let run = RunDir::create().unwrap();
-        fs::set_permissions(run.path(), std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+        fs::set_permissions(run.path(), fs::Permissions::from_mode(0o755)).unwrap();
         assert!(matches!(RunDir::open(run.path()), Err(RunDirError::NotARun { .. })));
     }
 }

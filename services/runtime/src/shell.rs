@@ -1,6 +1,6 @@
 //! The shell of one process: joins the run, hands out ports, and owns every wait.
 
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::path::Path;
 use std::rc::Rc;
 use std::sync::Arc;
@@ -11,14 +11,15 @@ use iceoryx2::prelude::{Node, ipc};
 use shared_types::Message;
 use shared_types::wire::{HOPS, Header, Stamps};
 
-use crate::board::{ANYTHING, Board, BoardError, Count, Line, PROGRESS, State, Stop};
+use crate::board::{ANYTHING, Board, BoardError, Count, Line, PROGRESS, Phase, State, Stop};
 use crate::clock::now_ns;
 use crate::manifest::{Manifest, ManifestError, Mode};
 use crate::pace::Pace;
+use crate::ports::Connect;
 use crate::ports::{Drain, Reader, SendError, Writer};
 use crate::realtime;
 use crate::run_dir::{RunDir, RunDirError};
-use crate::topics::{self, CHAIN_DEPTH, RECORDER_DEPTH, TopicError};
+use crate::topics::{self, CHAIN_DEPTH, RECORDER_DEPTH, Subscribing, TopicError};
 
 /// In lockstep the source of ticks may be this many ticks ahead of the recorder: half of what its buffers hold.
 const RECORDER_LAG: u64 = RECORDER_DEPTH as u64 / 2;
@@ -83,9 +84,9 @@ pub enum Interrupted {
         found: u64,
     },
     /// iceoryx2 failed.
-    #[error("{process} cannot receive topic {topic:?}: {reason}")]
+    #[error("{process} cannot use topic {topic:?}: {reason}")]
     Port {
-        /// Who reads.
+        /// Who.
         process: String,
         /// Which topic.
         topic: &'static str,
@@ -138,6 +139,8 @@ pub(crate) struct Shared {
     hop: Option<usize>,
     signalled: Arc<AtomicBool>,
     started: Cell<bool>,
+    /// The ports to connect at the start.
+    ports: RefCell<Vec<Rc<dyn Connect>>>,
     /// The stamps of the inputs of the tick in hand.
     input: Cell<Input>,
 }
@@ -171,19 +174,30 @@ impl Shared {
         self.manifest.topics().iter().position(|&t| t == topic).map_or(0, |index| 1 << index)
     }
 
-    /// Announces that all ports are open and waits until everybody's are: from here on nothing can be lost.
+    /// Goes with all others through the phases of the beginning; from here on nothing can be lost.
     pub(crate) fn start(&self) -> Result<Waited<()>, Interrupted> {
         if self.started.get() {
             return Ok(Waited::Ready(()));
         }
         self.line().set_state(State::Ready);
-        let all = || Wait { what: "the start of the run".into(), from: "the launcher".into() };
-        let waited = self.wait(0, None, all, || Ok(self.board.has_gone().then_some(())))?;
-        if matches!(waited, Waited::Ready(())) {
-            self.started.set(true);
-            self.line().set_state(State::Running);
+        if matches!(self.wait_for_phase(Phase::Connect)?, Waited::Stopped) {
+            return Ok(Waited::Stopped);
         }
-        Ok(waited)
+        for port in self.ports.take() {
+            port.connect(self)?;
+        }
+        self.line().set_state(State::Connected);
+        if matches!(self.wait_for_phase(Phase::Work)?, Waited::Stopped) {
+            return Ok(Waited::Stopped);
+        }
+        self.started.set(true);
+        self.line().set_state(State::Running);
+        Ok(Waited::Ready(()))
+    }
+
+    fn wait_for_phase(&self, phase: Phase) -> Result<Waited<()>, Interrupted> {
+        let describe = || Wait { what: format!("the beginning of the run's phase \"{phase:?}\""), from: "the launcher".into() };
+        self.wait(0, None, describe, || Ok(self.board.has_begun(phase).then_some(())))
     }
 
     /// The one wait: look, then sleep until somebody rings for one of `bits`, look again; never longer than the limit.
@@ -228,6 +242,10 @@ impl Shared {
                 return Err(Interrupted::TimedOut { process: self.name().to_owned(), what, from, waited });
             }
         }
+    }
+
+    pub(crate) fn port_failed(&self, topic: &'static str, error: impl std::fmt::Display) -> Interrupted {
+        Interrupted::Port { process: self.name().to_owned(), topic, reason: error.to_string() }
     }
 
     /// A message is in the process's hands: remember when, and which way it came.
@@ -336,8 +354,8 @@ impl Shell {
         let board = Board::open(&run)?;
         let node = topics::join(&run, process, false)?;
         let hop = HOPS.iter().position(|&hop| hop == process);
-        let (started, input) = (Cell::new(false), Cell::new(Input::default()));
-        let shared = Rc::new(Shared { manifest, board, node, me, hop, signalled, started, input });
+        let (started, input, ports) = (Cell::new(false), Cell::new(Input::default()), RefCell::default());
+        let shared = Rc::new(Shared { manifest, board, node, me, hop, signalled, started, ports, input });
         Ok(Self { shared, round: Cell::new(Round::Before) })
     }
 
@@ -347,7 +365,7 @@ impl Shell {
     /// When the graph does not say that this process reads it, or the wire formats differ.
     pub fn reader<M: Message>(&self) -> Result<Reader<M>, TopicError> {
         self.declared::<M>("read")?;
-        Ok(Reader::new(Rc::clone(&self.shared), topics::subscriber(&self.shared.node, CHAIN_DEPTH)?))
+        Ok(Reader::new(Rc::clone(&self.shared), self.subscriber(CHAIN_DEPTH)?))
     }
 
     /// Reads everything of a topic, in order, in rounds of [`Shell::poll`]: for the recorder.
@@ -356,7 +374,7 @@ impl Shell {
     /// As [`Shell::reader`].
     pub fn drain<M: Message>(&self) -> Result<Drain<M>, TopicError> {
         self.declared::<M>("read")?;
-        Ok(Drain::new(Rc::clone(&self.shared), topics::subscriber(&self.shared.node, RECORDER_DEPTH)?))
+        Ok(Drain::new(Rc::clone(&self.shared), self.subscriber(RECORDER_DEPTH)?))
     }
 
     /// Writes a topic; wakes the processes that the graph names as its readers.
@@ -365,7 +383,15 @@ impl Shell {
     /// When the graph does not say that this process writes it, or the wire formats differ.
     pub fn writer<M: Message>(&self) -> Result<Writer<M>, TopicError> {
         self.declared::<M>("write")?;
-        Ok(Writer::new(Rc::clone(&self.shared), topics::publisher(&self.shared.node)?))
+        let publisher = Rc::new(topics::publisher(&self.shared.node)?);
+        self.shared.ports.borrow_mut().push(Rc::clone(&publisher) as Rc<dyn Connect>);
+        Ok(Writer::new(Rc::clone(&self.shared), publisher))
+    }
+
+    fn subscriber<M: Message>(&self, depth: usize) -> Result<Rc<Subscribing<M>>, TopicError> {
+        let subscriber = Rc::new(topics::subscriber(&self.shared.node, depth)?);
+        self.shared.ports.borrow_mut().push(Rc::clone(&subscriber) as Rc<dyn Connect>);
+        Ok(subscriber)
     }
 
     /// Gives out ticks from `first` on: on the grid in real time, as fast as the recorder follows in lockstep.

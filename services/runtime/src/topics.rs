@@ -200,6 +200,7 @@ impl Hub {
 
     pub(crate) fn create_speaking(run: &RunDir, manifest: &Manifest, wire: u64) -> Result<Self, TopicError> {
         let node = join(run, "launcher", true)?;
+        run.make_private().map_err(|e| TopicError::Node { run: run.name().to_owned(), reason: e.to_string() })?;
         let services = manifest.topics().into_iter().map(|topic| create_by_name(&node, topic, wire));
         Ok(Self { _services: services.collect::<Result<_, _>>()?, node })
     }

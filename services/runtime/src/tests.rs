@@ -1,0 +1,249 @@
+//! Ports and waits between shells of one process: what they hand over, refuse and count.
+
+use std::time::Duration;
+
+use shared_types::{PlantState, SensorSample, StateEstimate};
+
+use crate::topics::{TopicError, join, subscriber};
+use crate::{
+    Board, CHAIN_DEPTH, Count, Hub, Interrupted, Manifest, Mode, Phase, Process, ProcessError, RECORDER_DEPTH, RunDir, SendError, Shell,
+    Stop, now_ns,
+};
+
+/// A run without a launcher: its phases are through, so that shells of one thread need not wait for each other.
+struct Stage {
+    run: RunDir,
+    board: Board,
+    _hub: Hub,
+}
+
+fn stage(mode: Mode) -> Stage {
+    let process = |name: &str, reads: &[&str], writes: &[&str], polled| {
+        let own = |names: &[&str]| names.iter().map(ToString::to_string).collect();
+        Process { name: name.into(), reads: own(reads), writes: own(writes), polled, core: None, priority: None }
+    };
+    let processes = vec![
+        process("plant", &[], &["sensor"], false),
+        process("estimator", &["sensor"], &["estimate"], false),
+        process("recorder", &["sensor"], &[], true),
+    ];
+    let processes_count = processes.len();
+    let manifest = Manifest { mode, rate_hz: 1000, wait_limit: Duration::from_millis(50), processes };
+    let run = RunDir::create().unwrap();
+    manifest.write(&run).unwrap();
+    let board = Board::create(&run).unwrap();
+    let hub = Hub::create(&run, &manifest).unwrap();
+    for index in 0..processes_count {
+        board.line(index).begin_incarnation();
+    }
+    board.begin(Phase::Work);
+    Stage { run, board, _hub: hub }
+}
+
+impl Stage {
+    fn shell(&self, process: &str) -> Shell {
+        Shell::open(self.run.path(), process).unwrap()
+    }
+}
+
+fn sample(tick: u64) -> SensorSample {
+    let mut sample = SensorSample::default();
+    sample.header.tick = tick;
+    sample
+}
+
+#[test]
+fn in_lockstep_every_tick_is_handed_over_once_and_in_order() {
+    let stage = stage(Mode::Lockstep);
+    let (plant, estimator) = (stage.shell("plant"), stage.shell("estimator"));
+    let (mut sensors, mut inlet) = (plant.writer().unwrap(), estimator.reader::<SensorSample>().unwrap());
+    for tick in [0, 1, 1, 2] {
+        sensors.send(sample(tick)).unwrap();
+    }
+    for tick in 0..3 {
+        assert_eq!(inlet.next().unwrap().unwrap().header.tick, tick);
+    }
+    assert_eq!(estimator.count(Count::Repeated), 1);
+    sensors.send(sample(4)).unwrap();
+    let error = inlet.next().unwrap_err();
+    assert_eq!(error, Interrupted::Lost { process: "estimator".into(), topic: "sensor", expected: 3, found: 4 });
+    // What came too early is not lost by having been looked at.
+    assert_eq!(inlet.at(4).unwrap().unwrap().header.tick, 4);
+}
+
+#[test]
+fn in_real_time_the_newest_counts_and_what_is_passed_over_is_counted() {
+    let stage = stage(Mode::Realtime);
+    let (plant, estimator) = (stage.shell("plant"), stage.shell("estimator"));
+    let (mut sensors, mut inlet) = (plant.writer().unwrap(), estimator.reader::<SensorSample>().unwrap());
+    sensors.send(sample(0)).unwrap();
+    assert_eq!(inlet.next().unwrap().unwrap().header.tick, 0);
+    (1..=5).for_each(|tick| sensors.send(sample(tick)).unwrap());
+    assert_eq!(inlet.next().unwrap().unwrap().header.tick, 5);
+    assert_eq!(estimator.count(Count::Lost), 4);
+    (6..=8).for_each(|tick| sensors.send(sample(tick)).unwrap());
+    assert_eq!(inlet.at(7).unwrap().unwrap().header.tick, 7, "an older one, as asked");
+    assert_eq!(inlet.at(8).unwrap().unwrap().header.tick, 8);
+    (10..=11).for_each(|tick| sensors.send(sample(tick)).unwrap());
+    assert!(inlet.at(9).unwrap().is_none(), "it will not come any more, and that ends nothing");
+    assert_eq!(inlet.next().unwrap().unwrap().header.tick, 11);
+}
+
+#[test]
+fn every_wait_ends_by_deadline_limit_or_stop() {
+    let stage = stage(Mode::Realtime);
+    let estimator = stage.shell("estimator");
+    let mut inlet = estimator.reader::<SensorSample>().unwrap();
+    assert!(inlet.at_until(0, Some(now_ns() + 1_000_000)).unwrap().is_none(), "late");
+    let error = inlet.at(0).unwrap_err();
+    assert!(matches!(&error, Interrupted::TimedOut { process, .. } if process == "estimator"));
+    let text = error.to_string();
+    assert!(text.contains("tick 0 of topic \"sensor\"") && text.contains("is plant alive?"), "{text}");
+    stage.board.request_stop(Stop::Chain);
+    assert!(inlet.at(0).unwrap().is_none() && inlet.next().unwrap().is_none() && estimator.is_stopping());
+    assert!(!stage.shell("recorder").is_stopping(), "it is stopped last");
+}
+
+#[test]
+fn a_dead_incarnation_is_fenced_off() {
+    let stage = stage(Mode::Realtime);
+    let (plant, estimator) = (stage.shell("plant"), stage.shell("estimator"));
+    let (mut sensors, mut inlet) = (plant.writer().unwrap(), estimator.reader::<SensorSample>().unwrap());
+    sensors.send(sample(0)).unwrap();
+    // The plant dies with its message on the way; the launcher begins the next incarnation.
+    stage.board.line(0).begin_incarnation();
+    sensors.send(sample(1)).unwrap();
+    let got = inlet.next().unwrap().unwrap();
+    assert_eq!((got.header.tick, got.header.incarnation), (1, 2));
+    assert_eq!(estimator.count(Count::Fenced), 1);
+}
+
+#[test]
+fn what_is_not_finite_does_not_leave() {
+    let stage = stage(Mode::Lockstep);
+    let (plant, estimator) = (stage.shell("plant"), stage.shell("estimator"));
+    let (mut sensors, mut inlet) = (plant.writer().unwrap(), estimator.reader::<SensorSample>().unwrap());
+    let mut bad = sample(0);
+    bad.q_encoder[3] = f64::NAN;
+    let error = sensors.send(bad).unwrap_err();
+    assert_eq!(error, SendError::NotFinite { process: "plant".into(), topic: "sensor", tick: 0, field: "q_encoder" });
+    assert_eq!(plant.count(Count::NotFinite), 1);
+    sensors.send(sample(0)).unwrap();
+    assert_eq!(inlet.next().unwrap().unwrap().q_encoder[3], 0.0);
+}
+
+#[test]
+fn stamps_tell_the_way_of_the_data() {
+    let stage = stage(Mode::Lockstep);
+    let (plant, estimator) = (stage.shell("plant"), stage.shell("estimator"));
+    let (mut sensors, mut inlet) = (plant.writer().unwrap(), estimator.reader::<SensorSample>().unwrap());
+    let mut estimates = estimator.writer::<StateEstimate>().unwrap();
+    let key = || subscriber::<StateEstimate>(&join(&stage.run, "probe", false).unwrap(), CHAIN_DEPTH).unwrap();
+    let probe = key();
+    let mut forged = sample(0);
+    forged.header.stamps.sent_ns = [7; 4];
+    sensors.send(forged).unwrap();
+    let tick = inlet.next().unwrap().unwrap().header.tick;
+    let mut estimate = StateEstimate::default();
+    estimate.header.tick = tick;
+    estimates.send(estimate).unwrap();
+    let stamps = probe.receive().unwrap().unwrap().payload().0.header.stamps;
+    assert!(stamps.sent_ns[0] > 7, "only this hop's own time counts");
+    assert!(stamps.sent_ns[0] <= stamps.received_ns[1] && stamps.received_ns[1] <= stamps.sent_ns[1]);
+    assert_eq!((stamps.sent_ns[2], stamps.sent_ns[3]), (0, 0), "the data has not been there");
+    // A message of another tick than the input's does not inherit its way.
+    estimate.header.tick = tick + 1;
+    estimates.send(estimate).unwrap();
+    assert_eq!(probe.receive().unwrap().unwrap().payload().0.header.stamps.sent_ns[0], 0);
+}
+
+#[test]
+fn a_reader_that_never_reads_blocks_nobody_and_finds_the_newest() {
+    let stage = stage(Mode::Realtime);
+    let (plant, estimator, recorder) = (stage.shell("plant"), stage.shell("estimator"), stage.shell("recorder"));
+    let mut sensors = plant.writer().unwrap();
+    let (mut inlet, mut drain) = (estimator.reader::<SensorSample>().unwrap(), recorder.drain::<SensorSample>().unwrap());
+    let count = 10 * RECORDER_DEPTH as u64;
+    (0..count).for_each(|tick| sensors.send(sample(tick)).unwrap());
+    assert_eq!(inlet.next().unwrap().unwrap().header.tick, count - 1);
+    let mut ticks = Vec::new();
+    drain.drain(|m| ticks.push(m.header.tick)).unwrap();
+    assert_eq!(ticks, (count - RECORDER_DEPTH as u64..count).collect::<Vec<_>>());
+    assert_eq!(drain.lost(), count - RECORDER_DEPTH as u64);
+}
+
+#[test]
+fn in_lockstep_the_source_waits_for_the_recorder() {
+    let stage = stage(Mode::Lockstep);
+    let (plant, recorder) = (stage.shell("plant"), stage.shell("recorder"));
+    let (mut sensors, mut drain) = (plant.writer().unwrap(), recorder.drain::<SensorSample>().unwrap());
+    let mut pace = plant.pace(0);
+    let mut sent = 0;
+    let error = loop {
+        match pace.next() {
+            Ok(tick) => sensors.send(sample(tick.unwrap())).unwrap(),
+            Err(error) => break error,
+        }
+        sent += 1;
+    };
+    assert!((1..RECORDER_DEPTH as u64).contains(&sent), "{sent} ticks fit into the recorder's buffer");
+    assert!(error.to_string().contains("is recorder alive?"), "{error}");
+    // Two rounds: the first begins, the second says that the first is taken in.
+    assert!(recorder.poll(Duration::ZERO).unwrap());
+    drain.drain(|_| {}).unwrap();
+    assert!(recorder.poll(Duration::ZERO).unwrap());
+    assert_eq!(pace.next().unwrap(), Some(sent));
+    assert_eq!(drain.lost(), 0);
+}
+
+#[test]
+fn a_polled_process_gets_one_more_round_after_the_stop() {
+    let stage = stage(Mode::Lockstep);
+    let recorder = stage.shell("recorder");
+    assert!(recorder.poll(Duration::ZERO).unwrap());
+    stage.board.request_stop(Stop::Everything);
+    assert!(recorder.poll(Duration::from_secs(60)).unwrap(), "to take in what was on the way");
+    assert!(!recorder.poll(Duration::from_secs(60)).unwrap());
+}
+
+#[test]
+fn another_wire_format_is_refused_with_both_versions() {
+    let stage = stage(Mode::Lockstep);
+    let manifest = Manifest::read(&stage.run).unwrap();
+    let run = RunDir::create().unwrap();
+    manifest.write(&run).unwrap();
+    let _board = Board::create(&run).unwrap();
+    let _hub = Hub::create_speaking(&run, &manifest, 0xabad_cafe).unwrap();
+    let error = Shell::open(run.path(), "plant").unwrap().writer::<SensorSample>().map(|_| ()).unwrap_err();
+    let ours = format!("{:016x}", shared_types::wire::wire_hash());
+    assert!(matches!(error, TopicError::WireFormat { .. }));
+    assert!(error.to_string().contains("00000000abadcafe") && error.to_string().contains(&ours), "{error}");
+}
+
+#[test]
+fn only_declared_topics_open() {
+    let stage = stage(Mode::Lockstep);
+    let estimator = stage.shell("estimator");
+    assert!(matches!(estimator.writer::<SensorSample>(), Err(TopicError::Undeclared { action: "write", .. })));
+    assert!(matches!(estimator.reader::<PlantState>(), Err(TopicError::Undeclared { action: "read", .. })));
+    let error = ProcessError::from(Shell::open(stage.run.path(), "tourist").map(|_| ()).unwrap_err());
+    assert!(error.to_string().contains("its graph has plant, estimator, recorder"), "{error}");
+    let mut manifest = estimator.manifest().clone();
+    manifest.processes[0].writes = vec!["weather".into()];
+    let error = Hub::create(&RunDir::create().unwrap(), &manifest).unwrap_err();
+    assert!(error.to_string().contains("\"weather\"") && error.to_string().contains("singularity"), "{error}");
+}
+
+#[test]
+fn everything_in_shared_memory_is_this_users_alone() {
+    use std::os::unix::fs::MetadataExt;
+    let stage = stage(Mode::Lockstep);
+    let plant = stage.shell("plant");
+    let _writer = plant.writer::<SensorSample>().unwrap();
+    let _reader = stage.shell("estimator").reader::<SensorSample>().unwrap();
+    let beside: Vec<_> = std::fs::read_dir(crate::SHM).unwrap().flatten().collect();
+    let ours = beside.iter().filter(|entry| entry.file_name().to_string_lossy().starts_with(stage.run.name()));
+    let modes: Vec<_> = ours.map(|entry| (entry.path(), entry.metadata().unwrap().mode() & 0o777)).collect();
+    assert!(modes.len() > 3, "the directory and iceoryx2's segments: {modes:?}");
+    assert!(modes.iter().all(|(_, mode)| mode & 0o077 == 0), "{modes:?}");
+}
