@@ -1,9 +1,9 @@
 //! The rigid-body algorithms of a serial chain.
 
 use crate::pose::Pose;
-use crate::robot::{JointKind, Robot};
-use crate::spatial::{ArticulatedInertia, Force, Motion, RigidInertia, Sym3};
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3, Vector6};
+use crate::robot::{Joint, JointKind, Robot};
+use crate::spatial::{ArticulatedInertia, Force, LinkInertia, Motion, ORIGIN, RigidInertia, times};
+use nalgebra::{ArrayStorage, Matrix3, SMatrix, SVector, Vector3, Vector6};
 
 /// Why a robot has no model of this size or at this frame.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -30,7 +30,7 @@ pub enum ModelError {
     },
 }
 
-/// A moving link and its joint, in axes chosen so that the joint turns about, or slides along, the local z axis.
+/// A moving link and its joint, in [axes](body_axes) chosen to make the work short.
 #[derive(Clone, Copy, Debug)]
 struct Body {
     /// This link's axes in the parent link's, at q = 0.
@@ -42,9 +42,29 @@ struct Body {
     /// Centre of mass, link axes, m.
     com: Vector3<f64>,
     /// Inertia about the centre of mass, link axes, kg·m².
-    inertia: Sym3,
-    /// From these link axes back to the URDF's.
+    inertia: LinkInertia,
+    /// The URDF's link axes in these.
     R_urdf: Matrix3<f64>,
+}
+
+impl Body {
+    /// From the parent link's pose in the base to this link's, and the joint's motion axis there.
+    #[inline(always)]
+    fn step(&self, X: &mut Pose, q: f64) -> Motion {
+        X.p += times(&X.R, &self.p_0);
+        let x = times(&X.R, &column(&self.R_0, 0));
+        let y = times(&X.R, &column(&self.R_0, 1));
+        let z = times(&X.R, &column(&self.R_0, 2));
+        if self.prismatic {
+            X.p += z * q;
+            X.R = Matrix3::from_columns(&[x, y, z]);
+            Motion::along(z)
+        } else {
+            let (s, c) = libm::sincos(q);
+            X.R = Matrix3::from_columns(&[x * c + y * s, y * c - x * s, z]);
+            Motion::about(z, &X.p)
+        }
+    }
 }
 
 /// An arm with `N` joints and one end-effector frame, ready to compute.
@@ -100,6 +120,21 @@ pub struct Terms<const N: usize> {
 }
 
 impl<const N: usize> Terms<N> {
+    const ZERO: Self = Self {
+        A: SMatrix::from_array_storage(ArrayStorage([[0.0; N]; N])),
+        coriolis: SMatrix::from_array_storage(ArrayStorage([[0.0; N]])),
+        gravity: SMatrix::from_array_storage(ArrayStorage([[0.0; N]])),
+        J: SMatrix::from_array_storage(ArrayStorage([[0.0; 6]; N])),
+        Jdot_qdot: Vector6::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        X_BE: Pose { R: Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), p: ORIGIN },
+        z: [ORIGIN; N],
+        p: [ORIGIN; N],
+        omega: [ORIGIN; N],
+        alpha_bias: [ORIGIN; N],
+        pdot: [ORIGIN; N],
+        pddot_bias: [ORIGIN; N],
+    };
+
     /// C·q̇ + g.
     pub fn bias(&self) -> SVector<f64, N> {
         self.coriolis + self.gravity
@@ -122,8 +157,7 @@ impl<const N: usize> Model<N> {
         if robot.dof() != N {
             return Err(ModelError::Dof { robot: robot.name.clone(), expected: N, actual: robot.dof() });
         }
-        // R_urdf_i turns URDF link axes into ours: ours have z along the joint axis.
-        let R_urdf: [Matrix3<f64>; N] = std::array::from_fn(|i| z_to(&robot.joints[i].axis).transpose());
+        let R_urdf: [Matrix3<f64>; N] = std::array::from_fn(|i| body_axes(&robot.joints[i]).transpose());
         let bodies = std::array::from_fn(|i| {
             let joint = &robot.joints[i];
             let to_parent = if i == 0 { Matrix3::identity() } else { R_urdf[i - 1] };
@@ -134,11 +168,11 @@ impl<const N: usize> Model<N> {
                 prismatic: joint.kind == JointKind::Prismatic,
                 mass: joint.mass,
                 com: to_link * joint.com,
-                inertia: Sym3::from_matrix(&(to_link * joint.inertia * to_link.transpose())),
+                inertia: LinkInertia::new(&(to_link * joint.inertia * to_link.transpose())),
                 R_urdf: to_link,
             }
         });
-        let column = |f: fn(&crate::Joint) -> f64| SVector::from_fn(|i, _| f(&robot.joints[i]));
+        let column = |f: fn(&Joint) -> f64| SVector::from_fn(|i, _| f(&robot.joints[i]));
         let base = Self {
             bodies,
             ee_body: None,
@@ -180,29 +214,15 @@ impl<const N: usize> Model<N> {
         self
     }
 
-    /// Pose of link `i` relative to its parent in our axes.
-    #[inline(always)]
-    fn step(body: &Body, q: f64) -> Pose {
-        if body.prismatic {
-            return Pose { R: body.R_0, p: body.p_0 + body.R_0.column(2) * q };
-        }
-        let (s, c) = libm::sincos(q);
-        let (x, y, z) = (body.R_0.column(0), body.R_0.column(1), body.R_0.column(2));
-        let R = Matrix3::from_columns(&[x * c + y * s, y * c - x * s, z.into_owned()]);
-        Pose { R, p: body.p_0 }
-    }
-
+    /// Where every link is, from the base outwards.
     #[inline(always)]
     fn place(&self, q: &SVector<f64, N>) -> Placement<N> {
+        let mut at = Placement { R: [Matrix3::zeros(); N], p: [Vector3::zeros(); N], S: [Motion::ZERO; N] };
         let mut X = Pose::identity();
-        let mut at = Placement { R: [Matrix3::zeros(); N], p: [Vector3::zeros(); N], S: [Motion::zero(); N] };
         for i in 0..N {
-            let body = &self.bodies[i];
-            X = X * Self::step(body, q[i]);
-            let z = X.R.column(2).into_owned();
+            at.S[i] = self.bodies[i].step(&mut X, q[i]);
             at.R[i] = X.R;
             at.p[i] = X.p;
-            at.S[i] = if body.prismatic { Motion::along(z) } else { Motion::about(z, &X.p) };
         }
         at
     }
@@ -211,21 +231,17 @@ impl<const N: usize> Model<N> {
     #[inline(always)]
     fn inertia(&self, at: &Placement<N>, i: usize) -> RigidInertia {
         let body = &self.bodies[i];
-        let c = at.R[i] * body.com + at.p[i];
+        let c = times(&at.R[i], &body.com) + at.p[i];
         let I = body.inertia.rotated(&at.R[i]).shifted(body.mass, &c);
         RigidInertia { m: body.mass, h: body.mass * c, I }
     }
 
+    #[inline(always)]
     fn ee_pose(&self, at: &Placement<N>) -> Pose {
         match self.ee_body {
             Some(i) => Pose { R: at.R[i], p: at.p[i] } * self.X_LE,
             None => self.X_LE,
         }
-    }
-
-    /// Number of joints that move E.
-    fn ee_joints(&self) -> usize {
-        self.ee_body.map_or(0, |i| i + 1)
     }
 
     /// All terms of the equation of motion and of the end-effector's kinematics, in one pass.
@@ -235,58 +251,82 @@ impl<const N: usize> Model<N> {
     /// Newton–Euler recursion outwards, composite-rigid-body algorithm inwards [RBDA Ch. 5, 6], in base axes.
     /// Requires finite arguments. Cost O(N²), no allocation.
     pub fn evaluate(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> Terms<N> {
-        let at = self.place(q);
-        let mut omega = [Vector3::zeros(); N];
-        let mut alpha_bias = [Vector3::zeros(); N];
-        let mut pdot = [Vector3::zeros(); N];
-        let mut pddot_bias = [Vector3::zeros(); N];
-        let mut vs = [Motion::zero(); N];
-        let mut accs = [Motion::zero(); N];
-        let mut I = [RigidInertia::zero(); N];
-        let mut f = [Force::zero(); N];
-        let (mut v, mut a) = (Motion::zero(), Motion::zero());
+        let mut t = Terms::ZERO;
+        self.evaluate_into(q, qdot, &mut t);
+        t
+    }
+
+    /// [`evaluate`](Self::evaluate) into place: `t` is overwritten whole.
+    pub fn evaluate_into(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, t: &mut Terms<N>) {
+        let mut S = [Motion::ZERO; N];
+        let mut I = [RigidInertia::ZERO; N];
+        let mut f = [Force::ZERO; N];
+
+        // Outwards. X, ω, α, v, a: pose, angular velocity and acceleration of a link, velocity and acceleration of its
+        // origin, all at q̈ = 0; first the parent's, then this link's.
+        let mut X = Pose::identity();
+        let (mut w, mut alpha) = (Vector3::zeros(), Vector3::zeros());
+        let (mut v, mut a) = (Vector3::zeros(), Vector3::zeros());
         for i in 0..N {
-            let s = Motion { w: at.S[i].w * qdot[i], v: at.S[i].v * qdot[i] };
-            v = v + s;
-            a = a + v.cross(&s);
-            vs[i] = v;
-            accs[i] = a;
-            I[i] = self.inertia(&at, i);
-            f[i] = I[i].times(&a);
-            f[i] += v.cross_force(&I[i].times(&v));
-            omega[i] = v.w;
-            alpha_bias[i] = a.w;
-            pdot[i] = v.at(&at.p[i]);
-            pddot_bias[i] = a.at(&at.p[i]) + v.w.cross(&pdot[i]);
-        }
-
-        let mut A = SMatrix::zeros();
-        let mut coriolis = SVector::zeros();
-        let mut gravity = SVector::zeros();
-        let mut body = RigidInertia::zero();
-        let mut bias = Force::zero();
-        for i in (0..N).rev() {
-            body += I[i];
-            bias += f[i];
-            let S = &at.S[i];
-            let F = body.times(S);
-            for j in 0..=i {
-                A[(j, i)] = at.S[j].dot(&F);
-                A[(i, j)] = A[(j, i)];
+            let body = &self.bodies[i];
+            let p_parent = X.p;
+            S[i] = body.step(&mut X, q[i]);
+            let r = X.p - p_parent;
+            let w_r = w.cross(&r);
+            v += w_r;
+            a += alpha.cross(&r) + w.cross(&w_r);
+            let z = column(&X.R, 2);
+            let rate = z * qdot[i];
+            if body.prismatic {
+                v += rate;
+                a += 2.0 * w.cross(&rate);
+            } else {
+                alpha += w.cross(&rate);
+                w += rate;
             }
-            A[(i, i)] += self.armature[i];
-            coriolis[i] = S.dot(&bias);
-            gravity[i] = -S.w.dot(&body.h.cross(&self.gravity)) - body.m * S.v.dot(&self.gravity);
+            t.z[i] = z;
+            t.p[i] = X.p;
+            t.omega[i] = w;
+            t.alpha_bias[i] = alpha;
+            t.pdot[i] = v;
+            t.pddot_bias[i] = a;
+
+            // Newton and Euler at the centre of mass c; the moment is then taken about the base origin.
+            let c_L = times(&X.R, &body.com);
+            let c = X.p + c_L;
+            let inertia = body.inertia.rotated(&X.R);
+            let force = body.mass * (a + alpha.cross(&c_L) + w.cross(&w.cross(&c_L)));
+            let moment = inertia * alpha + w.cross(&(inertia * w));
+            f[i] = Force { n: moment + c.cross(&force), f: force };
+            I[i] = RigidInertia { m: body.mass, h: body.mass * c, I: inertia.shifted(body.mass, &c) };
+
+            if self.ee_body == Some(i) {
+                t.X_BE = X * self.X_LE;
+                let r = t.X_BE.p - X.p;
+                t.Jdot_qdot = stack(&(a + alpha.cross(&r) + w.cross(&w.cross(&r))), &alpha);
+            }
+        }
+        if self.ee_body.is_none() {
+            t.X_BE = self.X_LE;
+            t.Jdot_qdot = Vector6::zeros();
         }
 
-        let X_BE = self.ee_pose(&at);
-        let J = self.jacobian_at(&at, &X_BE.p);
-        let Jdot_qdot = self.ee_body.map_or_else(Vector6::zeros, |k| {
-            let linear = accs[k].at(&X_BE.p) + vs[k].w.cross(&vs[k].at(&X_BE.p));
-            stack(&linear, &accs[k].w)
-        });
-        let z = std::array::from_fn(|i| at.R[i].column(2).into_owned());
-        Terms { A, coriolis, gravity, J, Jdot_qdot, X_BE, z, p: at.p, omega, alpha_bias, pdot, pddot_bias }
+        // Inwards. I, f: composite inertia of, and force on, all links from i on.
+        let (mut I_c, mut f_c) = (RigidInertia::ZERO, Force::ZERO);
+        for i in (0..N).rev() {
+            I_c += I[i];
+            f_c += f[i];
+            let F = I_c.times(&S[i]);
+            for j in 0..=i {
+                let A_ji = S[j].dot(&F);
+                t.A[(j, i)] = A_ji;
+                t.A[(i, j)] = A_ji;
+            }
+            t.A[(i, i)] += self.armature[i];
+            t.coriolis[i] = S[i].dot(&f_c);
+            t.gravity[i] = -F.f.dot(&self.gravity);
+        }
+        t.J = self.jacobian_at(&S, &t.X_BE.p);
     }
 
     /// Pose of the end-effector frame in the base, `X_BE`.
@@ -303,14 +343,17 @@ impl<const N: usize> Model<N> {
     /// Geometric Jacobian: [v; ω] = J·q̇ of the end-effector frame's origin, base axes, 6×N.
     pub fn jacobian(&self, q: &SVector<f64, N>) -> SMatrix<f64, 6, N> {
         let at = self.place(q);
-        self.jacobian_at(&at, &self.ee_pose(&at).p)
+        self.jacobian_at(&at.S, &self.ee_pose(&at).p)
     }
 
     #[inline(always)]
-    fn jacobian_at(&self, at: &Placement<N>, p_E: &Vector3<f64>) -> SMatrix<f64, 6, N> {
+    fn jacobian_at(&self, S: &[Motion; N], p_E: &Vector3<f64>) -> SMatrix<f64, 6, N> {
+        let moving = self.ee_body.map_or(0, |i| i + 1);
         let mut J = SMatrix::<f64, 6, N>::zeros();
-        for j in 0..self.ee_joints() {
-            J.set_column(j, &stack(&at.S[j].at(p_E), &at.S[j].w));
+        for j in 0..N {
+            if j < moving {
+                J.set_column(j, &stack(&S[j].at(p_E), &S[j].w));
+            }
         }
         J
     }
@@ -319,7 +362,7 @@ impl<const N: usize> Model<N> {
     pub fn mass_matrix(&self, q: &SVector<f64, N>) -> SMatrix<f64, N, N> {
         let at = self.place(q);
         let mut A = SMatrix::zeros();
-        let mut body = RigidInertia::zero();
+        let mut body = RigidInertia::ZERO;
         for i in (0..N).rev() {
             body += self.inertia(&at, i);
             let F = body.times(&at.S[i]);
@@ -335,18 +378,18 @@ impl<const N: usize> Model<N> {
     /// Inverse dynamics τ = A·q̈ + C·q̇ + g, armature included: recursive Newton–Euler algorithm [RBDA Ch. 5].
     pub fn inverse_dynamics(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, qddot: &SVector<f64, N>) -> SVector<f64, N> {
         let at = self.place(q);
-        let mut f = [Force::zero(); N];
-        let (mut v, mut a) = (Motion::zero(), Motion::along(-self.gravity));
+        let mut f = [Force::ZERO; N];
+        let (mut v, mut a) = (Motion::ZERO, Motion::along(-self.gravity));
         for i in 0..N {
             let S = &at.S[i];
             v = v.plus(qdot[i], S);
-            a = (a + v.cross(&Motion::zero().plus(qdot[i], S))).plus(qddot[i], S);
+            a = (a + v.cross(&Motion::ZERO.plus(qdot[i], S))).plus(qddot[i], S);
             let I = self.inertia(&at, i);
             f[i] = I.times(&a);
             f[i] += v.cross_force(&I.times(&v));
         }
         let mut tau = SVector::zeros();
-        let mut sum = Force::zero();
+        let mut sum = Force::ZERO;
         for i in (0..N).rev() {
             sum += f[i];
             tau[i] = at.S[i].dot(&sum) + self.armature[i] * qddot[i];
@@ -362,7 +405,7 @@ impl<const N: usize> Model<N> {
         for i in (0..N).rev() {
             let body = &self.bodies[i];
             m += body.mass;
-            h += body.mass * (at.R[i] * body.com + at.p[i]);
+            h += body.mass * (times(&at.R[i], &body.com) + at.p[i]);
             let weight = Force { n: h.cross(&self.gravity), f: m * self.gravity };
             tau[i] = -at.S[i].dot(&weight);
         }
@@ -377,23 +420,23 @@ impl<const N: usize> Model<N> {
     /// Forward dynamics q̈ = A⁻¹(τ − C·q̇ − g), armature included: articulated-body algorithm [RBDA Ch. 7].
     pub fn forward_dynamics(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, tau: &SVector<f64, N>) -> SVector<f64, N> {
         let at = self.place(q);
-        let mut c = [Motion::zero(); N];
-        let mut I = [RigidInertia::zero(); N];
-        let mut p = [Force::zero(); N];
-        let mut v = Motion::zero();
+        let mut c = [Motion::ZERO; N];
+        let mut I = [RigidInertia::ZERO; N];
+        let mut p = [Force::ZERO; N];
+        let mut v = Motion::ZERO;
         for i in 0..N {
-            let s = Motion::zero().plus(qdot[i], &at.S[i]);
+            let s = Motion::ZERO.plus(qdot[i], &at.S[i]);
             v = v + s;
             c[i] = v.cross(&s);
             I[i] = self.inertia(&at, i);
             p[i] = v.cross_force(&I[i].times(&v));
         }
 
-        let mut U = [Force::zero(); N];
+        let mut U = [Force::ZERO; N];
         let mut D = [0.0; N];
         let mut u = [0.0; N];
-        let mut I_A = ArticulatedInertia::from(RigidInertia::zero());
-        let mut p_A = Force::zero();
+        let mut I_A = ArticulatedInertia::from(RigidInertia::ZERO);
+        let mut p_A = Force::ZERO;
         for i in (0..N).rev() {
             I_A += I[i].into();
             p_A += p[i];
@@ -468,8 +511,25 @@ impl<const N: usize> Model<N> {
     }
 }
 
+#[inline(always)]
+fn column(A: &Matrix3<f64>, k: usize) -> Vector3<f64> {
+    Vector3::new(A[(0, k)], A[(1, k)], A[(2, k)])
+}
+
+#[inline(always)]
 fn stack(linear: &Vector3<f64>, angular: &Vector3<f64>) -> Vector6<f64> {
     Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)
+}
+
+/// Our axes for a link, in the URDF's: z along the joint's axis, and x, y such that I_xy = 0.
+fn body_axes(joint: &Joint) -> Matrix3<f64> {
+    let R = z_to(&joint.axis);
+    let I = R.transpose() * joint.inertia * R;
+    if I.m12 == 0.0 {
+        return R;
+    }
+    let (s, c) = libm::sincos(0.5 * libm::atan2(2.0 * I.m12, I.m11 - I.m22));
+    R * Matrix3::new(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
 }
 
 /// A rotation whose z axis is the unit vector `axis`; exact for the coordinate axes.

@@ -25,6 +25,7 @@
 #![allow(non_snake_case)]
 
 pub mod description;
+mod dispatch;
 mod dynamics;
 mod geometry;
 mod pose;
@@ -34,6 +35,7 @@ mod spatial;
 mod tests;
 mod urdf;
 
+pub use dispatch::SUPPORTED_DOF;
 pub use dynamics::{Model, ModelError, Terms};
 pub use pose::Pose;
 pub use robot::{

@@ -1,5 +1,6 @@
 //! Poses.
 
+use crate::spatial::times;
 use nalgebra::{Matrix3, Matrix4, Vector3};
 use std::ops::Mul;
 
@@ -16,16 +17,19 @@ pub struct Pose {
 
 impl Pose {
     /// The identity: B coincides with A.
+    #[inline]
     pub fn identity() -> Self {
         Self { R: Matrix3::identity(), p: Vector3::zeros() }
     }
 
     /// A pure translation.
+    #[inline]
     pub fn translation(p: Vector3<f64>) -> Self {
         Self { R: Matrix3::identity(), p }
     }
 
     /// A pure rotation.
+    #[inline]
     pub fn rotation(R: Matrix3<f64>) -> Self {
         Self { R, p: Vector3::zeros() }
     }
@@ -50,14 +54,16 @@ impl Pose {
     }
 
     /// The inverse pose `X_BA` = (Rᵀ, −Rᵀp).
+    #[inline]
     pub fn inverse(&self) -> Self {
         let R = self.R.transpose();
         Self { R, p: -(R * self.p) }
     }
 
     /// A point of B in A: R·p_B + p.
+    #[inline]
     pub fn transform_point(&self, p_B: &Vector3<f64>) -> Vector3<f64> {
-        self.R * p_B + self.p
+        times(&self.R, p_B) + self.p
     }
 
     /// The homogeneous 4×4 matrix.
@@ -71,7 +77,9 @@ impl Pose {
 
 impl Mul for Pose {
     type Output = Pose;
+    #[inline]
     fn mul(self, X_BC: Pose) -> Pose {
-        Pose { R: self.R * X_BC.R, p: self.R * X_BC.p + self.p }
+        let column = |k: usize| times(&self.R, &X_BC.R.column(k).into_owned());
+        Pose { R: Matrix3::from_columns(&[column(0), column(1), column(2)]), p: self.transform_point(&X_BC.p) }
     }
 }

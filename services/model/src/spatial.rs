@@ -5,6 +5,14 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+pub(crate) const ORIGIN: Vector3<f64> = Vector3::new(0.0, 0.0, 0.0);
+
+/// A·u, written out: nalgebra's general product is a call with loops, and this one is most of the work.
+#[inline(always)]
+pub(crate) fn times(A: &Matrix3<f64>, u: &Vector3<f64>) -> Vector3<f64> {
+    Vector3::new(A.m11 * u.x + A.m12 * u.y + A.m13 * u.z, A.m21 * u.x + A.m22 * u.y + A.m23 * u.z, A.m31 * u.x + A.m32 * u.y + A.m33 * u.z)
+}
+
 /// A symmetric 3×3 matrix: six numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Sym3 {
@@ -19,21 +27,9 @@ pub(crate) struct Sym3 {
 impl Sym3 {
     pub(crate) const ZERO: Self = Self { xx: 0.0, xy: 0.0, xz: 0.0, yy: 0.0, yz: 0.0, zz: 0.0 };
 
-    /// The upper triangle of a symmetric matrix.
-    pub(crate) fn from_matrix(M: &Matrix3<f64>) -> Self {
-        Self { xx: M.m11, xy: M.m12, xz: M.m13, yy: M.m22, yz: M.m23, zz: M.m33 }
-    }
-
+    #[inline(always)]
     pub(crate) fn scaled_identity(m: f64) -> Self {
         Self { xx: m, yy: m, zz: m, ..Self::ZERO }
-    }
-
-    /// R·S·Rᵀ.
-    #[inline(always)]
-    pub(crate) fn rotated(&self, R: &Matrix3<f64>) -> Self {
-        let [x, y, z] = [R.row(0).transpose(), R.row(1).transpose(), R.row(2).transpose()];
-        let [sx, sy, sz] = [*self * x, *self * y, *self * z];
-        Self { xx: x.dot(&sx), xy: x.dot(&sy), xz: x.dot(&sz), yy: y.dot(&sy), yz: y.dot(&sz), zz: z.dot(&sz) }
     }
 
     /// S + m(cᵀc·1 − ccᵀ): the parallel-axis theorem.
@@ -60,6 +56,40 @@ impl Sym3 {
         self.yy += ku.y * u.y;
         self.yz += ku.y * u.z;
         self.zz += ku.z * u.z;
+    }
+}
+
+/// The inertia of a link about its centre of mass, in link axes turned about z until I_xy = 0.
+///
+/// Then I = I_yy·1 + (I_xx − I_yy)·x·xᵀ + z·uᵀ + u·zᵀ with u = (I_xz, I_yz, (I_zz − I_yy)/2), which rotates at two thirds
+/// of the cost of R·I·Rᵀ.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LinkInertia {
+    I_yy: f64,
+    I_xx_yy: f64,
+    u: Vector3<f64>,
+}
+
+impl LinkInertia {
+    /// Requires I_xy = 0.
+    pub(crate) fn new(I: &Matrix3<f64>) -> Self {
+        Self { I_yy: I.m22, I_xx_yy: I.m11 - I.m22, u: Vector3::new(I.m13, I.m23, 0.5 * (I.m33 - I.m22)) }
+    }
+
+    /// The same inertia in the axes that `R` turns the link's into.
+    #[inline(always)]
+    pub(crate) fn rotated(&self, R: &Matrix3<f64>) -> Sym3 {
+        let (x, z) = (Vector3::new(R.m11, R.m21, R.m31), Vector3::new(R.m13, R.m23, R.m33));
+        let kx = self.I_xx_yy * x;
+        let u = times(R, &self.u);
+        Sym3 {
+            xx: self.I_yy + kx.x * x.x + 2.0 * (u.x * z.x),
+            xy: kx.x * x.y + u.x * z.y + u.y * z.x,
+            xz: kx.x * x.z + u.x * z.z + u.z * z.x,
+            yy: self.I_yy + kx.y * x.y + 2.0 * (u.y * z.y),
+            yz: kx.y * x.z + u.y * z.z + u.z * z.y,
+            zz: self.I_yy + kx.z * x.z + 2.0 * (u.z * z.z),
+        }
     }
 }
 
@@ -95,9 +125,7 @@ pub(crate) struct Motion {
 }
 
 impl Motion {
-    pub(crate) fn zero() -> Self {
-        Self { w: Vector3::zeros(), v: Vector3::zeros() }
-    }
+    pub(crate) const ZERO: Self = Self { w: ORIGIN, v: ORIGIN };
 
     /// A turn about `axis` through the point `p`.
     #[inline(always)]
@@ -158,9 +186,7 @@ pub(crate) struct Force {
 }
 
 impl Force {
-    pub(crate) fn zero() -> Self {
-        Self { n: Vector3::zeros(), f: Vector3::zeros() }
-    }
+    pub(crate) const ZERO: Self = Self { n: ORIGIN, f: ORIGIN };
 
     /// self + k·o.
     #[inline(always)]
@@ -186,9 +212,7 @@ pub(crate) struct RigidInertia {
 }
 
 impl RigidInertia {
-    pub(crate) fn zero() -> Self {
-        Self { m: 0.0, h: Vector3::zeros(), I: Sym3::ZERO }
-    }
+    pub(crate) const ZERO: Self = Self { m: 0.0, h: ORIGIN, I: Sym3::ZERO };
 
     /// Momentum I·v (RBDA Eq. 2.63).
     #[inline(always)]
