@@ -5,7 +5,6 @@ mod assemble;
 mod judge;
 
 use std::collections::BTreeMap;
-use std::path::Path;
 use std::time::Duration;
 
 use model::{Robot, with_dof};
@@ -21,7 +20,7 @@ pub use judge::{Judge, Limits, Tick, Verdict};
 /// Name of the recording in the results folder.
 pub const RECORDING: &str = "run.rrd";
 
-/// Name of the recorder's part of the summary in the run's directory.
+/// Name of the recorder's part of the summary in the results folder.
 pub const SUMMARY: &str = "summary.json";
 
 /// Pause between two rounds; the buffers hold a second.
@@ -30,14 +29,14 @@ const POLL: Duration = Duration::from_micros(500);
 /// Ticks for which an incomplete row waits for its missing messages.
 const PATIENCE: usize = 256;
 
-/// Records and judges until the run has stopped and everything on the way has arrived, then leaves its part of the summary in `run_dir`.
+/// Records and judges until the run has stopped and everything on the way has arrived, then leaves its part of the summary in the results folder.
 ///
 /// # Errors
 /// [`ProcessError`] where the recorder cannot begin, the graph breaks, or the summary cannot be written. A recording that fails
 /// (a full disk) does not end the run: it is said in the summary.
-pub fn run(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<(), ProcessError> {
+pub fn run(shell: &Shell, robot: &Robot, job: &Job) -> Result<(), ProcessError> {
     let summary = with_dof!(robot.dof(), N => record::<N>(shell, robot, job)).unwrap_or_else(|| Err(ProcessError::setup("unsupported number of joints")))?;
-    let path = run_dir.join(SUMMARY);
+    let path = job.out.join(SUMMARY);
     serde_json::to_vec(&summary)
         .map_err(std::io::Error::from)
         .and_then(|text| std::fs::write(&path, text))

@@ -1,0 +1,295 @@
+//! `armplane run`: validate, launch, watch, tell.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressStyle};
+use launcher::{Child, End, Event, LaunchError, Launcher, Limits, Outcome, Plan, Restart};
+use runtime::realtime::allowed_cores;
+use shared_types::graph::{self, Graph};
+use shared_types::job::{Job, Mode};
+use shared_types::summary::{Deadlines, FaultSummary, ProcessSummary, Summary};
+
+use super::failure::Failure;
+use super::process::JOB;
+use super::table::{digits, number, table};
+use super::{RunArgs, load};
+
+const SUMMARY: &str = "summary.json";
+
+pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
+    let load::Loaded { scenario, robot } = load::scenario(&args.scenario, &args.set, args.seed)?;
+    let graph = load::graph(args.graph.as_deref())?;
+    chain::try_first_tick(&robot, &scenario).map_err(|error| Failure::Input(format!("{}: {error}", args.scenario)))?;
+    let mode = Mode::from(args.mode);
+    let results = Results::create(args.out.as_deref(), &scenario.name)?;
+    let job = Job {
+        run: String::new(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        mode,
+        out: results.folder.clone(),
+        record: !args.no_record,
+        robot: load::robot_text(&robot),
+        scenario,
+        graph,
+    };
+    let planned_ticks = (job.scenario.duration_s() * f64::from(job.scenario.rate_hz)).round() as u64;
+    let outcome = launch(&job, planned_ticks)?;
+    let summary = summarise(&job, &outcome)?;
+    results.keep(&job, &summary)?;
+    if as_json {
+        println!("{}", serde_json::to_string_pretty(&summary).map_err(Failure::work)?);
+    } else {
+        tell(&summary, &results.folder);
+    }
+    if let End::Failed(failure) = &outcome.end {
+        return Err(Failure::Work(failure.to_string()));
+    }
+    Ok(if summary.outcome == "goal reached" { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+/// Runs the processes to the end of the task, or of one of them.
+fn launch(job: &Job, planned_ticks: u64) -> Result<Outcome, Failure> {
+    let launcher = Launcher::prepare(plan(job)).map_err(Failure::work)?;
+    let job = Job { run: launcher.run_dir().file_name().unwrap_or_default().to_string_lossy().into_owned(), ..job.clone() };
+    let path = launcher.run_dir().join(JOB);
+    let text = serde_json::to_vec(&job).map_err(Failure::work)?;
+    std::fs::write(&path, text).map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))?;
+    let bar = progress_bar(planned_ticks, &job);
+    let outcome = launcher.run(&launcher::reexec, &mut |event| match event {
+        Event::Progress { ticks } => bar.set_position(ticks),
+        Event::Line { process, line } => bar.suspend(|| eprintln!("{process}: {line}")),
+        Event::Restarted { process, exit, pid, incarnation } => {
+            bar.suspend(|| eprintln!("{process} ended with {exit} and was started again (start {incarnation}, process {pid})"));
+        }
+        Event::Go | Event::Stopping => {}
+        #[allow(unreachable_patterns, reason = "further events are of no interest here")]
+        _ => {}
+    });
+    bar.finish_and_clear();
+    outcome.map_err(|error| match error {
+        LaunchError::Interrupted { .. } => Failure::Work(error.to_string()),
+        error => Failure::work(error),
+    })
+}
+
+/// A bar on a terminal, nothing elsewhere.
+fn progress_bar(ticks: u64, job: &Job) -> ProgressBar {
+    let style = ProgressStyle::with_template("{msg} {wide_bar:.cyan/dim} {pos}/{len} ticks  {per_sec}  {eta}");
+    let bar = ProgressBar::new(ticks).with_message(job.scenario.name.clone());
+    style.map_or(bar.clone(), |style| bar.with_style(style))
+}
+
+/// From the graph, as people write it, to the launcher's plan.
+fn plan(job: &Job) -> Plan {
+    let cores = allowed_cores();
+    // Lockstep runs side by side shall not all crowd the same core: which one is "core 0" turns with the process id.
+    let turn = if job.mode == Mode::Lockstep { std::process::id() as usize } else { 0 };
+    let children = job.graph.process.iter().map(|process| Child {
+        process: runtime::Process {
+            name: process.name.clone(),
+            reads: process.reads.iter().chain(&process.feedback).cloned().collect(),
+            writes: process.writes.clone(),
+            polled: process.writes.is_empty(),
+            core: (!cores.is_empty()).then(|| cores[(process.core + turn) % cores.len()]),
+            priority: (process.priority > 0).then_some(process.priority as u8),
+        },
+        ends_run: !process.feedback.is_empty(),
+        restart: match process.restart {
+            graph::Restart::Never => Restart::Never,
+            graph::Restart::Always => Restart::Budget { times: 5, back_off: Duration::from_millis(100) },
+        },
+    });
+    Plan {
+        mode: match job.mode {
+            Mode::Lockstep => runtime::Mode::Lockstep,
+            Mode::Realtime => runtime::Mode::Realtime,
+        },
+        rate_hz: job.scenario.rate_hz,
+        children: children.collect(),
+        limits: Limits::default(),
+    }
+}
+
+/// The recorder's part, completed by what only the launcher knows.
+fn summarise(job: &Job, outcome: &Outcome) -> Result<Summary, Failure> {
+    let path = job.out.join(SUMMARY);
+    let part = std::fs::read(&path).ok().and_then(|text| serde_json::from_slice::<Summary>(&text).ok());
+    let mut summary = part.unwrap_or_else(|| Summary {
+        version: job.version.clone(),
+        scenario: job.scenario.name.clone(),
+        robot: job.robot.name.clone(),
+        mode: job.mode.name().to_owned(),
+        seed: job.scenario.seed,
+        rate_hz: job.scenario.rate_hz,
+        ticks: outcome.ticks,
+        outcome: "failed".to_owned(),
+        reason: "the recorder left no account of the run".to_owned(),
+        ..Summary::default()
+    });
+    match &outcome.end {
+        End::Completed => {}
+        End::Interrupted { signal } => {
+            summary.completed = false;
+            summary.outcome = "interrupted".to_owned();
+            summary.reason = format!("stopped by {signal} after {} ticks", outcome.ticks);
+        }
+        End::Failed(failure) => {
+            let sentence = failure.to_string();
+            let first = sentence.lines().next().unwrap_or_default().trim_end_matches("; it said:").to_owned();
+            summary.completed = false;
+            summary.outcome = "failed".to_owned();
+            summary.faults.push(FaultSummary { tick: outcome.ticks, process: named_in(&job.graph, &first), kind: "exit".to_owned(), detail: first.clone() });
+            summary.reason = first;
+        }
+    }
+    summary.deadlines = deadlines(job, outcome);
+    summary.processes = outcome
+        .processes
+        .iter()
+        .map(|process| ProcessSummary { name: process.name.clone(), pid: process.pid, restarts: process.restarts, exit: process.exit.to_string() })
+        .collect();
+    Ok(summary)
+}
+
+fn named_in(graph: &Graph, sentence: &str) -> String {
+    graph.process.iter().find(|process| sentence.starts_with(&process.name)).map(|process| process.name.clone()).unwrap_or_default()
+}
+
+fn deadlines(job: &Job, outcome: &Outcome) -> Deadlines {
+    if job.mode == Mode::Lockstep {
+        return Deadlines::default();
+    }
+    let mut deadlines = Deadlines { total: outcome.ticks, ..Deadlines::default() };
+    for process in &outcome.processes {
+        let counts = &process.counts;
+        let causes = [
+            ("major page fault", counts.missed_major_fault),
+            ("preempted", counts.missed_preempted),
+            ("peer restart", counts.missed_peer_restart),
+            ("late input", counts.missed_late_input),
+            ("overrun", counts.missed_overrun),
+        ];
+        for (cause, count) in causes.into_iter().filter(|(_, count)| *count > 0) {
+            deadlines.by_cause.insert(format!("{}: {cause}", process.name), count);
+            deadlines.missed += count;
+        }
+    }
+    deadlines
+}
+
+/// The results folder: made before anything starts, removed again if nothing came of it.
+struct Results {
+    folder: PathBuf,
+    made: bool,
+}
+
+impl Results {
+    fn create(wanted: Option<&Path>, scenario: &str) -> Result<Self, Failure> {
+        let cannot = |path: &Path, error: std::io::Error| {
+            Failure::Input(format!("cannot write results to {}: {error}; choose another folder with --out", path.display()))
+        };
+        let folder = match wanted {
+            Some(folder) => folder.to_owned(),
+            None => (1..).map(|n| PathBuf::from(format!("runs/{scenario}-{n:03}"))).find(|path| !path.exists()).unwrap_or_default(),
+        };
+        let made = !folder.exists();
+        std::fs::create_dir_all(&folder).map_err(|error| cannot(&folder, error))?;
+        let folder = folder.canonicalize().map_err(|error| cannot(&folder, error))?;
+        let stale = folder.join(SUMMARY);
+        match std::fs::remove_file(&stale) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(cannot(&stale, error)),
+            _ => {}
+        }
+        let results = Self { folder, made };
+        let probe = results.folder.join(".armplane");
+        std::fs::write(&probe, b"").and_then(|()| std::fs::remove_file(&probe)).map_err(|error| cannot(&results.folder, error))?;
+        Ok(results)
+    }
+
+    /// Writes what makes the run repeatable and readable.
+    fn keep(&self, job: &Job, summary: &Summary) -> Result<(), Failure> {
+        let cannot = |name: &str, error: std::io::Error| Failure::Work(format!("cannot write {}: {error}", self.folder.join(name).display()));
+        let summary = serde_json::to_vec_pretty(summary).map_err(Failure::work)?;
+        let job = serde_json::to_vec_pretty(job).map_err(Failure::work)?;
+        for (name, text) in [(SUMMARY, summary), (JOB, job)] {
+            std::fs::write(self.folder.join(name), text).map_err(|error| cannot(name, error))?;
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Results {
+    fn drop(&mut self) {
+        if self.made {
+            // Fails, as it should, where there is something in it.
+            let _ = std::fs::remove_dir(&self.folder);
+        }
+    }
+}
+
+fn tell(summary: &Summary, folder: &Path) {
+    println!("{}: {} — {}\n", summary.scenario, summary.outcome, summary.reason);
+    let mut rows = table(&["task", "largest", "across ζ", "at the end"]);
+    let task = &summary.task;
+    rows.add_row([
+        "position, mm".into(),
+        number(digits(task.position_max_mm)),
+        number(digits(task.orthogonal_max_mm)),
+        number(digits(task.final_position_mm)),
+    ]);
+    rows.add_row([
+        "orientation, °".into(),
+        number(digits(task.orientation_max_deg)),
+        number(digits(task.orthogonal_max_deg)),
+        number(digits(task.final_orientation_deg)),
+    ]);
+    println!("{rows}");
+    let mut rows = table(&["singularity", "type", "least |s|", "inside, ticks", "ζ turned, °"]);
+    for singularity in &summary.singularities {
+        rows.add_row([
+            singularity.name.clone().into(),
+            singularity.class.clone().into(),
+            number(digits(singularity.s_min)),
+            number(singularity.inside_ticks),
+            number(digits(singularity.zeta_turned_deg)),
+        ]);
+    }
+    println!("{rows}");
+    let percent = |ratio: f64| format!("{:.0} %", ratio * 100.0);
+    let joints = &summary.joints;
+    println!(
+        "joints     torque {} of the limit, largest step in one tick {}; speed {} of the limit",
+        percent(joints.torque_max_ratio),
+        percent(joints.torque_step_max_ratio),
+        percent(joints.speed_max_ratio)
+    );
+    let simulated_s = summary.ticks as f64 / f64::from(summary.rate_hz.max(1));
+    println!(
+        "time       {} ticks at {} Hz in {:.2} s: {:.0} ticks/s, {:.1} × real time, {}",
+        summary.ticks,
+        summary.rate_hz,
+        summary.wall_s,
+        summary.ticks_per_s,
+        simulated_s / summary.wall_s.max(1e-9),
+        summary.mode
+    );
+    if let Some(chain) = summary.latency_us.get("chain") {
+        println!("latency    sensor to torque p50 {:.1} µs, p99 {:.1}, p99.9 {:.1}, max {:.1}", chain.p50, chain.p99, chain.p999, chain.max);
+    }
+    if summary.deadlines.total > 0 {
+        println!("deadlines  {} missed of {}", summary.deadlines.missed, summary.deadlines.total);
+        for (cause, count) in &summary.deadlines.by_cause {
+            println!("           {count} {cause}");
+        }
+    }
+    if !summary.recorder.error.is_empty() {
+        println!("recording  {}", summary.recorder.error);
+    }
+    println!("\n{}", folder.display());
+    println!("  {SUMMARY}  all of this and more, for machines");
+    if !summary.recorder.file.is_empty() {
+        println!("  {}       {:.1} MB; open it with: rerun {}", summary.recorder.file, summary.recorder.bytes as f64 / 1e6, folder.join(&summary.recorder.file).display());
+    }
+}

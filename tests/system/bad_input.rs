@@ -1,0 +1,60 @@
+//! One clear sentence, exit code 2, nothing started, nothing left.
+
+use crate::command::{Desk, assert_nothing_left};
+
+const SCENARIO: &str = "name = \"mine\"\nrobot = \"puma560\"\n[start]\nposture = \"nominal\"\n[[segment]]\nduration_s = 0.2\n";
+
+const URDF_WITHOUT_INERTIA: &str = r#"<robot name="bare"><link name="base"/><link name="arm"/>
+<joint name="j1" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"#;
+
+#[test]
+fn every_wrong_input_is_refused_with_its_reason() {
+    let desk = Desk::new();
+    let scenario = |name: &str, from: &str, to: &str| {
+        assert!(SCENARIO.contains(from));
+        desk.file(name, &SCENARIO.replace(from, to));
+    };
+    desk.file("good.toml", SCENARIO);
+    scenario("typo.toml", "duration_s", "duration");
+    scenario("robot.toml", "puma560", "puma650");
+    scenario("posture.toml", "posture = \"nominal\"", "q_deg = [0, 0, 0, 0, 170, 0]");
+    scenario("joints.toml", "posture = \"nominal\"", "q_deg = [0, 0, 0]");
+    scenario("syntax.toml", "[start]", "[start");
+    desk.file("bare.urdf", URDF_WITHOUT_INERTIA);
+    scenario("bare.toml", "puma560", "bare.urdf");
+
+    let cases: [(&[&str], &str); 14] = [
+        (&["run", "fig5-wrist-rotatoin"], "did you mean `fig5-wrist-rotation`?"),
+        (&["run", "missing.toml"], "cannot read missing.toml"),
+        (&["run", "typo.toml"], "typo.toml:6: unknown field `duration` (did you mean `duration_s`?)"),
+        (&["run", "syntax.toml"], "syntax.toml:3"),
+        (&["run", "robot.toml"], "robot.toml:2: there is no robot 'puma650'"),
+        (&["run", "posture.toml"], "posture.toml:"),
+        (&["run", "joints.toml"], "joints.toml:"),
+        (&["run", "bare.toml"], "arm"),
+        (&["run", "good.toml", "--set", "control.kp=1"], "unknown field `kp`"),
+        (&["run", "good.toml", "--set", "rate_hz=7"], "rate 7 Hz is out of range"),
+        (&["run", "good.toml", "--out", "/proc/nowhere"], "choose another folder with --out"),
+        (&["run", "good.toml", "--graph", "typo.toml"], "typo.toml"),
+        (&["inspect", "--robot", "r2d2", "--q", "0"], "there is no robot 'r2d2'"),
+        (&["inspect", "--q", "0,0,0"], "joint"),
+    ];
+    for (args, expected) in cases {
+        let said = desk.armplane(args);
+        assert_eq!(said.code, 2, "{args:?}: {}{}", said.out, said.err);
+        assert!(said.err.contains(expected), "{args:?} said: {}", said.err);
+        assert_nothing_left(said.launcher);
+    }
+    assert!(!desk.path().join("runs").exists(), "no results of a run that did not begin");
+}
+
+#[test]
+fn usage_errors_have_exit_code_2_and_help_an_example() {
+    let desk = Desk::new();
+    assert_eq!(desk.armplane(&["run", "--no-such-flag"]).code, 2);
+    for command in ["run", "list", "inspect", "graph", "doctor", "clean"] {
+        let said = desk.armplane(&[command, "--help"]);
+        assert!(said.code == 0 && said.out.contains("Example"), "{command}: {}", said.out);
+    }
+}

@@ -1,0 +1,58 @@
+//! Same scenario and seed, same bytes on every topic.
+
+use serde_json::Value;
+
+use crate::command::Desk;
+
+fn hashes(summary: &Value) -> Value {
+    summary["topics"].clone()
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bytes_and_another_seed_others() {
+    let desk = Desk::new();
+    let first = desk.run(&["--seed", "5", "--no-record"]);
+    let second = desk.run(&["--seed", "5", "--out", "recorded"]);
+    assert_eq!(hashes(&first), hashes(&second), "recording or not");
+    let third = desk.run(&["--seed", "6", "--no-record"]);
+    assert_ne!(first["topics"]["sensor"]["hash"], third["topics"]["sensor"]["hash"]);
+}
+
+#[test]
+fn one_thread_gives_the_bytes_that_five_processes_give() {
+    let summary = Desk::new().run(&["--no-record"]);
+    let scenario = shared_types::scenario::Scenario::parse("built in", sim::scenarios::text("fig5-wrist-rotation").unwrap(), &[]).unwrap();
+    let robot = model::Robot::builtin(&scenario.robot).unwrap();
+    let (mut sensor, mut truth, mut estimate, mut report, mut command) = <(
+        runtime::TopicHash,
+        runtime::TopicHash,
+        runtime::TopicHash,
+        runtime::TopicHash,
+        runtime::TopicHash,
+    )>::default();
+    chain::run(&robot, &scenario, |tick| {
+        sensor.add(&tick.sensor);
+        truth.add(&tick.truth);
+        estimate.add(&tick.estimate);
+        report.add(&tick.report);
+        command.add(&tick.command);
+    })
+    .unwrap();
+    for (topic, hash) in [("sensor", sensor), ("plant_state", truth), ("estimate", estimate), ("singularity", report), ("torque", command)] {
+        assert_eq!(summary["topics"][topic]["hash"], format!("{:016x}", hash.digest()), "{topic}");
+        assert_eq!(summary["topics"][topic]["count"], hash.count(), "{topic}");
+    }
+}
+
+#[test]
+fn two_runs_side_by_side_do_not_disturb_each_other() {
+    let desk = Desk::new();
+    let (one, two) = (
+        desk.start(&["run", "--seed", "9", "--no-record", "--json", "--out", "one"]),
+        desk.start(&["run", "--seed", "9", "--no-record", "--json", "--out", "two"]),
+    );
+    let (one, two) = (crate::command::finish(one), crate::command::finish(two));
+    assert_eq!((one.code, two.code), (0, 0), "{}{}", one.err, two.err);
+    let parsed = |text: &str| serde_json::from_str::<Value>(text).unwrap();
+    assert_eq!(hashes(&parsed(&one.out)), hashes(&parsed(&two.out)));
+}

@@ -1,0 +1,66 @@
+//! `inspect` against the golden data: the numbers that a user sees are the numbers that were checked.
+
+use serde_json::Value;
+
+use crate::command::Desk;
+
+fn numbers(value: &Value) -> Vec<f64> {
+    match value {
+        Value::Array(items) => items.iter().flat_map(numbers).collect(),
+        other => vec![other.as_f64().unwrap_or(f64::NAN)],
+    }
+}
+
+fn list(value: &Value) -> String {
+    numbers(value).iter().map(|x| format!("{x:e}")).collect::<Vec<_>>().join(",")
+}
+
+#[test]
+fn inspect_agrees_with_the_golden_states() {
+    let desk = Desk::new();
+    for (robot, golden) in [("puma560", include_str!("../golden/reference_puma560.json")), ("planar3r", include_str!("../golden/reference_planar3.json"))] {
+        let golden: Value = serde_json::from_str(golden).unwrap();
+        let within = |q: &[f64]| robot != "puma560" || q.iter().zip([2.7, 0.7, 3.9, 2.9, 1.7, 4.6]).all(|(q, upper)| *q < upper);
+        let above = |q: &[f64]| robot != "puma560" || q.iter().zip([-2.7, -3.9, -0.7, -1.9, -1.7, -4.6]).all(|(q, lower)| *q > lower);
+        let states = golden["states"].as_array().unwrap().iter();
+        let states: Vec<_> = states.filter(|state| within(&numbers(&state["q"])) && above(&numbers(&state["q"]))).take(5).collect();
+        assert!(states.len() >= 3, "{robot}: too few states within its limits");
+        for state in states {
+            let said = desk.armplane(&["inspect", "--robot", robot, &format!("--q={}", list(&state["q"])), &format!("--qdot={}", list(&state["qd"])), "--json"]);
+            assert_eq!(said.code, 0, "{}", said.err);
+            let found: Value = serde_json::from_str(&said.out).unwrap();
+            for (ours, theirs) in [("J", "J"), ("A", "M"), ("gravity", "g"), ("bias", "nle"), ("Jdot_qdot", "Jdot_qd")] {
+                let (ours_all, theirs_all) = (numbers(&found[ours]), numbers(&state[theirs]));
+                assert_eq!(ours_all.len(), theirs_all.len(), "{robot} {ours}");
+                for (a, b) in ours_all.iter().zip(&theirs_all) {
+                    assert!((a - b).abs() <= 1e-11 * (1.0 + b.abs()), "{robot} {ours}: {a} against {b}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn wrist_lock_is_named_and_classified() {
+    let said = Desk::new().armplane(&["inspect", "--q-deg=20,-60,170,0,0,0", "--json"]);
+    let found: Value = serde_json::from_str(&said.out).unwrap();
+    let wrist = found["singularities"].as_array().unwrap().iter().find(|s| s["name"] == "wrist").unwrap();
+    assert_eq!((&wrist["inside"], &wrist["type"]), (&true.into(), &"type 2".into()));
+    assert_eq!(found["rank"], 5);
+    assert!(numbers(&found["det"])[0].abs() < 1e-12);
+    let elbow = found["singularities"].as_array().unwrap().iter().find(|s| s["name"] == "elbow").unwrap();
+    assert_eq!((&elbow["inside"], &elbow["type"]), (&false.into(), &"type 1".into()));
+}
+
+#[test]
+fn list_and_graph_speak_json_and_drawings() {
+    let desk = Desk::new();
+    let listed: Value = serde_json::from_str(&desk.armplane(&["list", "--json"]).out).unwrap();
+    assert!(listed["scenarios"].as_array().unwrap().iter().any(|s| s["name"] == "fig5-wrist-rotation"));
+    assert!(listed["robots"].as_array().unwrap().iter().any(|r| r["name"] == "puma560"));
+    let dot = desk.armplane(&["graph", "--format", "dot"]).out;
+    assert!(dot.contains("controller -> plant [label=\"torque\", style=dashed]"), "{dot}");
+    assert!(desk.armplane(&["graph", "--format", "mermaid"]).out.contains("plant -->|sensor| estimator"));
+    let graph: Value = serde_json::from_str(&desk.armplane(&["graph", "--json"]).out).unwrap();
+    assert_eq!(graph["process"].as_array().unwrap().len(), 5);
+}

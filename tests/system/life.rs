@@ -1,0 +1,68 @@
+//! How a run ends: by Ctrl-C, by the death of a process, by the death of the launcher. Nothing is left of any of them.
+
+use std::process::Command;
+
+use serde_json::Value;
+
+use crate::command::{Desk, assert_nothing_left, children_of_run, finish, in_shared_memory, until};
+
+/// Long enough to be interrupted.
+const LONG: [&str; 6] = ["run", "--set", "segment.1.duration_s=500", "--json", "--out", "results"];
+
+fn signal(pid: i32, name: &str) {
+    let status = Command::new("kill").args([format!("-{name}"), pid.to_string()]).status().unwrap();
+    assert!(status.success());
+}
+
+fn ticks_of(desk: &Desk) -> bool {
+    // The recording grows as soon as ticks are recorded.
+    std::fs::metadata(desk.path().join("results/run.rrd")).is_ok_and(|file| file.len() > 100_000)
+}
+
+#[test]
+fn ctrl_c_stops_cleanly_and_keeps_the_recording() {
+    let desk = Desk::new();
+    let child = desk.start(&LONG);
+    until("the recording to grow", || ticks_of(&desk));
+    signal(child.id() as i32, "INT");
+    let said = finish(child);
+    assert_eq!(said.code, 1, "{}", said.err);
+    let summary: Value = serde_json::from_str(&said.out).unwrap();
+    assert_eq!((&summary["outcome"], &summary["completed"]), (&"interrupted".into(), &false.into()));
+    assert!(summary["recorder"]["bytes"].as_u64().unwrap() > 100_000 && summary["recorder"]["lost"] == 0, "{}", summary["recorder"]);
+    assert_nothing_left(said.launcher);
+}
+
+#[test]
+fn the_death_of_any_process_ends_the_run_and_is_named() {
+    for process in ["plant", "estimator", "analyzer", "controller", "recorder"] {
+        let desk = Desk::new();
+        let child = desk.start(&LONG);
+        until("the recording to grow", || ticks_of(&desk));
+        let victim = children_of_run(child.id()).into_iter().find(|(name, _)| name == process).unwrap().1;
+        signal(victim, "KILL");
+        let said = finish(child);
+        assert_eq!(said.code, 1, "{}", said.err);
+        assert!(said.err.contains(process) && said.err.contains("signal 9"), "{process}: {}", said.err);
+        let summary: Value = serde_json::from_str(&said.out).unwrap();
+        assert_eq!(summary["outcome"], "failed");
+        assert_nothing_left(said.launcher);
+    }
+}
+
+#[test]
+fn no_process_outlives_a_killed_launcher_and_clean_removes_what_it_left() {
+    let desk = Desk::new();
+    let child = desk.start(&LONG);
+    until("the recording to grow", || ticks_of(&desk));
+    signal(child.id() as i32, "KILL");
+    let said = finish(child);
+    until("the processes to go", || children_of_run(said.launcher).is_empty());
+    assert!(!in_shared_memory(said.launcher).is_empty(), "a killed launcher cannot clean up");
+    let doctor: Value = serde_json::from_str(&desk.armplane(&["doctor", "--json"]).out).unwrap();
+    let ours = format!("-{}-", said.launcher);
+    let found = doctor["runs"].as_array().unwrap().iter().any(|run| run["run"].as_str().unwrap().contains(&ours) && run["alive"] == false);
+    assert!(found, "{doctor}");
+    assert_eq!(desk.armplane(&["clean"]).code, 0);
+    assert_nothing_left(said.launcher);
+}

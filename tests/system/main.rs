@@ -1,0 +1,9 @@
+//! The whole thing on real processes and real shared memory, as a person would use it; and the rules that hold the house up.
+
+mod bad_input;
+mod command;
+mod determinism;
+mod inspect;
+mod life;
+mod run;
+mod structure;
