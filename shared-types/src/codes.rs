@@ -91,6 +91,24 @@ codes! {
 }
 
 codes! {
+    /// What the drive did to the commanded torque: bits, added up.
+    DRIVE_FLAGS {
+        /// No torque came this tick.
+        DRIVE_ABSENT = 1 "absent",
+        /// A torque with a NaN or an infinity came, and was refused whole: it counts as absent.
+        DRIVE_REFUSED = 2 "refused",
+        /// A torque was beyond the joint's effort limit.
+        DRIVE_EFFORT = 4 "effort",
+        /// A torque changed faster than the drive allows.
+        DRIVE_RATE = 8 "rate",
+        /// A torque would have driven a joint further beyond its speed limit.
+        DRIVE_SPEED = 16 "speed",
+        /// The simulated motion left the finite numbers; the arm was stopped where it last was.
+        DRIVE_DIVERGED = 32 "diverged",
+    }
+}
+
+codes! {
     /// Where the task is.
     PHASES {
         /// Following the path.

@@ -51,6 +51,10 @@ wire! {
         saturation_mask: u32,
         /// One of `codes::DRIVES`.
         drive: u32,
+        /// Why the drive did not apply the commanded torque: a sum of `codes::DRIVE_FLAGS`.
+        drive_flags: u32,
+        /// Commands refused since the start of the run.
+        refused: u32,
     }
 }
 

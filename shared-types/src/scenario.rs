@@ -181,6 +181,8 @@ pub struct Plant {
     /// Height of the floor in B; m. None: no floor.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub floor_m: Option<f64>,
+    /// Whether links that are not neighbours, and clear of each other at the start, may collide.
+    pub self_collision: bool,
     /// Ticks for which the drive holds the last torque before it stops the arm by itself.
     pub hold_ticks: u32,
 }
@@ -206,6 +208,7 @@ impl Default for Plant {
             friction: false,
             mass_factor: 1.0,
             floor_m: Some(-0.67183),
+            self_collision: false,
             hold_ticks: 3,
         }
     }

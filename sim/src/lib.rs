@@ -1,1 +1,30 @@
-//! placeholder
+//! The simulated arm: its physics, its encoders, its drives.
+//!
+//! PURE: no clock, thread, file, environment or unseeded randomness. Same inputs, same bits.
+//!
+//! - [`Plant`] integrates the arm. `"reference"`: classical Runge–Kutta of the smooth dynamics, nothing else.
+//!   `"rapier"` (the default): the same integrator carries the state, and rapier3d says what contact, joint stops and dry
+//!   friction do to it.
+//! - [`Encoders`] read the joints: quantised, with noise that is a function of (seed, tick, joint).
+//! - [`Drive`] turns commanded torque into applied torque: it checks, limits and reports, and stops the arm by itself when
+//!   commands cease.
+#![allow(non_snake_case)]
+
+mod drive;
+mod encoder;
+mod hybrid;
+mod noise;
+mod plant;
+pub mod scenarios;
+mod smooth;
+mod solids;
+#[cfg(test)]
+mod tests;
+mod world;
+
+pub use drive::{Applied, Drive};
+pub use encoder::Encoders;
+pub use hybrid::Touch;
+pub use noise::gaussian;
+pub use plant::{Diverged, Plant, PlantError};
+pub use smooth::State;

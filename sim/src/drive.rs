@@ -1,0 +1,399 @@
+//! The joint drives: the last to touch a torque, and able to stop the arm by themselves.
+
+use model::Model;
+use nalgebra::SVector;
+use shared_types::codes::{
+    DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_EFFORT, DRIVE_HOLDING, DRIVE_RATE, DRIVE_REFUSED, DRIVE_SPEED,
+    DRIVE_STOPPING,
+};
+
+/// Fastest change of applied torque, as a fraction of the effort limit per second: half of it in a millisecond.
+pub(crate) const TORQUE_RATE: f64 = 500.0;
+
+/// The same on the way back from the stop law or the brakes to commanded torque.
+pub(crate) const RETURN_RATE: f64 = 100.0;
+
+/// Damping of the stop law per unit of inertia: each joint's speed falls as exp(−20 t); 1/s.
+pub(crate) const STOP_GAIN: f64 = 20.0;
+
+/// Brakes engage below this fraction of the speed limit ...
+const REST_RATIO: f64 = 0.05;
+
+/// ... or below this speed, where there is none; rad/s ...
+const REST_SPEED: f64 = 0.05;
+
+/// ... or after this time, at whatever speed is left; s.
+const STOP_TIME: f64 = 1.0;
+
+/// What the drives did over a tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Applied<const N: usize> {
+    /// Torque on the joints; N·m.
+    pub tau: SVector<f64, N>,
+    /// One of `codes::DRIVES`.
+    pub drive: u32,
+    /// A sum of `codes::DRIVE_FLAGS`.
+    pub flags: u32,
+    /// Bit i: the torque of joint i is not the one asked for.
+    pub saturation_mask: u32,
+    /// Ticks since the last fresh torque.
+    pub stale_ticks: u32,
+    /// Whether the brakes hold the arm.
+    pub braked: bool,
+}
+
+/// The drives of an arm.
+///
+/// | state | torque | until |
+/// |---|---|---|
+/// | active | the commanded one, limited | a tick without a fresh one |
+/// | holding | the last applied | fresh torque, or `hold_ticks` ticks |
+/// | stopping | the stop law g(q) − k·diag A(q)·q̇ | fresh torque, or rest |
+/// | braked | none (building up against the brakes when fresh torque comes) | fresh torque is reached |
+///
+/// The stop law needs only the drives' own sensors and the arm's nominal model. A positive diagonal damping takes energy
+/// out in every motion, so that it comes to rest whatever the motion was; the brakes engage at 5 % of the speed limits, and
+/// after 1 s in any case.
+///
+/// Every applied torque is within the effort limit and within a bounded step of the one before: half the effort limit per
+/// millisecond, a tenth while returning from a stop. Above its speed limit a joint gets no torque that would keep it
+/// there. A torque with a NaN or an infinity is refused whole and counts as absent.
+#[derive(Clone, Debug)]
+pub struct Drive<const N: usize> {
+    /// What the drives know of the arm: its description, not the simulated deviation from it.
+    model: Model<N>,
+    dt: f64,
+    hold_ticks: u32,
+    rest: SVector<f64, N>,
+    applied: Applied<N>,
+    /// On the way back from a stop to commanded torque.
+    returning: bool,
+    stopping_ticks: u32,
+    refused: u32,
+}
+
+impl<const N: usize> Drive<N> {
+    /// Drives that hold the arm at `q_start`, active, `rate_hz` ticks a second.
+    ///
+    /// Requires rate_hz > 0. An arm at rest is carried by its drives, so the torque before the first is g(q_start).
+    #[must_use]
+    pub fn new(model: Model<N>, rate_hz: u32, hold_ticks: u32, q_start: &SVector<f64, N>) -> Self {
+        let carried = model.gravity(q_start).zip_map(model.effort(), |g, limit| g.clamp(-limit, limit));
+        let rest = model.velocity().map(|limit| if limit.is_finite() { REST_RATIO * limit } else { REST_SPEED });
+        let applied = Applied {
+            tau: carried,
+            drive: DRIVE_ACTIVE,
+            flags: 0,
+            saturation_mask: 0,
+            stale_ticks: 0,
+            braked: false,
+        };
+        let dt = 1.0 / f64::from(rate_hz);
+        Self { model, dt, hold_ticks, rest, applied, returning: false, stopping_ticks: 0, refused: 0 }
+    }
+
+    /// What the drives did over the last tick.
+    #[must_use]
+    pub fn applied(&self) -> &Applied<N> {
+        &self.applied
+    }
+
+    /// Commands refused so far.
+    #[must_use]
+    pub fn refused(&self) -> u32 {
+        self.refused
+    }
+
+    /// The torque for one tick from the state (q, q̇), given the command for it (`None`: none came).
+    ///
+    /// Ensures a finite torque within the effort limits. No allocation.
+    pub fn step(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, command: Option<&SVector<f64, N>>) -> &Applied<N> {
+        let mut flags = 0;
+        let fresh = match command {
+            Some(tau) if tau.iter().all(|x| x.is_finite()) => Some(*tau),
+            Some(_) => {
+                self.refused = self.refused.saturating_add(1);
+                flags |= DRIVE_REFUSED;
+                None
+            }
+            None => {
+                flags |= DRIVE_ABSENT;
+                None
+            }
+        };
+        let stale_ticks = if fresh.is_some() { 0 } else { self.applied.stale_ticks.saturating_add(1) };
+        let drive = self.next(fresh.is_some(), stale_ticks, qdot);
+        self.stopping_ticks = if drive == DRIVE_STOPPING { self.stopping_ticks + 1 } else { 0 };
+        self.returning = match (fresh, drive) {
+            (Some(_), DRIVE_BRAKED) => true,
+            (Some(_), _) => self.returning || self.applied.drive == DRIVE_STOPPING,
+            (None, DRIVE_HOLDING) => self.returning,
+            (None, _) => false,
+        };
+
+        let wanted = match (fresh, drive) {
+            (Some(tau), _) => tau,
+            (None, DRIVE_HOLDING) => self.applied.tau,
+            (None, DRIVE_STOPPING) => self.stop_law(q, qdot),
+            (None, _) => SVector::zeros(),
+        };
+        let rate = if self.returning { RETURN_RATE } else { TORQUE_RATE };
+        let (tau, limited) = self.limit(q, qdot, &wanted, rate * self.dt);
+        flags |= limited;
+        let saturation_mask = (0..N).filter(|i| tau[*i] != wanted[*i]).fold(0, |mask, i| mask | 1 << i);
+
+        // The return is over, and the brakes release, when the applied torque is what the command comes to.
+        let mut state = drive;
+        if self.returning && flags & DRIVE_RATE == 0 {
+            self.returning = false;
+            state = DRIVE_ACTIVE;
+        }
+        let braked = state == DRIVE_BRAKED;
+        self.applied = Applied { tau, drive: state, flags, saturation_mask, stale_ticks, braked };
+        &self.applied
+    }
+
+    /// Stops at once: brakes on, whatever the motion. For a state that cannot be gone on from.
+    pub fn brake(&mut self, flag: u32) {
+        self.returning = false;
+        self.applied.drive = DRIVE_BRAKED;
+        self.applied.braked = true;
+        self.applied.flags |= flag;
+        self.applied.tau.fill(0.0);
+    }
+
+    fn next(&self, fresh: bool, stale_ticks: u32, qdot: &SVector<f64, N>) -> u32 {
+        match (self.applied.drive, fresh) {
+            (DRIVE_BRAKED, _) => DRIVE_BRAKED,
+            (_, true) => DRIVE_ACTIVE,
+            (DRIVE_ACTIVE | DRIVE_HOLDING, false) if stale_ticks <= self.hold_ticks => DRIVE_HOLDING,
+            (DRIVE_STOPPING, false) if self.at_rest(qdot) => DRIVE_BRAKED,
+            (_, false) => DRIVE_STOPPING,
+        }
+    }
+
+    fn at_rest(&self, qdot: &SVector<f64, N>) -> bool {
+        let slow = qdot.iter().zip(self.rest.iter()).all(|(v, rest)| v.abs() <= *rest);
+        slow || f64::from(self.stopping_ticks) * self.dt >= STOP_TIME
+    }
+
+    /// τ = g(q) − k·diag A(q)·q̇
+    fn stop_law(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> SVector<f64, N> {
+        self.model.gravity(q) - self.model.mass_matrix(q).diagonal().component_mul(qdot) * STOP_GAIN
+    }
+
+    /// The torque nearest to `wanted` that the limits allow, and which of them it met.
+    fn limit(
+        &self,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        wanted: &SVector<f64, N>,
+        step: f64,
+    ) -> (SVector<f64, N>, u32) {
+        let mut flags = 0;
+        let mut bound = |tau: &mut f64, low: f64, high: f64, flag: u32| {
+            let inside = tau.clamp(low, high);
+            if inside != *tau {
+                *tau = inside;
+                flags |= flag;
+            }
+        };
+        let speed = self.model.velocity();
+        let too_fast = (0..N).any(|i| qdot[i].abs() > speed[i]);
+        // The most that keeps a joint at its speed limit: what carries its weight, less damping of the excess.
+        let carried = if too_fast { self.model.gravity(q) } else { SVector::zeros() };
+        let inertia = if too_fast { self.model.mass_matrix(q).diagonal() } else { SVector::zeros() };
+        let mut tau = *wanted;
+        for i in 0..N {
+            let effort = self.model.effort()[i];
+            bound(&mut tau[i], -effort, effort, DRIVE_EFFORT);
+            let excess = qdot[i].abs() - speed[i];
+            if excess > 0.0 {
+                let brake = (STOP_GAIN * inertia[i] * excess).copysign(qdot[i]);
+                let most = (carried[i] - brake).clamp(-effort, effort);
+                let (low, high) = if qdot[i] > 0.0 { (f64::NEG_INFINITY, most) } else { (most, f64::INFINITY) };
+                bound(&mut tau[i], low, high, DRIVE_SPEED);
+            }
+            let last = self.applied.tau[i];
+            bound(&mut tau[i], last - step * effort, last + step * effort, DRIVE_RATE);
+        }
+        (tau, flags)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model::Robot;
+
+    type Joints = SVector<f64, 6>;
+
+    fn arm() -> Model<6> {
+        Model::new(&Robot::builtin("puma560").unwrap(), None).unwrap()
+    }
+
+    fn start() -> Joints {
+        Joints::from_column_slice(&Robot::builtin("puma560").unwrap().postures["nominal"])
+    }
+
+    fn drive() -> Drive<6> {
+        Drive::new(arm(), 1000, 3, &start())
+    }
+
+    const REST: Joints = Joints::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+
+    /// Largest change of torque as a fraction of the effort limit.
+    fn step_ratio(before: &Joints, after: &Joints) -> f64 {
+        (after - before).component_div(arm().effort()).amax()
+    }
+
+    #[test]
+    fn a_fresh_torque_within_the_limits_passes_untouched() {
+        let tau = arm().gravity(&start()) * 1.1;
+        let mut drive = drive();
+        let applied = *drive.step(&start(), &REST, Some(&tau));
+        assert_eq!((applied.tau, applied.drive, applied.flags, applied.saturation_mask), (tau, DRIVE_ACTIVE, 0, 0));
+    }
+
+    #[test]
+    fn a_torque_that_is_not_a_number_is_refused_whole() {
+        for poison in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            let mut drive = drive();
+            let before = drive.applied().tau;
+            let mut tau = before;
+            tau[4] = poison;
+            let applied = *drive.step(&start(), &REST, Some(&tau));
+            assert_eq!((applied.drive, applied.flags, applied.stale_ticks), (DRIVE_HOLDING, DRIVE_REFUSED, 1));
+            assert_eq!((applied.tau, drive.refused()), (before, 1));
+        }
+    }
+
+    #[test]
+    fn too_large_a_torque_is_limited_and_reported() {
+        let mut drive = drive();
+        let mut tau = drive.applied().tau;
+        tau[1] = 1e6;
+        tau[5] = -1e6;
+        for _ in 0..5 {
+            drive.step(&start(), &REST, Some(&tau));
+        }
+        let applied = drive.applied();
+        assert_eq!(applied.tau[1], arm().effort()[1]);
+        assert_eq!(applied.tau[5], -arm().effort()[5]);
+        assert_eq!((applied.flags, applied.saturation_mask), (DRIVE_EFFORT, 0b10_0010));
+    }
+
+    #[test]
+    fn a_torque_step_is_bounded_and_reported() {
+        let mut drive = drive();
+        let before = drive.applied().tau;
+        let mut tau = before;
+        tau[3] = arm().effort()[3];
+        tau[0] = before[0] - 0.4 * arm().effort()[0];
+        let applied = *drive.step(&start(), &REST, Some(&tau));
+        assert!((step_ratio(&before, &applied.tau) - TORQUE_RATE * 1e-3).abs() < 1e-12);
+        assert_eq!((applied.flags, applied.saturation_mask), (DRIVE_RATE, 0b1000), "joint 1 is within the bound");
+    }
+
+    #[test]
+    fn beyond_its_speed_limit_a_joint_is_not_driven_on() {
+        let limit = arm().velocity()[0];
+        let tau = |torque: f64| Joints::new(torque, 0.0, 0.0, 0.0, 0.0, 0.0) + arm().gravity(&start());
+        let after = |speed: f64, torque: f64| {
+            let mut drive = drive();
+            *drive.step(&start(), &Joints::new(speed, 0.0, 0.0, 0.0, 0.0, 0.0), Some(&tau(torque)))
+        };
+        assert_eq!(after(0.99 * limit, 20.0).flags, 0);
+        assert_eq!(after(1.01 * limit, -20.0).flags, 0, "braking is allowed");
+        for direction in [1.0, -1.0] {
+            let held = after(1.01 * limit * direction, 20.0 * direction);
+            assert_eq!((held.flags, held.saturation_mask), (DRIVE_SPEED, 1));
+            assert!(held.tau[0] * direction < 0.0, "it slows down");
+        }
+    }
+
+    #[test]
+    fn stale_torque_is_held_then_stopped_then_braked_and_comes_back_without_a_jump() {
+        let mut drive = drive();
+        let command = arm().gravity(&start()) + Joints::new(30.0, -40.0, 20.0, 5.0, 4.0, 3.0);
+        let moving = Joints::new(0.5, -0.4, 0.3, 1.0, -1.0, 1.0);
+        let mut last = drive.step(&start(), &moving, Some(&command)).tau;
+        assert_eq!(last, command);
+        for k in 1..=3 {
+            let held = *drive.step(&start(), &moving, None);
+            assert_eq!((held.drive, held.stale_ticks, held.tau), (DRIVE_HOLDING, k, command));
+        }
+        for _ in 0..20 {
+            let stopping = *drive.step(&start(), &moving, None);
+            assert_eq!(stopping.drive, DRIVE_STOPPING);
+            assert!(step_ratio(&last, &stopping.tau) <= TORQUE_RATE * 1e-3 + 1e-12);
+            last = stopping.tau;
+        }
+        let expected = arm().gravity(&start()) - arm().mass_matrix(&start()).diagonal().component_mul(&moving) * STOP_GAIN;
+        assert!((last - expected.zip_map(arm().effort(), |t, e| t.clamp(-e, e))).amax() < 1e-12, "the stop law");
+        let mut braked = *drive.step(&start(), &REST, None);
+        assert!(braked.braked && braked.drive == DRIVE_BRAKED);
+        for _ in 0..20 {
+            braked = *drive.step(&start(), &REST, None);
+        }
+        assert_eq!(braked.tau, REST, "the brakes carry the arm");
+
+        let heavy = arm().gravity(&start()) + Joints::new(0.0, -60.0, 0.0, 0.0, 0.0, 0.0);
+        let mut ticks = 0;
+        last = braked.tau;
+        while drive.applied().braked {
+            let applied = *drive.step(&start(), &REST, Some(&heavy));
+            assert!(step_ratio(&last, &applied.tau) <= RETURN_RATE * 1e-3 + 1e-12);
+            last = applied.tau;
+            ticks += 1;
+            assert!(ticks < 20, "the torque builds up in a bounded time");
+        }
+        assert_eq!((last, drive.applied().drive), (heavy, DRIVE_ACTIVE), "released when the torque is there");
+        assert!(ticks > 3);
+    }
+
+    #[test]
+    fn a_return_from_stopping_is_ramped_too() {
+        let mut drive = drive();
+        let moving = Joints::repeat(1.0);
+        for _ in 0..10 {
+            drive.step(&start(), &moving, None);
+        }
+        let before = drive.applied().tau;
+        let command = before + arm().effort() * 0.35;
+        let applied = *drive.step(&start(), &moving, Some(&command));
+        assert_eq!(applied.drive, DRIVE_ACTIVE);
+        assert!((step_ratio(&before, &applied.tau) - 0.1).abs() < 1e-12, "{}", step_ratio(&before, &applied.tau));
+        assert_eq!(applied.flags & DRIVE_RATE, DRIVE_RATE);
+    }
+
+    #[test]
+    fn brakes_engage_in_bounded_time_even_if_rest_never_comes() {
+        let mut drive = drive();
+        let moving = Joints::repeat(1.0);
+        let ticks = (0..2000).find(|_| drive.step(&start(), &moving, None).braked);
+        assert_eq!(ticks, Some(3 + 1000));
+    }
+
+    #[test]
+    fn without_hold_ticks_the_arm_is_stopped_at_once() {
+        let mut drive = Drive::new(arm(), 1000, 0, &start());
+        assert_eq!(drive.step(&start(), &Joints::repeat(1.0), None).drive, DRIVE_STOPPING);
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn whatever_is_commanded_the_torque_is_finite_within_limits_and_bounded_in_step(
+            commands in proptest::collection::vec(proptest::option::of(proptest::array::uniform6(proptest::num::f64::ANY)), 1..60),
+            qdot in proptest::array::uniform6(-8.0f64..8.0),
+        ) {
+            let (mut drive, qdot) = (drive(), Joints::from(qdot));
+            for command in commands {
+                let before = drive.applied().tau;
+                let applied = *drive.step(&start(), &qdot, command.map(Joints::from).as_ref());
+                proptest::prop_assert!(applied.tau.iter().zip(arm().effort().iter()).all(|(t, e)| t.abs() <= *e));
+                proptest::prop_assert!(step_ratio(&before, &applied.tau) <= TORQUE_RATE * 1e-3 + 1e-12);
+            }
+        }
+    }
+}
