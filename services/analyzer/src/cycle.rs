@@ -1,0 +1,36 @@
+//! The analyzer's pure step: where the estimated posture is singular, or nearly.
+
+use control::{Analyzer, SetupError, wire};
+use model::{Model, Robot};
+use shared_types::scenario::Scenario;
+use shared_types::{SingularityReport, StateEstimate};
+
+/// One arm's analysis, tick by tick.
+#[derive(Clone, Debug)]
+pub struct Cycle<const N: usize> {
+    model: Model<N>,
+    analyzer: Analyzer<N>,
+}
+
+impl<const N: usize> Cycle<N> {
+    /// An analyzer for `robot` with the scenario's end-effector frame and thresholds.
+    ///
+    /// # Errors
+    /// [`SetupError`] where the robot does not have `N` joints, or no such frame.
+    pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, SetupError> {
+        let frame = (!scenario.frame.is_empty()).then_some(scenario.frame.as_str());
+        Ok(Self { model: Model::new(robot, frame)?, analyzer: Analyzer::new(robot, &scenario.analysis) })
+    }
+
+    /// Takes up the state that `last` carries: what a restarted analyzer does.
+    pub fn resume(&mut self, last: &SingularityReport) {
+        self.analyzer.restore(&last.resume);
+    }
+
+    /// The report for an estimate, at its tick. No allocation.
+    pub fn step(&mut self, estimate: &StateEstimate) -> SingularityReport {
+        let (q, qdot) = (wire::joints(&estimate.q), wire::joints(&estimate.qdot));
+        let report = self.analyzer.step(&q, &qdot, &self.model.evaluate(&q, &qdot));
+        wire::report_message(estimate.header.tick, &report, &self.analyzer)
+    }
+}

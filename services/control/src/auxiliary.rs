@@ -1,0 +1,151 @@
+//! One state machine and one rate loop per singularity: when operational control gives way, and how the auxiliary coordinate moves meanwhile.
+
+use crate::linear::smoothstep;
+use crate::reference::{Memory, Target};
+use crate::singular::Neighborhood;
+use crate::types::{Mode, Singularity};
+
+/// Time constant of the feed-forward's low-pass, s: without it encoder noise becomes torque.
+const FEED_FORWARD_LAG: f64 = 0.008;
+
+/// Fastest change of the error's share in β, 1/s: what an error can take back from operational control in one tick.
+const TRUST_RATE: f64 = 30.0;
+
+/// Beyond η_out by this factor the singularity is left for good.
+const LEFT: f64 = 1.05;
+
+/// Gains and bounds of one auxiliary loop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gains {
+    /// Position gain, 1/s.
+    pub k: f64,
+    /// Rate gain, 1/s.
+    pub k_v: f64,
+    /// Largest rate, rad/s.
+    pub rate_max: f64,
+    /// Largest change of rate, rad/s².
+    pub slew: f64,
+}
+
+/// What the loop at one singularity remembers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Loop {
+    /// What it does.
+    pub mode: Mode,
+    /// Rate commanded, rad/s.
+    pub rate: f64,
+    /// Low-passed change of it, rad/s².
+    pub feed_forward: f64,
+    /// The error's share in β, 0 to 1.
+    pub trust: f64,
+    /// What the reference remembers.
+    pub memory: Memory,
+}
+
+/// What the loop asks of the solve.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Demand {
+    /// 1: operational control along ζ; 0: auxiliary control instead.
+    pub beta: f64,
+    /// Auxiliary acceleration, rad/s².
+    pub acceleration: f64,
+    /// Auxiliary rate wanted over the largest one.
+    pub load: f64,
+}
+
+impl Default for Loop {
+    fn default() -> Self {
+        Self { mode: Mode::Regular, rate: 0.0, feed_forward: 0.0, trust: 1.0, memory: Memory::default() }
+    }
+}
+
+impl Loop {
+    /// Whether this singularity takes part in the solve.
+    #[must_use]
+    pub fn engaged(&self) -> bool {
+        self.mode != Mode::Regular
+    }
+
+    /// One tick.
+    ///
+    /// β = smoothstep((|s| − η_in)/(η_out − η_in)) · (1 − smoothstep((|e| − 0.02)/0.08)), the second factor limited in rate so that β never jumps.
+    /// rate_cmd = slew(sat(rate + K·e)); acceleration = k_v(rate_cmd − rate) + low-passed change of rate_cmd.
+    pub fn step<const N: usize>(&mut self, s: &Singularity<N>, target: &Target, gains: &Gains, dt: f64) -> Demand {
+        let neighborhood = Neighborhood { eta_in: s.eta_in, eta_out: s.eta_out };
+        let error = target.error * target.weight;
+        let gone = 1.0 - smoothstep((error.abs() - 0.02) / 0.08);
+        self.mode = self.next(s, target);
+        if !self.engaged() {
+            *self = Self { memory: self.memory, rate: s.aux_rate, ..Self::default() };
+            return Demand { beta: 1.0, acceleration: 0.0, load: 0.0 };
+        }
+        self.trust += (gone - self.trust).clamp(-TRUST_RATE * dt, TRUST_RATE * dt);
+        let wanted = target.rate + gains.k * error;
+        let bounded = wanted.clamp(-gains.rate_max, gains.rate_max);
+        let change = (bounded - self.rate).clamp(-gains.slew * dt, gains.slew * dt);
+        self.rate += change;
+        self.feed_forward += (change / dt - self.feed_forward) * dt / (FEED_FORWARD_LAG + dt);
+        let beta = neighborhood.openness(s.s) * self.trust;
+        Demand {
+            beta,
+            acceleration: gains.k_v * (self.rate - s.aux_rate) + self.feed_forward,
+            load: (1.0 - beta) * wanted.abs() / gains.rate_max,
+        }
+    }
+
+    /// REGULAR → BLEND → {TRACK, PASS, HOLD, REORIENT, SLIDE} → RECOVER → REGULAR: no edge without hysteresis.
+    fn next<const N: usize>(&self, s: &Singularity<N>, target: &Target) -> Mode {
+        let size = s.s.abs();
+        match self.mode {
+            _ if s.inside => target.mode,
+            Mode::Regular if size < s.eta_out => Mode::Blend,
+            Mode::Regular => Mode::Regular,
+            Mode::Blend if size > LEFT * s.eta_out && self.trust >= 1.0 => Mode::Regular,
+            Mode::Blend => Mode::Blend,
+            _ if size > LEFT * s.eta_out && self.trust >= 1.0 => Mode::Regular,
+            _ => Mode::Recover,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn singularity(s: f64, inside: bool) -> Singularity<6> {
+        Singularity { s, inside, eta_in: 0.1, eta_out: 0.2, ..Singularity::none() }
+    }
+
+    const GAINS: Gains = Gains { k: 12.0, k_v: 40.0, rate_max: 3.0, slew: 50.0 };
+
+    #[test]
+    fn in_and_out_visits_every_state_in_order() {
+        let mut state = Loop::default();
+        let target = Target { error: 0.0, weight: 1.0, mode: Mode::Track, ..Target::default() };
+        let mut seen = vec![];
+        let neighborhood = Neighborhood { eta_in: 0.1, eta_out: 0.2 };
+        let mut inside = false;
+        for k in -400..400 {
+            let s = f64::from(k) * 1e-3;
+            inside = neighborhood.update(inside, s);
+            state.step(&singularity(s, inside), &target, &GAINS, 1e-3);
+            if seen.last() != Some(&state.mode) {
+                seen.push(state.mode);
+            }
+        }
+        assert_eq!(seen, [Mode::Regular, Mode::Blend, Mode::Track, Mode::Recover, Mode::Regular]);
+    }
+
+    #[test]
+    fn beta_never_jumps_even_when_the_error_does() {
+        let mut state = Loop::default();
+        let mut last = 1.0;
+        for k in 0..600 {
+            let error = if k % 100 < 50 { 0.5 } else { 0.0 };
+            let target = Target { error, weight: 1.0, mode: Mode::Track, ..Target::default() };
+            let beta = state.step(&singularity(0.199, false), &target, &GAINS, 1e-3).beta;
+            assert!((beta - last).abs() < 0.035, "tick {k}: {last} to {beta}");
+            last = beta;
+        }
+    }
+}

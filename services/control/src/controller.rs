@@ -1,0 +1,540 @@
+//! The controller: one tick from state and singularity report to torque.
+
+use crate::MAX_SINGULARITIES;
+use crate::auxiliary::{Demand, Gains, Loop};
+use crate::centre::AtCentre;
+use crate::governor::Governor;
+use crate::law::{Active, Actives, LawError, Torques, Wanted, blended, chang_khatib};
+use crate::linear::{angular, clamp_norm, linear, rotation_log, stack};
+use crate::reference::{Charts, Memory, Situation, Target};
+use crate::saturation::limit;
+use crate::singular::{Analyzer, PumaFactors};
+use crate::trajectory::{Path, PathError, Progress};
+use crate::types::{Command, Kind, Mode, Phase, Report, Singularity};
+use model::{Factors, Model, ModelError, Pose, Robot, Terms};
+use nalgebra::{Matrix3, SVector, Vector3, Vector6};
+use shared_types::scenario::{Control, Scenario, Strategy};
+
+/// Largest position error that feedback answers to, m: the goal may be farther away than the arm can be asked to hurry.
+const POSITION_ERROR_MAX: f64 = 0.05;
+/// Largest orientation error that feedback answers to, rad.
+const ORIENTATION_ERROR_MAX: f64 = 0.25;
+/// Distance that a planned null-space motion keeps from joint limits, rad.
+const LIMIT_MARGIN: f64 = 0.03;
+
+/// Why a scenario cannot be controlled.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SetupError {
+    /// No model of this size, or no such frame.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// The task is not a path.
+    #[error(transparent)]
+    Path(#[from] PathError),
+    /// The start posture does not fit the arm.
+    #[error("the start posture has {actual} joints, robot '{robot}' has {expected}")]
+    StartLength {
+        /// The robot's name.
+        robot: String,
+        /// Its number of joints.
+        expected: usize,
+        /// The posture's.
+        actual: usize,
+    },
+    /// The start posture has no such name.
+    #[error("robot '{robot}' has no posture '{posture}'; it knows {known}")]
+    UnknownPosture {
+        /// The robot's name.
+        robot: String,
+        /// The name asked for.
+        posture: String,
+        /// The names there are.
+        known: String,
+    },
+    /// The start posture lies outside the joint limits.
+    #[error("joint {joint} starts at {value:.4} rad, outside its limits {lower:.4} to {upper:.4} rad: choose a posture within them")]
+    StartLimit {
+        /// Number of the joint, from 1.
+        joint: usize,
+        /// Where it starts, rad.
+        value: f64,
+        /// Lower limit, rad.
+        lower: f64,
+        /// Upper limit, rad.
+        upper: f64,
+    },
+}
+
+/// The start posture of a scenario, rad.
+///
+/// # Errors
+/// [`SetupError`] if it does not fit the robot or lies outside its limits.
+pub fn start_posture<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<SVector<f64, N>, SetupError> {
+    let start = &scenario.start;
+    let values: Vec<f64> = if let Some(q) = &start.q_rad {
+        q.clone()
+    } else if let Some(q) = &start.q_deg {
+        q.iter().map(|q| q.to_radians()).collect()
+    } else {
+        let posture = start.posture.clone().unwrap_or_default();
+        robot.postures.get(&posture).cloned().ok_or_else(|| SetupError::UnknownPosture {
+            robot: robot.name.clone(),
+            posture,
+            known: robot.postures.keys().cloned().collect::<Vec<_>>().join(", "),
+        })?
+    };
+    if values.len() != N {
+        return Err(SetupError::StartLength { robot: robot.name.clone(), expected: N, actual: values.len() });
+    }
+    for (i, (value, joint)) in values.iter().zip(&robot.joints).enumerate() {
+        if !(*value >= joint.lower && *value <= joint.upper) {
+            return Err(SetupError::StartLimit { joint: i + 1, value: *value, lower: joint.lower, upper: joint.upper });
+        }
+    }
+    Ok(SVector::from_column_slice(&values))
+}
+
+/// A null-space turn of ζ that is under way.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Turn {
+    /// ζ when it began.
+    from: Vector3<f64>,
+    /// The whole angle, rad.
+    angle: f64,
+    /// Whether it has begun.
+    begun: bool,
+}
+
+/// What the controller remembers from tick to tick: all of it travels in `resume`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct State {
+    progress: Progress,
+    governor: Governor,
+    loops: [Loop; MAX_SINGULARITIES],
+    turn: Turn,
+    refused: bool,
+    path_time_s: f64,
+}
+
+/// The control law of one arm and one task.
+#[derive(Clone, Debug)]
+pub struct Controller<const N: usize> {
+    model: Model<N>,
+    path: Path,
+    charts: Charts,
+    control: Control,
+    task: [bool; 6],
+    length_m: f64,
+    dt: f64,
+    settle_s: f64,
+    q_start: SVector<f64, N>,
+    state: State,
+}
+
+impl<const N: usize> Controller<N> {
+    /// A controller at the start of its task.
+    ///
+    /// # Errors
+    /// [`SetupError`] if the scenario does not fit the robot.
+    pub fn new(model: Model<N>, robot: &Robot, scenario: &Scenario, q_start: SVector<f64, N>) -> Result<Self, SetupError> {
+        let rest = model.evaluate(&q_start, &SVector::zeros());
+        let report = Analyzer::new(robot, &scenario.analysis).step(&q_start, &SVector::zeros(), &rest);
+        let charts = match robot.factors {
+            Factors::Puma { a2, a3, d4 } if !scenario.analysis.numeric => Charts::Puma(PumaFactors::new(a2, a3, d4)),
+            _ => Charts::Numeric,
+        };
+        Ok(Self {
+            path: Path::new(scenario, &report)?,
+            charts,
+            control: scenario.control.clone(),
+            task: robot.task.0,
+            length_m: robot.length_m,
+            dt: scenario.dt_s(),
+            settle_s: scenario.settle_s,
+            q_start,
+            state: State {
+                progress: Progress::at(rest.X_BE),
+                governor: Governor::default(),
+                loops: [Loop::default(); MAX_SINGULARITIES],
+                turn: Turn::default(),
+                refused: false,
+                path_time_s: 0.0,
+            },
+            model,
+        })
+    }
+
+    /// One tick: the torque for this state.
+    ///
+    /// `tau_disturbance` is the torque on the joints that the model does not explain; it is compensated where the scenario says so.
+    /// Requires `report` to be the analysis of this very state. Ensures finite torques within the limits for any data: where the law has no answer
+    /// it refuses, and the torque brings the arm to rest from then on. Cost about 3 µs for six joints, no allocation.
+    pub fn step(
+        &mut self,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        tau_disturbance: &SVector<f64, N>,
+        report: &Report<N>,
+    ) -> Command<N> {
+        if self.state.refused || !q.iter().chain(qdot).chain(tau_disturbance).all(|x| x.is_finite()) {
+            return self.refuse(q, qdot);
+        }
+        let terms = self.model.evaluate(q, qdot);
+        // On a copy: a tick that is refused half-way leaves no half-made state.
+        let mut state = self.state;
+        match self.tick(&mut state, q, qdot, &terms, tau_disturbance, report) {
+            Ok(command) if command.tau.iter().all(|x| x.is_finite()) => {
+                self.state = state;
+                command
+            }
+            _ => self.refuse(q, qdot),
+        }
+    }
+
+    /// Refuses to go on, from now on: for what is wrong before the law is asked.
+    pub fn refuse(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> Command<N> {
+        self.state.refused = true;
+        if q.iter().chain(qdot).all(|x| x.is_finite()) {
+            self.refusal(Some((&self.model.evaluate(q, qdot), qdot)))
+        } else {
+            self.refusal(None)
+        }
+    }
+
+    fn tick(
+        &self,
+        state: &mut State,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        terms: &Terms<N>,
+        tau_disturbance: &SVector<f64, N>,
+        report: &Report<N>,
+    ) -> Result<Command<N>, LawError> {
+        // The desired motion, at E and at C.
+        let before = state.progress.leg;
+        self.path.advance(&mut state.progress, 0.0, report);
+        if state.progress.leg != before {
+            state.turn.begun = false;
+        }
+        let rate = state.governor.rate;
+        let desired_E = self.path.desired(&state.progress, rate, state.governor.rate_dot);
+        let nominal_E = self.path.desired(&state.progress, 1.0, 0.0);
+        let p_EC = terms.X_BE.R.transpose() * (report.p_BC - terms.X_BE.p);
+        let (desired, nominal) = (desired_E.at(&p_EC), nominal_E.at(&p_EC));
+        let at = AtCentre::new(terms, &report.p_BC, &terms.omega[N - 1]);
+
+        let turn_error = rotation_log(&(desired.R * terms.X_BE.R.transpose()));
+        let error = stack(&(desired.p - at.p), &turn_error);
+        let V = at.J * qdot;
+        let feedback = stack(&clamp_norm(linear(&error), POSITION_ERROR_MAX), &clamp_norm(turn_error, ORIENTATION_ERROR_MAX));
+        let a = desired.a + (desired.V - V) * self.control.k_v + feedback * self.control.k_p;
+
+        // The auxiliary coordinates.
+        let leg = self.path.leg(state.progress.leg).copied();
+        let mut actives = Actives::none();
+        let mut telemetry = Telemetry::default();
+        let mut load = 0.0_f64;
+        for (i, singularity) in report.meant().iter().enumerate() {
+            let situation = Situation {
+                q,
+                terms,
+                at: &at,
+                desired: &desired,
+                V_nominal: &nominal.V,
+                error: &error,
+                lower: self.model.lower(),
+                upper: self.model.upper(),
+                branch: leg.map_or(0, |leg| leg.branch),
+                rate_max: self.rate_max(i),
+                pass_ratio: if self.control.governor { 4.0 } else { 1.8 },
+            };
+            let mut target = self.charts.target(singularity, &situation, &mut state.loops[i].memory);
+            if let Some((place, angle)) = leg.and_then(|leg| leg.reorient)
+                && place == i
+            {
+                target = self.reorient(state, singularity, q, angle);
+            }
+            let gains = Gains { k: self.control.k_aux, k_v: self.control.k_v, rate_max: self.rate_max(i), slew: self.slew(i) };
+            let demand = match self.control.strategy {
+                Strategy::ChangKhatib => hard_switch(&mut state.loops[i], singularity, &target, &gains, self.dt),
+                _ => state.loops[i].step(singularity, &target, &gains, self.dt),
+            };
+            load = load.max(demand.load);
+            telemetry.note(i, &state.loops[i], singularity, &target, &demand);
+            if state.loops[i].engaged() {
+                actives.push(Active {
+                    zeta_B: singularity.zeta_B,
+                    gain: singularity.gain,
+                    beta: demand.beta,
+                    aux_row: singularity.aux_row,
+                    aux_acceleration: demand.acceleration - singularity.aux_bias,
+                    aux_rate: state.loops[i].rate,
+                });
+            }
+        }
+
+        // The torque.
+        let wanted = Wanted {
+            A: &terms.A,
+            at: &at,
+            task: self.task,
+            a,
+            a_path: self.along_path(&nominal.V, &a),
+            V: nominal.V,
+            posture: (self.q_start - q) * (0.25 * self.control.k_p) - qdot * self.control.k_v,
+        };
+        let torques = self.torques(&wanted, &actives)?;
+        let mut bias = terms.bias();
+        if self.control.compensate_disturbance {
+            bias -= tau_disturbance;
+        }
+        let limited = limit(&bias, &torques, self.model.effort());
+
+        // The clock for the next tick.
+        if self.control.governor {
+            for i in 0..N {
+                load = load.max(torques.qdot_nominal[i].abs() / self.model.velocity()[i]);
+            }
+            // Torque is not proportional to the clock's speed; asking for a share less each tick is.
+            load = load.max(limited.load / rate);
+            state.governor.step(load, self.dt);
+        }
+        let phase = match (leg, state.progress.time_s < self.settle_s) {
+            (Some(_), _) => Phase::Running,
+            (None, true) => Phase::Settling,
+            (None, false) => Phase::Done,
+        };
+        let command = Command {
+            tau: limited.tau,
+            tau_task: limited.task,
+            tau_null: limited.null,
+            R_BE_d: desired_E.R,
+            p_BE_d: desired_E.p,
+            V_BE_d: desired_E.V,
+            error: stack(&(desired_E.p - terms.X_BE.p), &turn_error),
+            path_time_s: state.path_time_s,
+            time_scale: rate,
+            null_scale: limited.null_scale,
+            task_scale: limited.task_scale,
+            beta: telemetry.beta,
+            aux_d: telemetry.aux_d,
+            aux_rate_d: telemetry.aux_rate_d,
+            mode: telemetry.mode,
+            segment: state.progress.leg as u32,
+            phase,
+            saturation_mask: limited.mask,
+            clipped: telemetry.clipped,
+        };
+        state.progress.time_s += rate * self.dt;
+        state.path_time_s += rate * self.dt;
+        Ok(command)
+    }
+
+    fn torques(&self, wanted: &Wanted<'_, N>, actives: &Actives<N>) -> Result<Torques<N>, LawError> {
+        match self.control.strategy {
+            Strategy::ChangKhatib if !actives.is_empty() => chang_khatib::torques(wanted, actives),
+            _ => blended::torques(wanted, actives),
+        }
+    }
+
+    /// The share of `a` along the path's twist, metres made radians by the arm's length.
+    fn along_path(&self, V: &Vector6<f64>, a: &Vector6<f64>) -> Vector6<f64> {
+        let L2 = self.length_m * self.length_m;
+        let dot = |x: &Vector6<f64>, y: &Vector6<f64>| linear(x).dot(&linear(y)) / L2 + angular(x).dot(&angular(y));
+        let size = dot(V, V);
+        if size < 1e-8 { Vector6::zeros() } else { V * (dot(V, a) / size) }
+    }
+
+    /// Turning ζ by a commanded profile; the other way round where joint limits force it and the goal is the same line.
+    fn reorient(&self, state: &mut State, s: &Singularity<N>, q: &SVector<f64, N>, angle: f64) -> Target {
+        if !state.turn.begun {
+            let fits = |angle: f64| self.turn_fits(s.kind, q, angle);
+            let other = angle - std::f64::consts::PI.copysign(angle);
+            let angle = if !fits(angle) && fits(other) { other } else { angle };
+            state.turn = Turn { from: s.axis(), angle, begun: true };
+        }
+        let [x, v, _] = self.path.fraction(&state.progress);
+        let turned = turned(s, &state.turn.from);
+        let wanted = state.turn.angle * x;
+        // `turned` is known up to whole turns: the one nearest to what is wanted.
+        let error = crate::linear::wrap_angle(wanted - turned);
+        Target { error, rate: state.turn.angle * v * state.governor.rate, weight: 1.0, mode: Mode::Reorient, clipped: false }
+    }
+
+    /// Whether the joints that turn ζ stay within their limits.
+    fn turn_fits(&self, kind: Kind, q: &SVector<f64, N>, angle: f64) -> bool {
+        let fits = |i: usize, by: f64| {
+            let end = q[i] + by;
+            end > self.model.lower()[i] + LIMIT_MARGIN && end < self.model.upper()[i] - LIMIT_MARGIN
+        };
+        match kind {
+            Kind::Wrist => fits(3, angle) && fits(5, -angle),
+            Kind::Overhead => fits(0, angle),
+            Kind::Elbow | Kind::Numeric => true,
+        }
+    }
+
+    /// Thresholds and bounds are given for elbow, wrist and overhead; any further singularity takes the last.
+    fn rate_max(&self, i: usize) -> f64 {
+        self.control.aux_rate_max[i.min(2)]
+    }
+
+    fn slew(&self, i: usize) -> f64 {
+        self.control.aux_slew[i.min(2)]
+    }
+
+    /// Gravity held and motion damped, within the limits; nothing at all where the state itself is not known.
+    fn refusal(&self, known: Option<(&Terms<N>, &SVector<f64, N>)>) -> Command<N> {
+        let limits = self.model.effort();
+        let mut tau = known.map_or_else(SVector::zeros, |(terms, qdot)| {
+            terms.gravity - SVector::<f64, N>::from_fn(|i, _| terms.A[(i, i)] * 0.5 * self.control.k_v * qdot[i])
+        });
+        if !tau.iter().all(|x| x.is_finite()) {
+            tau = SVector::zeros();
+        }
+        let mut mask = 0;
+        for i in 0..N {
+            if tau[i].abs() >= limits[i] {
+                mask |= 1 << i;
+                tau[i] = tau[i].clamp(-limits[i], limits[i]);
+            }
+        }
+        let start = self.state.progress.start;
+        Command {
+            tau,
+            tau_task: tau,
+            tau_null: SVector::zeros(),
+            R_BE_d: start.R,
+            p_BE_d: start.p,
+            V_BE_d: Vector6::zeros(),
+            error: Vector6::zeros(),
+            path_time_s: self.state.path_time_s,
+            time_scale: 0.0,
+            null_scale: 0.0,
+            task_scale: 0.0,
+            beta: [1.0; MAX_SINGULARITIES],
+            aux_d: [0.0; MAX_SINGULARITIES],
+            aux_rate_d: [0.0; MAX_SINGULARITIES],
+            mode: [Mode::Regular; MAX_SINGULARITIES],
+            segment: self.state.progress.leg as u32,
+            phase: Phase::Refused,
+            saturation_mask: mask,
+            clipped: false,
+        }
+    }
+
+    /// What must survive a restart, for the message's `resume`.
+    #[must_use]
+    pub fn state(&self) -> [f64; 64] {
+        let mut out = Packer { values: [0.0; 64], at: 0 };
+        let State { progress, governor, loops, turn, refused, path_time_s } = &self.state;
+        out.put(progress.leg as f64);
+        out.put(progress.time_s);
+        out.put(flag(progress.begun));
+        progress.start.R.iter().chain(progress.start.p.iter()).for_each(|x| out.put(*x));
+        progress.by.iter().chain(progress.turn.iter()).for_each(|x| out.put(*x));
+        out.put(governor.rate);
+        out.put(governor.rate_dot);
+        turn.from.iter().for_each(|x| out.put(*x));
+        out.put(turn.angle);
+        out.put(flag(turn.begun));
+        out.put(flag(*refused));
+        out.put(*path_time_s);
+        for one in loops {
+            let flags = flag(one.memory.passing) + 2.0 * flag(one.memory.holding) + 4.0 * (one.memory.side + 1.0);
+            out.put(f64::from(one.mode.code()) + 32.0 * flags);
+            out.put(one.rate);
+            out.put(one.feed_forward);
+            out.put(one.trust);
+        }
+        out.values
+    }
+
+    /// Takes [`state`](Self::state) back: the next tick continues as if nothing had happened.
+    pub fn restore(&mut self, state: &[f64; 64]) {
+        let mut from = state.iter().copied();
+        let mut get = || from.next().unwrap_or(0.0);
+        let (leg, time_s, begun) = (get() as usize, get(), get() != 0.0);
+        let R = Matrix3::from_iterator((0..9).map(|_| get()));
+        let mut vector = || Vector3::from_fn(|_, _| get());
+        let (p, by, turn) = (vector(), vector(), vector());
+        self.state.progress = Progress { leg, time_s, begun, start: Pose { R, p }, by, turn };
+        self.state.governor = Governor { rate: get(), rate_dot: get() };
+        self.state.turn = Turn { from: Vector3::from_fn(|_, _| get()), angle: get(), begun: get() != 0.0 };
+        self.state.refused = get() != 0.0;
+        self.state.path_time_s = get();
+        for one in &mut self.state.loops {
+            let packed = get() as u32;
+            let flags = packed / 32;
+            let memory = Memory { passing: flags & 1 != 0, holding: flags & 2 != 0, side: f64::from(flags / 4) - 1.0 };
+            let mode = Mode::from_code(packed % 32).unwrap_or_default();
+            *one = Loop { mode, rate: get(), feed_forward: get(), trust: get(), memory };
+        }
+    }
+}
+
+/// The paper's hard switching: the singular direction is given up whole inside |s| ≤ η, and taken back whole outside.
+fn hard_switch<const N: usize>(state: &mut Loop, s: &Singularity<N>, target: &Target, gains: &Gains, dt: f64) -> Demand {
+    let inside = s.s.abs() <= s.eta_in;
+    let exact = Singularity { inside, eta_out: s.eta_in, ..*s };
+    if !inside {
+        *state = Loop { memory: state.memory, rate: s.aux_rate, ..Loop::default() };
+        return Demand { beta: 1.0, acceleration: 0.0, load: 0.0 };
+    }
+    let demand = state.step(&exact, target, gains, dt);
+    Demand { beta: 0.0, ..demand }
+}
+
+/// Angle through which ζ has turned since `from`, in (−π, π], about the axis that the singular frame's second vector is.
+fn turned<const N: usize>(s: &Singularity<N>, from: &Vector3<f64>) -> f64 {
+    let (zeta, axis) = (s.axis(), s.R_BS.column(1).into_owned());
+    libm::atan2(axis.dot(&from.cross(&zeta)), from.dot(&zeta))
+}
+
+fn flag(x: bool) -> f64 {
+    f64::from(u8::from(x))
+}
+
+struct Packer {
+    values: [f64; 64],
+    at: usize,
+}
+
+impl Packer {
+    fn put(&mut self, x: f64) {
+        self.values[self.at] = x;
+        self.at += 1;
+    }
+}
+
+/// What the message says per singularity.
+#[derive(Clone, Copy, Debug)]
+struct Telemetry {
+    beta: [f64; MAX_SINGULARITIES],
+    aux_d: [f64; MAX_SINGULARITIES],
+    aux_rate_d: [f64; MAX_SINGULARITIES],
+    mode: [Mode; MAX_SINGULARITIES],
+    clipped: bool,
+}
+
+impl Default for Telemetry {
+    fn default() -> Self {
+        Self {
+            beta: [1.0; MAX_SINGULARITIES],
+            aux_d: [0.0; MAX_SINGULARITIES],
+            aux_rate_d: [0.0; MAX_SINGULARITIES],
+            mode: [Mode::Regular; MAX_SINGULARITIES],
+            clipped: false,
+        }
+    }
+}
+
+impl Telemetry {
+    fn note<const N: usize>(&mut self, i: usize, state: &Loop, s: &Singularity<N>, target: &Target, demand: &Demand) {
+        self.beta[i] = demand.beta;
+        self.aux_d[i] = s.aux + target.error * target.weight;
+        self.aux_rate_d[i] = state.rate;
+        self.mode[i] = state.mode;
+        self.clipped |= state.engaged() && target.clipped;
+    }
+}

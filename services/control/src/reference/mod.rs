@@ -1,0 +1,116 @@
+//! What the auxiliary coordinate of a singularity should do, so that the desired pose is met as soon as the arm can meet it.
+//!
+//! Type 1: the coordinate whose square is the distance to the boundary, from the distance that is desired. Type 2: the angle of ζ, from the
+//! direction in which the desired motion leaves the singularity. Arms without formulas use [`numeric`], from the report alone.
+
+mod elbow;
+mod numeric;
+mod overhead;
+mod wrist;
+
+use crate::centre::{AtCentre, PoseMotion};
+use crate::linear::wrap_line;
+use crate::singular::PumaFactors;
+use crate::types::{Kind, Mode, Singularity};
+use model::Terms;
+use nalgebra::{SVector, Vector3, Vector6};
+
+/// What a reference is computed from.
+#[derive(Clone, Copy, Debug)]
+pub struct Situation<'a, const N: usize> {
+    /// Joint positions, rad.
+    pub q: &'a SVector<f64, N>,
+    /// The model's terms.
+    pub terms: &'a Terms<N>,
+    /// Kinematics at C.
+    pub at: &'a AtCentre<N>,
+    /// Desired motion of C.
+    pub desired: &'a PoseMotion,
+    /// Its twist if the clock ran at full speed.
+    pub V_nominal: &'a Vector6<f64>,
+    /// Pose error at C, `[p_d − p; log(R_d Rᵀ)]`.
+    pub error: &'a Vector6<f64>,
+    /// Joint limits, rad.
+    pub lower: &'a SVector<f64, N>,
+    /// Joint limits, rad.
+    pub upper: &'a SVector<f64, N>,
+    /// Posture to leave a Type 1 singularity in: −1, +1, or 0 to keep.
+    pub branch: i32,
+    /// Largest auxiliary rate, rad/s.
+    pub rate_max: f64,
+    /// Predicted rate over `rate_max` above which a Type 2 singularity is passed through instead of tracked.
+    pub pass_ratio: f64,
+}
+
+/// What a reference remembers from tick to tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Memory {
+    /// Side of a fold: −1 or +1; 0 before the first tick.
+    pub side: f64,
+    /// Passing through with ζ off the direction of travel.
+    pub passing: bool,
+    /// The desired motion says nothing about ζ.
+    pub holding: bool,
+}
+
+/// Where the auxiliary coordinate should be.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Target {
+    /// Reference minus present value, rad.
+    pub error: f64,
+    /// Rate of the reference, rad/s.
+    pub rate: f64,
+    /// How much the error is to be believed, 0 to 1.
+    pub weight: f64,
+    /// What this amounts to, while inside.
+    pub mode: Mode,
+    /// The desired pose is beyond reach.
+    pub clipped: bool,
+}
+
+/// Computes targets: by formula where the arm has one, else from the report.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Charts {
+    /// A PUMA's.
+    Puma(PumaFactors),
+    /// Any arm's.
+    Numeric,
+}
+
+impl Charts {
+    /// The target of one singularity's auxiliary coordinate.
+    pub fn target<const N: usize>(&self, singularity: &Singularity<N>, at: &Situation<'_, N>, memory: &mut Memory) -> Target {
+        match (self, singularity.kind) {
+            (Self::Puma(puma), Kind::Elbow) => elbow::target(puma, singularity, at, memory),
+            (Self::Puma(_), Kind::Wrist) => wrist::target(at, memory),
+            (Self::Puma(puma), Kind::Overhead) => overhead::target(puma, at, memory),
+            _ => numeric::target(singularity, at, memory),
+        }
+    }
+}
+
+/// Decides whether to track ζ or to pass through, from the way the desired motion leaves the singularity.
+///
+/// `w` is where the desired motion is, seen from the singularity, and `w_rate` how it moves, both in the plane normal to `normal`, on a
+/// straight line that passes the singularity at a distance h: the fastest turn of its direction is |ẇ|/h. Passing begins when that exceeds
+/// `pass_ratio`·`rate_max` on the way in, and ends when the direction turns slowly enough again.
+fn pass(w: &Vector3<f64>, w_rate: &Vector3<f64>, normal: &Vector3<f64>, near: bool, rate_max: f64, ratio: f64, was: bool) -> bool {
+    let speed = w_rate.norm();
+    if speed < 1e-3 {
+        return was;
+    }
+    let moment = normal.dot(&w.cross(w_rate)).abs();
+    let worst = speed * speed / moment.max(1e-12);
+    let now = moment / w.norm_squared().max(1e-12);
+    let approaching = w.dot(w_rate) < 0.0;
+    if was {
+        (approaching && worst > 0.7 * ratio * rate_max) || now > 0.7 * rate_max
+    } else {
+        near && approaching && worst > ratio * rate_max
+    }
+}
+
+/// The smallest turn that brings the direction `from` onto the line of `to`, about `normal`, in (−π/2, π/2].
+fn line_angle(from: &Vector3<f64>, to: &Vector3<f64>, normal: &Vector3<f64>) -> f64 {
+    wrap_line(libm::atan2(normal.dot(&from.cross(to)), from.dot(to)))
+}

@@ -1,0 +1,237 @@
+//! What the tests share: arms, random postures, and an exact plant to close the loop with.
+
+use crate::linear::stack;
+use crate::types::{Command, Mode, Phase, Report};
+use crate::{Analyzer, Controller};
+use model::{Model, Robot};
+use nalgebra::{SVector, Vector6};
+use proptest::prelude::*;
+use shared_types::scenario::Scenario;
+use std::collections::BTreeMap;
+use std::sync::OnceLock;
+
+/// A built-in robot.
+pub(crate) fn robot(name: &str) -> &'static Robot {
+    static ROBOTS: OnceLock<BTreeMap<&'static str, Robot>> = OnceLock::new();
+    let names = ["puma560", "puma560-ideal", "planar3r"];
+    &ROBOTS.get_or_init(|| names.into_iter().map(|name| (name, Robot::builtin(name).unwrap())).collect())[name]
+}
+
+pub(crate) fn puma() -> &'static Model<6> {
+    static MODEL: OnceLock<Model<6>> = OnceLock::new();
+    MODEL.get_or_init(|| Model::new(robot("puma560"), None).unwrap())
+}
+
+pub(crate) fn three_r() -> &'static Model<3> {
+    static MODEL: OnceLock<Model<3>> = OnceLock::new();
+    MODEL.get_or_init(|| Model::new(robot("planar3r"), None).unwrap())
+}
+
+/// Any posture within the limits (within a turn where there are none).
+pub(crate) fn posture<const N: usize>(model: &Model<N>) -> impl Strategy<Value = SVector<f64, N>> {
+    let (lower, upper) = (*model.lower(), *model.upper());
+    prop::collection::vec(0.0..1.0_f64, N)
+        .prop_map(move |x| SVector::from_fn(|i, _| lower[i].max(-3.2) + x[i] * (upper[i].min(3.2) - lower[i].max(-3.2))))
+}
+
+/// A scenario file of the product.
+pub(crate) fn scenario(text: &str, settings: &[&str]) -> Scenario {
+    let settings: Vec<String> = settings.iter().map(|s| (*s).to_owned()).collect();
+    Scenario::parse("test.toml", text, &settings).unwrap()
+}
+
+/// How the loop is closed in a test.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Plant {
+    /// Bits per turn of noisy encoders (half a count of noise, seeded) read through an observer; 0: exact state.
+    pub(crate) encoder_bits: u32,
+    /// Factor on every mass and inertia of the true arm; 0: none.
+    pub(crate) mass_factor: f64,
+}
+
+/// What happened at one tick.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Tick<const N: usize> {
+    pub(crate) q: SVector<f64, N>,
+    pub(crate) report: Report<N>,
+    pub(crate) command: Command<N>,
+    /// True pose minus desired pose, `[p_d − p; log(R_d Rᵀ)]`.
+    pub(crate) error: Vector6<f64>,
+}
+
+impl<const N: usize> Tick<N> {
+    /// Error along the engaged singular directions, and across them: (mm, deg) each.
+    pub(crate) fn split(&self) -> ([f64; 2], [f64; 2]) {
+        let (mut linear, mut angular) = (crate::linear::linear(&self.error), crate::linear::angular(&self.error));
+        let (e, w) = (linear, angular);
+        for (i, s) in self.report.meant().iter().enumerate() {
+            if self.command.mode[i] == Mode::Regular {
+                continue;
+            }
+            let axis = s.axis();
+            if s.angular {
+                angular -= axis * axis.dot(&angular);
+            } else {
+                linear -= axis * axis.dot(&linear);
+            }
+        }
+        let unit = |p: f64, o: f64| [p * 1e3, o.to_degrees()];
+        (unit((e - linear).norm(), (w - angular).norm()), unit(linear.norm(), angular.norm()))
+    }
+}
+
+/// The figures of a whole run.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Figures {
+    pub(crate) along_mm: f64,
+    pub(crate) along_deg: f64,
+    pub(crate) across_mm: f64,
+    pub(crate) across_deg: f64,
+    pub(crate) final_mm: f64,
+    pub(crate) final_deg: f64,
+    pub(crate) speed: f64,
+    pub(crate) torque: f64,
+    pub(crate) torque_step: f64,
+    pub(crate) torque_step_p95: f64,
+    pub(crate) saturated_ticks: usize,
+    pub(crate) stretch: f64,
+    pub(crate) switches: usize,
+    pub(crate) refused: bool,
+    pub(crate) limit_violated: bool,
+}
+
+/// A run in one thread: analyzer, controller and an exact plant (RK4 at the control rate).
+pub(crate) fn run<const N: usize>(scenario: &Scenario, plant: Plant, mut each: impl FnMut(usize, &Tick<N>)) -> Figures {
+    let robot = robot(&scenario.robot);
+    let frame = (!scenario.frame.is_empty()).then_some(scenario.frame.as_str());
+    let model = Model::<N>::new(robot, frame).unwrap();
+    let truth = if plant.mass_factor > 0.0 { Model::new(&heavier(robot, plant.mass_factor), frame).unwrap() } else { model.clone() };
+    let q_start = crate::start_posture::<N>(robot, scenario).unwrap();
+    let mut analyzer = Analyzer::new(robot, &scenario.analysis);
+    let mut controller = Controller::new(model.clone(), robot, scenario, q_start).unwrap();
+    let (mut q, mut qdot) = (q_start, SVector::<f64, N>::zeros());
+    let mut observer = (q, qdot);
+    let mut noise = Noise(scenario.seed);
+    let mut out = Figures::default();
+    let mut tau = SVector::<f64, N>::zeros();
+    let mut last: Option<Command<N>> = None;
+    let mut steps = vec![];
+    let dt = scenario.dt_s();
+    let mut k = 0;
+    loop {
+        let (q_seen, qdot_seen) = if plant.encoder_bits > 0 {
+            let count = std::f64::consts::TAU / f64::from(1u32 << plant.encoder_bits);
+            let reading = q.map(|x| ((x / count) + 0.5 * noise.gauss()).round() * count);
+            observer = observe(&model, observer, &tau, &reading, dt, k == 0);
+            observer
+        } else {
+            (q, qdot)
+        };
+        let report = analyzer.step(&q_seen, &qdot_seen, &model.evaluate(&q_seen, &qdot_seen));
+        let command = controller.step(&q_seen, &qdot_seen, &SVector::zeros(), &report);
+        tau = command.tau;
+        let X = model.forward_kinematics(&q);
+        let error = stack(&(command.p_BE_d - X.p), &crate::linear::rotation_log(&(command.R_BE_d * X.R.transpose())));
+        let tick = Tick { q, report, command, error };
+        each(k, &tick);
+
+        let (along, across) = tick.split();
+        out.along_mm = out.along_mm.max(along[0]);
+        out.along_deg = out.along_deg.max(along[1]);
+        out.across_mm = out.across_mm.max(across[0]);
+        out.across_deg = out.across_deg.max(across[1]);
+        out.final_mm = crate::linear::linear(&error).norm() * 1e3;
+        out.final_deg = crate::linear::angular(&error).norm().to_degrees();
+        out.saturated_ticks += usize::from(command.saturation_mask != 0);
+        out.refused |= command.phase == Phase::Refused;
+        let mut step = 0.0_f64;
+        for i in 0..N {
+            out.speed = out.speed.max(qdot[i].abs() / model.velocity()[i]);
+            out.torque = out.torque.max(tau[i].abs() / model.effort()[i]);
+            out.limit_violated |= q[i] < model.lower()[i] - 1e-3 || q[i] > model.upper()[i] + 1e-3;
+            if let Some(last) = &last {
+                step = step.max((tau[i] - last.tau[i]).abs() / model.effort()[i]);
+            }
+        }
+        steps.push(step);
+        if let Some(last) = &last {
+            out.switches += (0..4).filter(|i| last.mode[*i] != command.mode[*i]).count();
+        }
+        last = Some(command);
+        if matches!(command.phase, Phase::Done | Phase::Refused) || k as f64 * dt > 3.0 * scenario.duration_s() {
+            break;
+        }
+        (q, qdot) = rk4(&truth, &q, &qdot, &tau, dt);
+        k += 1;
+    }
+    steps.sort_by(f64::total_cmp);
+    out.torque_step = *steps.last().unwrap();
+    out.torque_step_p95 = steps[steps.len() * 95 / 100];
+    out.stretch = k as f64 * dt / scenario.duration_s();
+    out
+}
+
+fn heavier(robot: &Robot, factor: f64) -> Robot {
+    let mut robot = robot.clone();
+    for joint in &mut robot.joints {
+        joint.mass *= factor;
+        joint.inertia *= factor;
+    }
+    robot
+}
+
+/// One step of the arm's exact dynamics with the torque held: Runge–Kutta of fourth order.
+pub(crate) fn rk4<const N: usize>(
+    model: &Model<N>,
+    q: &SVector<f64, N>,
+    qdot: &SVector<f64, N>,
+    tau: &SVector<f64, N>,
+    dt: f64,
+) -> (SVector<f64, N>, SVector<f64, N>) {
+    let f = |q: &SVector<f64, N>, v: &SVector<f64, N>| model.forward_dynamics(q, v, tau);
+    let h = 0.5 * dt;
+    let a1 = f(q, qdot);
+    let (v2, q2) = (qdot + a1 * h, q + qdot * h);
+    let a2 = f(&q2, &v2);
+    let (v3, q3) = (qdot + a2 * h, q + v2 * h);
+    let a3 = f(&q3, &v3);
+    let (v4, q4) = (qdot + a3 * dt, q + v3 * dt);
+    let a4 = f(&q4, &v4);
+    (q + (qdot + (v2 + v3) * 2.0 + v4) * (dt / 6.0), qdot + (a1 + (a2 + a3) * 2.0 + a4) * (dt / 6.0))
+}
+
+/// Predicts with the model and corrects with the encoder: two poles at 300 rad/s.
+fn observe<const N: usize>(
+    model: &Model<N>,
+    (q, qdot): (SVector<f64, N>, SVector<f64, N>),
+    tau: &SVector<f64, N>,
+    reading: &SVector<f64, N>,
+    dt: f64,
+    first: bool,
+) -> (SVector<f64, N>, SVector<f64, N>) {
+    if first {
+        return (*reading, SVector::zeros());
+    }
+    let a = model.forward_dynamics(&q, &qdot, tau);
+    let (q, qdot) = (q + qdot * dt + a * (0.5 * dt * dt), qdot + a * dt);
+    let pole = libm::exp(-300.0 * dt);
+    let (g, h) = (1.0 - pole * pole, (1.0 - pole) * (1.0 - pole));
+    let innovation = reading - q;
+    (q + innovation * g, qdot + innovation * (h / dt))
+}
+
+/// Seeded noise: SplitMix64, and a sum of uniforms for a bell curve.
+pub(crate) struct Noise(pub(crate) u64);
+
+impl Noise {
+    pub(crate) fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        (z ^ (z >> 31)) as f64 / u64::MAX as f64
+    }
+    pub(crate) fn gauss(&mut self) -> f64 {
+        (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
+    }
+}

@@ -1,0 +1,328 @@
+//! The task as a path in space and a clock that runs along it.
+//!
+//! A path is a list of legs. Where a leg starts is where the one before ended; where it ends may depend on a singular direction at
+//! that moment, so it is settled when the leg begins, and kept in the controller's state. Position follows a straight line, rotation a
+//! geodesic, both by the same quintic time law; the clock's speed is the governor's.
+
+use crate::centre::PoseMotion;
+use crate::linear::{rotation_exp, rotation_log, stack};
+use crate::types::{Kind, Report};
+use model::Pose;
+use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
+use shared_types::codes;
+use shared_types::scenario::{self, Scenario};
+
+/// Why a scenario's task is not a path.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PathError {
+    /// A singularity's name means nothing for this arm.
+    #[error("segment {segment}: there is no singularity '{name}' on this arm; {known}")]
+    UnknownSingularity {
+        /// Index of the segment.
+        segment: usize,
+        /// The name.
+        name: String,
+        /// The names there are.
+        known: String,
+    },
+    /// A direction is not one.
+    #[error("segment {segment}: '{direction}' is not a direction; x, y, z, zeta:NAME or zeta:NAME@start")]
+    Direction {
+        /// Index of the segment.
+        segment: usize,
+        /// The text.
+        direction: String,
+    },
+}
+
+/// A direction in B, known now or when the leg begins.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Direction {
+    Fixed(Vector3<f64>),
+    /// ζ of the singularity in this place of the report, at the leg's start.
+    Zeta(usize),
+}
+
+impl Direction {
+    fn resolve<const N: usize>(&self, report: &Report<N>) -> Vector3<f64> {
+        match *self {
+            Self::Fixed(direction) => direction,
+            Self::Zeta(i) => report.meant().get(i).map_or_else(Vector3::zeros, |singularity| singularity.axis()),
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Translation {
+    Stay,
+    To(Vector3<f64>),
+    By(Vector3<f64>),
+    Along(Direction, f64),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Rotation {
+    Stay,
+    To(Matrix3<f64>),
+    About(Direction, f64),
+}
+
+/// One piece of the path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Leg {
+    /// s of the path's own clock.
+    pub duration_s: f64,
+    translation: Translation,
+    rotation: Rotation,
+    shape: scenario::Path,
+    /// Place of the singularity whose ζ is turned, and by how much, rad.
+    pub reorient: Option<(usize, f64)>,
+    /// Posture to leave a Type 1 singularity in: −1, +1, or 0 to keep.
+    pub branch: i32,
+}
+
+/// The whole task.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Path {
+    legs: Vec<Leg>,
+}
+
+/// Where the clock is, and what the present leg starts from and adds up to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Progress {
+    /// Index of the leg; the number of legs once the path is finished.
+    pub leg: usize,
+    /// Time in the leg, s of the path's clock; after the path, time since its end.
+    pub time_s: f64,
+    /// Whether the leg's goal has been settled.
+    pub begun: bool,
+    /// Desired pose at the leg's start.
+    pub start: Pose,
+    /// Translation over the leg, m.
+    pub by: Vector3<f64>,
+    /// Rotation vector over the leg, rad.
+    pub turn: Vector3<f64>,
+}
+
+impl Progress {
+    /// At the beginning, at rest in `X_BE`.
+    #[must_use]
+    pub fn at(X_BE: Pose) -> Self {
+        Self { leg: 0, time_s: 0.0, begun: false, start: X_BE, by: Vector3::zeros(), turn: Vector3::zeros() }
+    }
+
+    /// The pose at the leg's end.
+    #[must_use]
+    pub fn goal(&self) -> Pose {
+        Pose { R: rotation_exp(&self.turn) * self.start.R, p: self.start.p + self.by }
+    }
+}
+
+impl Path {
+    /// The path of a scenario, with directions at the start of the run taken from `report`, the analysis of the start posture.
+    ///
+    /// # Errors
+    /// [`PathError`] for a direction or a singularity that does not exist.
+    pub fn new<const N: usize>(scenario: &Scenario, report: &Report<N>) -> Result<Self, PathError> {
+        let legs = scenario.segment.iter().enumerate().map(|(i, segment)| leg(i, segment, report));
+        Ok(Self { legs: legs.collect::<Result<_, _>>()? })
+    }
+
+    /// The leg at this index, while the path lasts.
+    #[must_use]
+    pub fn leg(&self, index: usize) -> Option<&Leg> {
+        self.legs.get(index)
+    }
+
+    /// Moves the clock on by `dt_s` and settles the goal of a leg that begins.
+    ///
+    /// Ensures `progress.begun` while a leg is left. `report` is the analysis of the present posture.
+    pub fn advance<const N: usize>(&self, progress: &mut Progress, dt_s: f64, report: &Report<N>) {
+        progress.time_s += dt_s;
+        while let Some(leg) = self.legs.get(progress.leg) {
+            if !progress.begun {
+                progress.begun = true;
+                progress.by = match leg.translation {
+                    Translation::Stay => Vector3::zeros(),
+                    Translation::To(p) => p - progress.start.p,
+                    Translation::By(by) => by,
+                    Translation::Along(direction, distance) => direction.resolve(report) * distance,
+                };
+                progress.turn = match leg.rotation {
+                    Rotation::Stay => Vector3::zeros(),
+                    Rotation::To(R) => rotation_log(&(R * progress.start.R.transpose())),
+                    Rotation::About(direction, angle) => direction.resolve(report) * angle,
+                };
+            }
+            if progress.time_s < leg.duration_s {
+                return;
+            }
+            if leg.shape == scenario::Path::Line {
+                progress.start = progress.goal();
+            }
+            progress.time_s -= leg.duration_s;
+            progress.leg += 1;
+            progress.begun = false;
+            (progress.by, progress.turn) = (Vector3::zeros(), Vector3::zeros());
+        }
+    }
+
+    /// Fraction of the present leg's way, its rate and acceleration, per unit of the path's clock.
+    #[must_use]
+    pub fn fraction(&self, progress: &Progress) -> [f64; 3] {
+        let Some(leg) = self.legs.get(progress.leg) else { return [0.0; 3] };
+        let T = leg.duration_s;
+        match leg.shape {
+            scenario::Path::Line => quintic(progress.time_s, T),
+            scenario::Path::ThereAndBack if progress.time_s < 0.5 * T => quintic(progress.time_s, 0.5 * T),
+            scenario::Path::ThereAndBack => {
+                let [x, v, a] = quintic(progress.time_s - 0.5 * T, 0.5 * T);
+                [1.0 - x, -v, -a]
+            }
+        }
+    }
+
+    /// Desired motion of E, where the clock runs at `rate` and changes at `rate_dot` (1/s).
+    #[must_use]
+    pub fn desired(&self, progress: &Progress, rate: f64, rate_dot: f64) -> PoseMotion {
+        let [x, v, a] = self.fraction(progress);
+        let (xdot, xddot) = (v * rate, a * rate * rate + v * rate_dot);
+        PoseMotion {
+            R: rotation_exp(&(progress.turn * x)) * progress.start.R,
+            p: progress.start.p + progress.by * x,
+            V: stack(&(progress.by * xdot), &(progress.turn * xdot)),
+            a: stack(&(progress.by * xddot), &(progress.turn * xddot)),
+        }
+    }
+}
+
+/// Quintic time law: position, velocity, acceleration of x(t) = 10τ³ − 15τ⁴ + 6τ⁵, τ = t/T; at rest at both ends.
+#[must_use]
+pub fn quintic(t: f64, T: f64) -> [f64; 3] {
+    let x = (t / T).clamp(0.0, 1.0);
+    [x * x * x * (10.0 + x * (-15.0 + 6.0 * x)), 30.0 * x * x * (1.0 - x) * (1.0 - x) / T, 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / (T * T)]
+}
+
+fn leg<const N: usize>(i: usize, segment: &scenario::Segment, report: &Report<N>) -> Result<Leg, PathError> {
+    let translation = if let Some(to) = segment.to_m {
+        Translation::To(to.into())
+    } else if let Some(by) = segment.by_m {
+        Translation::By(by.into())
+    } else if let Some(slide) = &segment.slide {
+        Translation::Along(direction(i, &slide.along, report)?, slide.by_m)
+    } else {
+        Translation::Stay
+    };
+    let rotation = if let Some(rows) = segment.rotation {
+        Rotation::To(Matrix3::from_row_iterator(rows.into_iter().flatten()))
+    } else if let Some([w, x, y, z]) = segment.quaternion {
+        Rotation::To(UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)).to_rotation_matrix().into_inner())
+    } else if let Some(turn) = &segment.turn {
+        Rotation::About(direction(i, &turn.about, report)?, turn.by_deg.to_radians())
+    } else {
+        Rotation::Stay
+    };
+    let reorient = match &segment.reorient {
+        Some(reorient) => Some((place(i, &reorient.singularity, report)?, reorient.by_deg.to_radians())),
+        None => None,
+    };
+    Ok(Leg { duration_s: segment.duration_s, translation, rotation, shape: segment.path, reorient, branch: segment.branch })
+}
+
+fn direction<const N: usize>(segment: usize, text: &str, report: &Report<N>) -> Result<Direction, PathError> {
+    match text {
+        "x" => return Ok(Direction::Fixed(Vector3::x())),
+        "y" => return Ok(Direction::Fixed(Vector3::y())),
+        "z" => return Ok(Direction::Fixed(Vector3::z())),
+        _ => {}
+    }
+    let name = text.strip_prefix("zeta:").ok_or_else(|| PathError::Direction { segment, direction: text.to_owned() })?;
+    match name.strip_suffix("@start") {
+        Some(name) => Ok(Direction::Fixed(report.singularities[place(segment, name, report)?].axis())),
+        None => Ok(Direction::Zeta(place(segment, name, report)?)),
+    }
+}
+
+/// Where in the report the singularity of this name is: a kind's name, or a place's number for those found numerically.
+fn place<const N: usize>(segment: usize, name: &str, report: &Report<N>) -> Result<usize, PathError> {
+    let named = |kind: Kind| codes::name_of(codes::KINDS, kind.code());
+    let found = report.meant().iter().enumerate().position(|(i, singularity)| match singularity.kind {
+        Kind::Numeric => name == i.to_string(),
+        kind => name == named(kind),
+    });
+    found.ok_or_else(|| {
+        let known = report.meant().iter().enumerate().map(|(i, singularity)| match singularity.kind {
+            Kind::Numeric => i.to_string(),
+            kind => named(kind).to_owned(),
+        });
+        let known = known.collect::<Vec<_>>().join(", ");
+        let known = if known.is_empty() { "it reports none".to_owned() } else { format!("it has {known}") };
+        PathError::UnknownSingularity { segment, name: name.to_owned(), known }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_quintic_is_its_own_derivative(t in 0.01..1.99_f64) {
+            let h = 1e-5;
+            let [x0, v0, _] = quintic(t - h, 2.0);
+            let [x1, v1, _] = quintic(t + h, 2.0);
+            let [_, v, a] = quintic(t, 2.0);
+            prop_assert!(((x1 - x0) / (2.0 * h) - v).abs() < 1e-7);
+            prop_assert!(((v1 - v0) / (2.0 * h) - a).abs() < 1e-7);
+        }
+
+        #[test]
+        fn desired_motion_is_consistent_at_any_clock_speed(t in 0.1..1.9_f64, rate in 0.1..1.0_f64) {
+            let segment = scenario::Segment {
+                duration_s: 2.0,
+                by_m: Some([0.1, -0.2, 0.05]),
+                turn: Some(scenario::Turn { about: "y".into(), by_deg: 120.0 }),
+                ..Default::default()
+            };
+            let report = crate::singular::tests::empty_report::<6>();
+            let path = Path { legs: vec![leg(0, &segment, &report).unwrap()] };
+            let at = |t: f64| {
+                let mut progress = Progress::at(Pose::identity());
+                path.advance(&mut progress, t, &report);
+                path.desired(&progress, rate, 0.0)
+            };
+            let h = 1e-5;
+            let (before, now, after) = (at(t - h * rate), at(t), at(t + h * rate));
+            let v = (after.p - before.p) / (2.0 * h);
+            let w = rotation_log(&(after.R * before.R.transpose())) / (2.0 * h);
+            prop_assert!((stack(&v, &w) - now.V).amax() < 1e-6);
+            prop_assert!(((after.V - before.V) / (2.0 * h) - now.a).amax() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn there_and_back_ends_where_it_began() {
+        let segment =
+            scenario::Segment { duration_s: 1.0, by_m: Some([0.1, 0.0, 0.0]), path: scenario::Path::ThereAndBack, ..Default::default() };
+        let report = crate::singular::tests::empty_report::<6>();
+        let path = Path { legs: vec![leg(0, &segment, &report).unwrap()] };
+        let mut progress = Progress::at(Pose::identity());
+        path.advance(&mut progress, 0.5, &report);
+        assert!((path.desired(&progress, 1.0, 0.0).p.x - 0.1).abs() < 1e-12);
+        path.advance(&mut progress, 0.6, &report);
+        assert_eq!(progress.leg, 1);
+        assert!(path.desired(&progress, 1.0, 0.0).p.norm() < 1e-12);
+    }
+
+    #[test]
+    fn an_unknown_singularity_is_named_with_those_there_are() {
+        let segment = scenario::Segment {
+            duration_s: 1.0,
+            turn: Some(scenario::Turn { about: "zeta:wrst".into(), by_deg: 1.0 }),
+            ..Default::default()
+        };
+        let error = leg::<6>(3, &segment, &crate::singular::tests::empty_report()).unwrap_err();
+        assert!(error.to_string().contains("segment 3: there is no singularity 'wrst'"), "{error}");
+    }
+}

@@ -1,0 +1,239 @@
+//! What the analysis says and what the law commands, sized by the arm; `wire` turns both into messages.
+
+use crate::MAX_SINGULARITIES;
+use nalgebra::{Matrix3, SVector, Vector3, Vector6};
+use shared_types::codes;
+
+/// An enum with its integers on the wire; the first variant is the default.
+macro_rules! coded {
+    ($(#[$meta:meta])* $name:ident { $(#[$first_doc:meta])* $first:ident = $first_code:ident, $( $(#[$doc:meta])* $variant:ident = $code:ident ),* $(,)? }) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+        pub enum $name { $(#[$first_doc])* #[default] $first, $( $(#[$doc])* $variant ),* }
+
+        impl $name {
+            /// The named integer on the wire.
+            #[must_use]
+            pub fn code(self) -> u32 {
+                match self { Self::$first => codes::$first_code, $( Self::$variant => codes::$code ),* }
+            }
+            /// From the wire; `None` for a code that has no name.
+            #[must_use]
+            pub fn from_code(code: u32) -> Option<Self> {
+                match code { codes::$first_code => Some(Self::$first), $( codes::$code => Some(Self::$variant), )* _ => None }
+            }
+        }
+    };
+}
+
+coded! {
+    /// What a singularity is called.
+    Kind {
+        /// Found numerically.
+        Numeric = KIND_NUMERIC,
+        /// The arm is stretched or folded.
+        Elbow = KIND_ELBOW,
+        /// Axes 4 and 6 are parallel.
+        Wrist = KIND_WRIST,
+        /// The wrist centre is on the waist axis.
+        Overhead = KIND_OVERHEAD,
+    }
+}
+
+coded! {
+    /// The paper's two types, and what lies between.
+    Class {
+        /// Not classified (yet).
+        Unknown = TYPE_UNKNOWN,
+        /// Null-space motion moves the end-effector along ζ.
+        Type1 = TYPE_1,
+        /// Null-space motion only turns ζ.
+        Type2 = TYPE_2,
+        /// Both.
+        Mixed = TYPE_MIXED,
+    }
+}
+
+coded! {
+    /// What the law does at one singularity.
+    Mode {
+        /// Outside the neighbourhood.
+        Regular = MODE_REGULAR,
+        /// Between η_in and η_out, on the way in.
+        Blend = MODE_BLEND,
+        /// Inside, following the auxiliary reference.
+        Track = MODE_TRACK,
+        /// Inside, passing through with ζ off the direction of travel.
+        Pass = MODE_PASS,
+        /// Inside, ζ held.
+        Hold = MODE_HOLD,
+        /// Inside, ζ being turned to ζ_d.
+        Reorient = MODE_REORIENT,
+        /// Inside, goal beyond reach.
+        Slide = MODE_SLIDE,
+        /// Outside again, auxiliary error being removed.
+        Recover = MODE_RECOVER,
+    }
+}
+
+coded! {
+    /// Where the task is.
+    Phase {
+        /// Following the path.
+        Running = PHASE_RUNNING,
+        /// Holding the last pose.
+        Settling = PHASE_SETTLING,
+        /// Finished.
+        Done = PHASE_DONE,
+        /// The law refused to go on; the torque brings the arm to rest.
+        Refused = PHASE_REFUSED,
+    }
+}
+
+/// One singularity at one posture: a factor s_i of det J, its direction ζ_i, and the regular coordinate that replaces it.
+///
+/// Whoever finds it, by formula or by number, promises: inside the neighbourhood, the Jacobian without ζ's row and with `aux_row`
+/// in its place is regular, and modulo the other rows `ζᵀJ = gain·aux_row`, `gain` vanishing with `s`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Singularity<const N: usize> {
+    /// What it is called.
+    pub kind: Kind,
+    /// Its type, latched while inside.
+    pub class: Class,
+    /// Whether q is in D_si, hysteretic.
+    pub inside: bool,
+    /// Whether ζ is a rotation (its angular half is the unit vector) or a translation.
+    pub angular: bool,
+    /// s_i(q), signed, dimensionless.
+    pub s: f64,
+    /// ds_i/dt, 1/s.
+    pub s_rate: f64,
+    /// Entry threshold on |s_i|.
+    pub eta_in: f64,
+    /// Exit threshold on |s_i|.
+    pub eta_out: f64,
+    /// ζ_i at C in base axes, continuous in sign.
+    pub zeta_B: Vector6<f64>,
+    /// Singular frame: first axis along ζ_i.
+    pub R_BS: Matrix3<f64>,
+    /// Velocity along ζ_i per auxiliary rate, signed; m or 1.
+    pub gain: f64,
+    /// Auxiliary coordinate, rad.
+    pub aux: f64,
+    /// Its rate, rad/s.
+    pub aux_rate: f64,
+    /// Its acceleration at q̈ = 0, rad/s².
+    pub aux_bias: f64,
+    /// Its gradient.
+    pub aux_row: SVector<f64, N>,
+    /// Second-order motion along ζ per null motion: > 0 is a fold.
+    pub kappa_1: f64,
+    /// Turning rate of ζ along the null motion.
+    pub kappa_2: f64,
+}
+
+impl<const N: usize> Singularity<N> {
+    /// The unit vector of ζ_i: an axis of rotation if `angular`, else a direction of translation.
+    #[must_use]
+    pub fn axis(&self) -> Vector3<f64> {
+        if self.angular { crate::linear::angular(&self.zeta_B) } else { crate::linear::linear(&self.zeta_B) }
+    }
+
+    /// Nothing: what unused places of a report hold.
+    #[must_use]
+    pub fn none() -> Self {
+        Self {
+            kind: Kind::Numeric,
+            class: Class::Unknown,
+            inside: false,
+            angular: false,
+            s: 0.0,
+            s_rate: 0.0,
+            eta_in: 0.0,
+            eta_out: 0.0,
+            zeta_B: Vector6::zeros(),
+            R_BS: Matrix3::zeros(),
+            gain: 0.0,
+            aux: 0.0,
+            aux_rate: 0.0,
+            aux_bias: 0.0,
+            aux_row: SVector::zeros(),
+            kappa_1: 0.0,
+            kappa_2: 0.0,
+        }
+    }
+}
+
+/// Where the arm is singular, or nearly.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Report<const N: usize> {
+    /// Rank of J at the stated tolerance.
+    pub rank: u32,
+    /// Singular values of J at C, lengths divided by `length_m`, largest first.
+    pub sigma: [f64; 6],
+    /// det J at E for square J, else √det JJᵀ.
+    pub det: f64,
+    /// σ_max/σ_min; 1e18 where σ_min is 0.
+    pub condition: f64,
+    /// Yoshikawa's √det JJᵀ, unit-scaled.
+    pub manipulability: f64,
+    /// The length that makes metres and radians comparable, m.
+    pub length_m: f64,
+    /// Where singularities are analysed, in B, m.
+    pub p_BC: Vector3<f64>,
+    /// How many singularities are meant.
+    pub count: usize,
+    /// The singularities, in an order that never changes within a run.
+    pub singularities: [Singularity<N>; MAX_SINGULARITIES],
+}
+
+impl<const N: usize> Report<N> {
+    /// The singularities that are meant.
+    #[must_use]
+    pub fn meant(&self) -> &[Singularity<N>] {
+        &self.singularities[..self.count.min(MAX_SINGULARITIES)]
+    }
+}
+
+/// What the arm shall do, and the reference it follows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Command<const N: usize> {
+    /// Γ, N·m.
+    pub tau: SVector<f64, N>,
+    /// The part that acts at the end-effector, with gravity and Coriolis, N·m.
+    pub tau_task: SVector<f64, N>,
+    /// The part in the null space, N_T Γ₀, N·m.
+    pub tau_null: SVector<f64, N>,
+    /// Desired pose of E: rotation.
+    pub R_BE_d: Matrix3<f64>,
+    /// Desired pose of E: position, m.
+    pub p_BE_d: Vector3<f64>,
+    /// Desired twist of E.
+    pub V_BE_d: Vector6<f64>,
+    /// Pose error of E, `[p_d − p; log(R_d Rᵀ)]`.
+    pub error: Vector6<f64>,
+    /// The path's own clock, s.
+    pub path_time_s: f64,
+    /// Its speed against real time.
+    pub time_scale: f64,
+    /// Fraction of the null-space torque let through.
+    pub null_scale: f64,
+    /// Fraction of the task torque let through.
+    pub task_scale: f64,
+    /// β_i per singularity.
+    pub beta: [f64; MAX_SINGULARITIES],
+    /// Auxiliary reference per singularity, rad.
+    pub aux_d: [f64; MAX_SINGULARITIES],
+    /// Auxiliary rate commanded per singularity, rad/s.
+    pub aux_rate_d: [f64; MAX_SINGULARITIES],
+    /// What the law does per singularity.
+    pub mode: [Mode; MAX_SINGULARITIES],
+    /// Index of the task segment.
+    pub segment: u32,
+    /// Where the task is.
+    pub phase: Phase,
+    /// Bit i: torque i is at its limit.
+    pub saturation_mask: u32,
+    /// The goal was beyond reach and has been clipped to the boundary.
+    pub clipped: bool,
+}

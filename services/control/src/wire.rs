@@ -1,0 +1,161 @@
+//! Messages from values and back: shared by the analyzer's and the controller's cycle.
+
+use crate::types::{Class, Command, Kind, Report, Singularity};
+use crate::{Analyzer, Controller};
+use nalgebra::{Matrix3, SVector, Vector3, Vector6};
+use shared_types::{Header, MAX_DOF, SingularityReport, SingularityState, TorqueCommand};
+
+/// A code on the wire has no name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("singularity {place}: code {code} has no name: the sender speaks another version of the wire")]
+pub struct UnknownCode {
+    /// Place in the report.
+    pub place: usize,
+    /// The code.
+    pub code: u32,
+}
+
+/// The first `N` of an array of joints.
+#[must_use]
+pub fn joints<const N: usize>(values: &[f64; MAX_DOF]) -> SVector<f64, N> {
+    SVector::from_fn(|i, _| values[i])
+}
+
+/// An array of joints, zero beyond the arm's own.
+#[must_use]
+pub fn padded<const N: usize>(values: &SVector<f64, N>) -> [f64; MAX_DOF] {
+    std::array::from_fn(|i| if i < N { values[i] } else { 0.0 })
+}
+
+/// The analyzer's message: everything but the header's stamps and incarnation.
+#[must_use]
+pub fn report_message<const N: usize>(tick: u64, report: &Report<N>, analyzer: &Analyzer<N>) -> SingularityReport {
+    SingularityReport {
+        header: Header { tick, ..Header::default() },
+        count: report.count as u32,
+        rank: report.rank,
+        sigma: report.sigma,
+        det: report.det,
+        condition: report.condition,
+        manipulability: report.manipulability,
+        length_m: report.length_m,
+        p_BC: report.p_BC.into(),
+        singularities: report.singularities.map(|s| SingularityState {
+            kind: s.kind.code(),
+            class: s.class.code(),
+            inside: u32::from(s.inside),
+            angular: u32::from(s.angular),
+            s: s.s,
+            s_rate: s.s_rate,
+            eta_in: s.eta_in,
+            eta_out: s.eta_out,
+            zeta_B: s.zeta_B.into(),
+            R_BS: column_major(&s.R_BS),
+            gain: s.gain,
+            aux: s.aux,
+            aux_rate: s.aux_rate,
+            aux_bias: s.aux_bias,
+            aux_row: padded(&s.aux_row),
+            kappa_1: s.kappa_1,
+            kappa_2: s.kappa_2,
+        }),
+        resume: analyzer.state(),
+    }
+}
+
+/// The report in a message.
+///
+/// # Errors
+/// [`UnknownCode`] for a kind or a type without a name.
+pub fn report<const N: usize>(message: &SingularityReport) -> Result<Report<N>, UnknownCode> {
+    let mut singularities = [Singularity::none(); crate::MAX_SINGULARITIES];
+    for (place, (out, s)) in singularities.iter_mut().zip(&message.singularities).enumerate() {
+        *out = Singularity {
+            kind: Kind::from_code(s.kind).ok_or(UnknownCode { place, code: s.kind })?,
+            class: Class::from_code(s.class).ok_or(UnknownCode { place, code: s.class })?,
+            inside: s.inside != 0,
+            angular: s.angular != 0,
+            s: s.s,
+            s_rate: s.s_rate,
+            eta_in: s.eta_in,
+            eta_out: s.eta_out,
+            zeta_B: Vector6::from(s.zeta_B),
+            R_BS: Matrix3::from_column_slice(&s.R_BS),
+            gain: s.gain,
+            aux: s.aux,
+            aux_rate: s.aux_rate,
+            aux_bias: s.aux_bias,
+            aux_row: joints(&s.aux_row),
+            kappa_1: s.kappa_1,
+            kappa_2: s.kappa_2,
+        };
+    }
+    Ok(Report {
+        rank: message.rank,
+        sigma: message.sigma,
+        det: message.det,
+        condition: message.condition,
+        manipulability: message.manipulability,
+        length_m: message.length_m,
+        p_BC: Vector3::from(message.p_BC),
+        count: (message.count as usize).min(crate::MAX_SINGULARITIES),
+        singularities,
+    })
+}
+
+/// The controller's message: everything but the header's stamps and incarnation.
+#[must_use]
+pub fn command_message<const N: usize>(tick: u64, command: &Command<N>, controller: &Controller<N>) -> TorqueCommand {
+    TorqueCommand {
+        header: Header { tick, ..Header::default() },
+        tau: padded(&command.tau),
+        tau_task: padded(&command.tau_task),
+        tau_null: padded(&command.tau_null),
+        p_BE_d: command.p_BE_d.into(),
+        R_BE_d: column_major(&command.R_BE_d),
+        V_BE_d: command.V_BE_d.into(),
+        error: command.error.into(),
+        path_time_s: command.path_time_s,
+        time_scale: command.time_scale,
+        null_scale: command.null_scale,
+        task_scale: command.task_scale,
+        beta: command.beta,
+        aux_d: command.aux_d,
+        aux_rate_d: command.aux_rate_d,
+        mode: command.mode.map(|mode| mode.code()),
+        segment: command.segment,
+        phase: command.phase.code(),
+        saturation_mask: command.saturation_mask,
+        clipped: u32::from(command.clipped),
+        resume: controller.state(),
+    }
+}
+
+fn column_major(R: &Matrix3<f64>) -> [f64; 9] {
+    std::array::from_fn(|i| R[i])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{posture, puma, robot};
+    use proptest::prelude::*;
+    use shared_types::scenario::Analysis;
+
+    proptest! {
+        #[test]
+        fn a_report_survives_the_wire(q in posture(puma())) {
+            let terms = puma().evaluate(&q, &SVector::zeros());
+            let mut analyzer = Analyzer::<6>::new(robot("puma560"), &Analysis::default());
+            let sent = analyzer.step(&q, &SVector::zeros(), &terms);
+            prop_assert_eq!(report::<6>(&report_message(7, &sent, &analyzer)).unwrap(), sent);
+        }
+    }
+
+    #[test]
+    fn a_code_of_another_version_is_refused() {
+        let mut message = SingularityReport::default();
+        message.singularities[2].class = 77;
+        assert_eq!(report::<6>(&message), Err(UnknownCode { place: 2, code: 77 }));
+    }
+}
