@@ -70,3 +70,4 @@ macro_rules! arm {
 }
 
 arm!(puma560, 6, "puma560");
+arm!(iiwa14, 7, "iiwa14");

@@ -1,5 +1,8 @@
 //! The rigid-body algorithms of a serial chain.
 
+// One joint's index runs through several arrays at once.
+#![allow(clippy::needless_range_loop)]
+
 use crate::pose::Pose;
 use crate::robot::{Joint, JointKind, Robot};
 use crate::spatial::{ArticulatedInertia, Force, LinkInertia, Motion, ORIGIN, RigidInertia, times};

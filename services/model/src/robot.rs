@@ -364,8 +364,9 @@ pub enum RobotError {
     },
     /// A link's mass or inertia is not a body's.
     #[error(
-        "robot '{robot}': link '{link}' has an impossible inertia: mass {mass} kg, principal moments {moments:?} kg·m² about its \
-         centre of mass; the mass and every moment must be positive, and no moment larger than the sum of the other two"
+        "robot '{robot}': link '{link}' has an impossible inertia: mass {mass} kg, principal moments {} kg·m² about its \
+         centre of mass; the mass and every moment must be positive, and no moment larger than the sum of the other two",
+        moments.map(|I| format!("{I:.4e}")).join(", ")
     )]
     Inertia {
         /// The robot's name.
@@ -484,6 +485,8 @@ const BUILTIN: &[(&str, &str, &str)] = &[
     ("puma560", include_str!("../robots/puma560.urdf"), include_str!("../robots/puma560.toml")),
     ("puma560-ideal", include_str!("../robots/puma560-ideal.urdf"), include_str!("../robots/puma560-ideal.toml")),
     ("planar3r", include_str!("../robots/planar3r.urdf"), include_str!("../robots/planar3r.toml")),
+    ("ur5", include_str!("../robots/ur5.urdf"), include_str!("../robots/ur5.toml")),
+    ("iiwa14", include_str!("../robots/iiwa14.urdf"), include_str!("../robots/iiwa14.toml")),
 ];
 
 const BUILTIN_NAMES: [&str; BUILTIN.len()] = {
@@ -622,14 +625,14 @@ fn check_joint(robot: &str, joint: &Joint) -> Result<(), RobotError> {
     if joint.lower.is_nan() || joint.lower == f64::INFINITY {
         return refuse("lower", joint.lower, limits);
     }
-    if !(joint.upper > joint.lower) {
+    if joint.upper.is_nan() || joint.upper <= joint.lower {
         return refuse("upper", joint.upper, limits);
     }
     let positive = "state a positive number (or inf) in the URDF's <limit> or in the description";
-    if !(joint.effort > 0.0) {
+    if joint.effort.is_nan() || joint.effort <= 0.0 {
         return refuse("effort", joint.effort, positive);
     }
-    if !(joint.velocity > 0.0) {
+    if joint.velocity.is_nan() || joint.velocity <= 0.0 {
         return refuse("velocity", joint.velocity, positive);
     }
     let not_negative = "state a finite number, zero or more";

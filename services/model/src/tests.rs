@@ -1,3 +1,5 @@
-//! Golden data, and algorithms that check each other.
+//! Golden data, algorithms that check each other, and what is refused.
 
 mod golden;
+mod identities;
+mod loading;

@@ -198,7 +198,7 @@ impl<'a> Tree<'a> {
     /// Frames, shapes and notes of the links that move with joint `i`.
     fn attach(&self, chain: &mut Chain, joint: Option<usize>, rigid: &[(&'a str, Pose)]) -> Result<(), RobotError> {
         for &(name, X_LF) in rigid {
-            if !X_LF.p.iter().chain(X_LF.R.iter()).all(|x| x.is_finite()) {
+            if !is_finite(&X_LF) {
                 return Err(self.not_finite(format!("the pose of link '{name}'")));
             }
             chain.frames.push(Frame { name: name.to_owned(), joint, X_LF });
@@ -250,6 +250,10 @@ impl<'a> Tree<'a> {
                 remedy: "give a direction, such as xyz=\"0 0 1\"",
             });
         }
+        let X_PJ = X_PM * pose(&joint.origin);
+        if !is_finite(&X_PJ) {
+            return Err(self.not_finite(format!("the pose of joint '{}'", joint.name)));
+        }
         let (mass, com, inertia) = self.lump(rigid)?;
         let (damping, friction) = joint.dynamics.as_ref().map_or((0.0, 0.0), |d| (d.damping, d.friction));
         let mut limit = joint.limit.clone();
@@ -266,7 +270,7 @@ impl<'a> Tree<'a> {
         Ok(Joint {
             name: joint.name.clone(),
             kind,
-            X_PJ: X_PM * pose(&joint.origin),
+            X_PJ,
             axis: axis / norm,
             mass,
             com,
@@ -296,7 +300,7 @@ impl<'a> Tree<'a> {
             );
             let X = X_LF * pose(&inertial.origin);
             let mass = inertial.mass.value;
-            if !(mass.is_finite() && X.p.iter().chain(X.R.iter()).chain(I.iter()).all(|x| x.is_finite())) {
+            if !(mass.is_finite() && is_finite(&X) && I.iter().all(|x| x.is_finite())) {
                 return Err(self.not_finite(format!("the inertia of link '{name}'")));
             }
             if mass < 0.0 {
@@ -346,6 +350,10 @@ impl<'a> Tree<'a> {
 
 fn pose(origin: &urdf_rs::Pose) -> Pose {
     Pose::from_xyz_rpy(origin.xyz.0, origin.rpy.0)
+}
+
+fn is_finite(X: &Pose) -> bool {
+    X.p.iter().chain(X.R.iter()).all(|x| x.is_finite())
 }
 
 /// The shape, or the name of the mesh file it is in.
