@@ -1,0 +1,181 @@
+//! What an arm looks like: one mesh per link, in the link's frame. PURE.
+
+use glam::{Mat3, Vec3};
+use model::{Factors, Geometry, Joint, Pose, Robot};
+use nalgebra::Vector3;
+
+use crate::solid::{Mesh, Placement, Rgba, disc};
+
+const SHELL: Rgba = [228, 226, 218, 255];
+const JOINT: Rgba = [96, 104, 116, 255];
+const DARK: Rgba = [52, 57, 66, 255];
+const METAL: Rgba = [168, 174, 182, 255];
+
+/// The meshes of an arm: the base's in the base frame, then each link's in its own.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Figure {
+    pub(crate) base: Mesh,
+    pub(crate) links: Vec<Mesh>,
+    /// Half the size of the arm, for framing the view and scaling marks; m.
+    pub(crate) reach: f32,
+}
+
+impl Figure {
+    /// A PUMA with the proportions of its joints, else the robot's own shapes, else capsules; `floor_m` is the floor's height in the base frame.
+    pub(crate) fn new(robot: &Robot, floor_m: f32) -> Self {
+        let steps: f64 = robot.joints.iter().map(|joint| joint.X_PJ.p.norm()).sum();
+        let reach = (steps as f32).max(0.1);
+        let (base, links) = match robot.factors {
+            Factors::Puma { .. } => puma(robot, floor_m),
+            Factors::Numeric if !robot.shapes.is_empty() => shapes(robot),
+            Factors::Numeric => capsules(robot, reach),
+        };
+        Self { base, links, reach }
+    }
+}
+
+/// f64 to f32, for eyes.
+pub(crate) fn vec3(v: &Vector3<f64>) -> Vec3 {
+    Vec3::new(v.x as f32, v.y as f32, v.z as f32)
+}
+
+/// f64 to f32, for eyes.
+pub(crate) fn placement(X: &Pose) -> Placement {
+    Placement { R: Mat3::from_cols(vec3(&X.R.column(0).into()), vec3(&X.R.column(1).into()), vec3(&X.R.column(2).into())), p: vec3(&X.p) }
+}
+
+/// A solid's frame in the plane across `axis`: x stays x.
+fn across(axis: Vec3) -> Placement {
+    Placement::along(Vec3::ZERO, axis, Vec3::X)
+}
+
+/// The Unimation PUMA 560, in Craig's link frames: column, shoulder, upper arm, forearm, forked wrist, flange. Lengths come from the joints.
+fn puma(robot: &Robot, floor: f32) -> (Mesh, Vec<Mesh>) {
+    let origin = |i: usize| vec3(&robot.joints[i].X_PJ.p);
+    let (shoulder_offset, upper_arm, elbow_offset) = (origin(1).y, origin(2).x, origin(2).z);
+    let wrist = origin(3);
+    let (forearm, elbow_shift) = (-wrist.y, wrist.x);
+    let upright = Placement::IDENTITY;
+
+    let mut base = Mesh::default();
+    base.add_extrusion(upright, &[disc(0.0, 0.0, 0.165)], floor, floor + 0.03, 0.008, DARK);
+    base.add_cone(upright, 0.125, 0.1, floor + 0.03, floor + 0.07, SHELL);
+    base.add_extrusion(upright, &[disc(0.0, 0.0, 0.1)], floor + 0.06, -0.175, 0.004, SHELL);
+    base.add_extrusion(upright, &[disc(0.0, 0.0, 0.112)], -0.2, -0.165, 0.006, JOINT);
+    // The cable box at the back of the column.
+    base.add_box(Placement { p: Vec3::new(-0.1, 0.0, floor + 0.2), ..upright }, Vec3::new(0.09, 0.13, 0.26), DARK);
+
+    // The shoulder's inner face of the upper arm; without a shoulder offset the arm sits on the trunk itself.
+    let face = shoulder_offset - 0.05;
+    let mut shoulder = Mesh::default();
+    shoulder.add_extrusion(upright, &[disc(0.0, 0.0, 0.1)], -0.16, 0.06, 0.02, SHELL);
+    let lateral = across(Vec3::Y);
+    shoulder.add_extrusion(lateral, &[disc(0.0, 0.0, 0.098)], -0.16, (face - 0.02).max(0.08), 0.02, SHELL);
+    shoulder.add_extrusion(lateral, &[disc(0.0, 0.0, 0.104)], (face - 0.03).max(0.07), face.max(0.09), 0.004, JOINT);
+
+    // z2 is the shoulder's axis; the forearm runs at z2 = elbow_offset, inside the upper arm.
+    let (inner, outer) = (-0.045, 0.055);
+    let mut upper = Mesh::default();
+    upper.add_extrusion(upright, &[disc(-0.2, 0.0, 0.085), disc(0.0, 0.0, 0.118), disc(upper_arm, 0.0, 0.082)], inner, outer, 0.014, SHELL);
+    upper.add_extrusion(upright, &[disc(0.0, 0.0, 0.075)], outer - 0.002, outer + 0.014, 0.005, JOINT);
+    upper.add_extrusion(upright, &[disc(upper_arm, 0.0, 0.055)], outer - 0.002, outer + 0.01, 0.004, JOINT);
+    upper.add_extrusion(upright, &[disc(-0.2, 0.0, 0.055)], outer - 0.002, outer + 0.008, 0.004, METAL);
+
+    // Frame 3 sits at the elbow; the forearm runs along −y3, its motors stand out behind along +y3.
+    let half = 0.045f32;
+    let mut fore = Mesh::default();
+    let elbow_side = if elbow_offset < 0.0 { half } else { -half };
+    fore.add_extrusion(
+        upright,
+        &[disc(0.0, 0.0, 0.07)],
+        elbow_side.min(elbow_side * 1.1) - 0.004,
+        elbow_side.max(elbow_side * 1.1) + 0.004,
+        0.002,
+        JOINT,
+    );
+    fore.add_extrusion(
+        upright,
+        &[disc(elbow_shift * 0.5, 0.14, 0.052), disc(0.0, 0.0, 0.08), disc(elbow_shift, -(forearm - 0.13), 0.046)],
+        -half,
+        half,
+        0.014,
+        SHELL,
+    );
+    let roll = Placement::along(wrist, -Vec3::Y, Vec3::X);
+    fore.add_extrusion(roll, &[disc(0.0, 0.0, 0.043)], -0.15, -0.092, 0.004, SHELL);
+
+    // Frames 4 to 6 meet at the wrist centre: a fork along z4, a hub on z5 = y4 between its prongs, a flange on z6.
+    let mut fork = Mesh::default();
+    fork.add_extrusion(upright, &[disc(0.0, 0.0, 0.045)], -0.09, -0.062, 0.005, JOINT);
+    for side in [-1.0f32, 1.0] {
+        let prong = Placement::along(Vec3::ZERO, Vec3::Y, Vec3::X);
+        // In this solid's plane x is x4 and y is −z4.
+        let (a, b) = (side * 0.026, side * 0.043);
+        fork.add_extrusion(prong, &[disc(0.0, 0.068, 0.03), disc(0.0, 0.0, 0.03)], a.min(b), a.max(b), 0.004, METAL);
+        fork.add_extrusion(prong, &[disc(0.0, 0.0, 0.017)], (side * 0.04).min(side * 0.049), (side * 0.04).max(side * 0.049), 0.002, DARK);
+    }
+    let mut hub = Mesh::default();
+    hub.add_extrusion(upright, &[disc(0.0, 0.0, 0.03)], -0.0245, 0.0245, 0.003, DARK);
+    hub.add_extrusion(across(-Vec3::Y), &[disc(0.0, 0.0, 0.022)], 0.0, 0.036, 0.002, DARK);
+    let mut flange = Mesh::default();
+    flange.add_extrusion(upright, &[disc(0.0, 0.0, 0.034)], 0.036, 0.05625, 0.003, METAL);
+    // A two-finger hand, drawn only: it shows how the flange is turned.
+    flange.add_box(Placement { p: Vec3::new(0.0, 0.0, 0.07), ..upright }, Vec3::new(0.085, 0.034, 0.028), DARK);
+    for side in [-1.0, 1.0] {
+        flange.add_box(Placement { p: Vec3::new(side * 0.032, 0.0, 0.108), ..upright }, Vec3::new(0.012, 0.024, 0.055), METAL);
+    }
+    (base, vec![shoulder, upper, fore, fork, hub, flange])
+}
+
+/// The robot's own visual geometry.
+fn shapes(robot: &Robot) -> (Mesh, Vec<Mesh>) {
+    let mut base = Mesh::default();
+    let mut links = vec![Mesh::default(); robot.joints.len()];
+    for shape in &robot.shapes {
+        let (mesh, colour) = match shape.joint {
+            None => (&mut base, DARK),
+            Some(i) => (&mut links[i], if i % 2 == 0 { SHELL } else { METAL }),
+        };
+        let at = placement(&shape.X_LS);
+        match shape.geometry {
+            Geometry::Box { size } => mesh.add_box(at, vec3(&size), colour),
+            Geometry::Cylinder { radius, length } => {
+                let (radius, half) = (radius as f32, length as f32 / 2.0);
+                mesh.add_extrusion(at, &[disc(0.0, 0.0, radius)], -half, half, 0.05 * radius.min(half), colour);
+            }
+            Geometry::Sphere { radius } => mesh.add_sphere(at, radius as f32, colour),
+            Geometry::Capsule { radius, length } => mesh.add_capsule(at, radius as f32, length as f32, colour),
+        }
+    }
+    (base, links)
+}
+
+/// A capsule from each joint to the next, a drum on each joint's axis, and a hand at the end-effector frame.
+fn capsules(robot: &Robot, reach: f32) -> (Mesh, Vec<Mesh>) {
+    let radius = 0.035 * reach;
+    let mut base = Mesh::default();
+    base.add_extrusion(Placement::IDENTITY, &[disc(0.0, 0.0, 2.2 * radius)], -1.5 * radius, -0.9 * radius, 0.1 * radius, DARK);
+    let tip = robot.frame(&robot.default_frame).map_or(Vec3::ZERO, |frame| vec3(&frame.X_LF.p));
+    let links = robot
+        .joints
+        .iter()
+        .enumerate()
+        .map(|(i, joint): (usize, &Joint)| {
+            let mut mesh = Mesh::default();
+            let end = robot.joints.get(i + 1).map_or(tip, |next| vec3(&next.X_PJ.p));
+            mesh.add_extrusion(
+                Placement::along(Vec3::ZERO, vec3(&joint.axis), Vec3::X),
+                &[disc(0.0, 0.0, 1.3 * radius)],
+                -1.25 * radius,
+                1.25 * radius,
+                0.15 * radius,
+                JOINT,
+            );
+            if end.length() > radius {
+                mesh.add_capsule(Placement::along(end / 2.0, end, Vec3::X), radius, end.length(), SHELL);
+            }
+            mesh
+        })
+        .collect();
+    (base, links)
+}

@@ -1,0 +1,49 @@
+//! Where things are in a recording.
+
+/// Numbers at the control rate.
+pub(crate) const SIGNALS: &str = "/signals";
+/// Constant lines that plots need: thresholds and limits.
+pub(crate) const GUIDES: &str = "/guides";
+/// What is happening, in words.
+pub(crate) const NOW: &str = "/now";
+/// The text log.
+pub(crate) const LOG: &str = "/log";
+/// Everything with a place; base axes.
+pub(crate) const WORLD: &str = "/world";
+/// The way of the hand.
+pub(crate) const PATH_ACTUAL: &str = "/world/path/actual";
+/// The way it should have gone.
+pub(crate) const PATH_DESIRED: &str = "/world/path/desired";
+/// The base's figure and the floor's mark.
+pub(crate) const BASE: &str = "/world/arm/base";
+/// The end-effector frame.
+pub(crate) const HAND: &str = "/world/hand";
+/// The desired end-effector frame.
+pub(crate) const TARGET: &str = "/world/target";
+/// The ways of the joints in null-space motion.
+pub(crate) const TRAIL: &str = "/world/null_motion/trail";
+
+/// A link's figure.
+pub(crate) fn link(index: usize) -> String {
+    format!("/world/arm/link{}", index + 1)
+}
+
+/// Where a link has been in null-space motion.
+pub(crate) fn ghost(index: usize) -> String {
+    format!("/world/null_motion/link{}", index + 1)
+}
+
+/// A singularity's frame.
+pub(crate) fn singularity(name: &str) -> String {
+    format!("/world/singularity/{name}")
+}
+
+/// Where ζ has been.
+pub(crate) fn fan(name: &str) -> String {
+    format!("/world/zeta/{name}")
+}
+
+/// A lane of the state timeline.
+pub(crate) fn state(lane: &str) -> String {
+    format!("/state/{lane}")
+}

@@ -1,0 +1,829 @@
+//! A recording in the making.
+
+use std::fs::File;
+use std::path::Path;
+
+use glam::Vec3;
+use model::{Model, Robot};
+use nalgebra::SVector;
+use re_chunk::external::arrow::array::{Array, ArrayRef, Float32Array, Float64Array, ListArray};
+use re_chunk::external::arrow::buffer::{NullBuffer, OffsetBuffer, ScalarBuffer};
+use re_chunk::external::arrow::datatypes::Field;
+use re_chunk::{Chunk, ChunkComponents, ChunkId, EntityPath, RowId, TimeColumn, TimePoint, Timeline};
+use re_log_types::{ApplicationId, StoreId, TimeCell};
+use re_sdk_types::archetypes::{
+    Arrows3D, Clear, InstancePoses3D, LineStrips3D, Mesh3D, Points3D, RecordingInfo, StateChange, StateConfiguration, TextDocument,
+    TextLog, Transform3D,
+};
+use re_sdk_types::components::{AlbedoFactor, Color, Radius, TextLogLevel, Timestamp};
+use re_sdk_types::datatypes::Quaternion;
+use re_sdk_types::{AsComponents, ComponentDescriptor, SerializedComponentColumn};
+use shared_types::codes::{DRIVES, MODES, PHASES, name_of};
+use shared_types::messages::SingularityState;
+use shared_types::scenario::{Layout, Scenario};
+use shared_types::{MAX_SINGULARITIES, Message};
+
+use crate::arm::{Figure, placement, vec3};
+use crate::blueprint::{self, Subject};
+use crate::entity;
+use crate::scene::{Look, Mark, NullMotion, Presence, differs, glyph, rotation};
+use crate::signals::{Limits, Signal, TickRow, Width, sample};
+use crate::sink::{FileInfo, RecordError, Sink, Storage};
+use crate::solid::{Mesh, Placement, Rgba};
+use crate::story::{self, Situation, States};
+
+/// Which run a recording is of.
+#[derive(Clone, Copy, Debug)]
+pub struct RunInfo<'a> {
+    /// What was asked for.
+    pub scenario: &'a Scenario,
+    /// The arm.
+    pub robot: &'a Robot,
+    /// Identifies the run, and its recording; unique.
+    pub run: &'a str,
+    /// Version of armplane that made it.
+    pub version: &'a str,
+    /// Seed of every random number.
+    pub seed: u64,
+}
+
+/// How much is recorded, and how often it is written.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// Numbers are written every so many seconds of the run: what a killed recorder loses.
+    pub signal_chunk_s: f64,
+    /// The picture is written every so many seconds.
+    pub picture_chunk_s: f64,
+    /// Pictures per second.
+    pub picture_hz: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { signal_chunk_s: 0.05, picture_chunk_s: 0.5, picture_hz: 50.0 }
+    }
+}
+
+/// How serious an event is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {
+    /// As planned.
+    Info,
+    /// A fault that is being dealt with.
+    Warning,
+    /// Something failed.
+    Error,
+}
+
+/// A recording in the making: ticks in, an `.rrd` out.
+///
+/// Ensures: nothing blocks but the storage; the first error ends the file at its last whole message and is answered once, by
+/// [`tick`](Self::tick) or [`finish`](Self::finish). A killed process leaves a file readable up to its last chunk.
+pub struct Recording<const N: usize, W: Storage = File> {
+    sink: Sink<W>,
+    store: StoreId,
+    arm: Model<N>,
+    figure: Figure,
+    limits: Limits,
+    subject: Subject,
+    layout: Layout,
+    rate_hz: u32,
+    /// The blueprint waits for the first report, which names the singularities.
+    blueprint_sent: bool,
+    ticks: u64,
+    last: Option<u64>,
+    signals: Table,
+    signal_rows: usize,
+    picture: Picture,
+    picture_every: u64,
+    picture_rows: usize,
+    thresholds: Vec<(f64, f64)>,
+    guides_due: u64,
+    marks: [Look; MAX_SINGULARITIES],
+    /// ζ and C of each singularity as last drawn into its fan.
+    fans: [Option<Vec3>; MAX_SINGULARITIES],
+    motion: NullMotion,
+    situation: Option<Situation>,
+    lanes: Lanes,
+    incarnations: [u32; PROCESSES.len()],
+}
+
+/// Writers of the five messages.
+const PROCESSES: [&str; 4] = ["plant", "estimator", "analyzer", "controller"];
+
+/// What each lane of the state timeline says.
+#[derive(Debug, Default)]
+struct Lanes {
+    modes: [Option<u32>; MAX_SINGULARITIES],
+    drive: Option<u32>,
+    phase: Option<u32>,
+    life: [Option<&'static str>; PROCESSES.len()],
+}
+
+impl<const N: usize> Recording<N> {
+    /// Creates the file and writes what never changes: the run's properties, the arm's figure, styles.
+    ///
+    /// # Errors
+    /// [`RecordError`] where the file cannot be made or written, or the robot does not have N joints.
+    pub fn create(path: &Path, run: &RunInfo) -> Result<Self, RecordError> {
+        let file = File::create(path).map_err(|source| RecordError::Create { path: path.display().to_string(), source })?;
+        Self::with_storage(file, run, Options::default())
+    }
+}
+
+impl<const N: usize, W: Storage> Recording<N, W> {
+    /// [`create`](Recording::create) for any storage, with options.
+    ///
+    /// # Errors
+    /// As [`create`](Recording::create).
+    pub fn with_storage(storage: W, run: &RunInfo, options: Options) -> Result<Self, RecordError> {
+        let RunInfo { scenario, robot, .. } = *run;
+        let frame = Some(scenario.frame.as_str()).filter(|frame| !frame.is_empty());
+        let arm =
+            Model::<N>::new(robot, frame).map_err(|error| RecordError::Arm { robot: robot.name.clone(), reason: error.to_string() })?;
+        let floor_m = scenario.plant.floor_m.map_or(0.0, |height| height as f32);
+        let figure = Figure::new(robot, floor_m);
+        let rate = f64::from(scenario.rate_hz);
+        let every = |seconds: f64| (seconds * rate).round().max(1.0);
+        let subject = Subject { joints: robot.joints.iter().map(|joint| joint.name.clone()).collect(), floor_m, ..Subject::default() };
+        let mut recording = Self {
+            sink: Sink::new(storage)?,
+            store: StoreId::recording(application(robot), run.run),
+            arm,
+            figure,
+            limits: Limits::new(robot),
+            subject,
+            layout: scenario.view.layout,
+            rate_hz: scenario.rate_hz.max(1),
+            blueprint_sent: false,
+            ticks: 0,
+            last: None,
+            signals: Table::default(),
+            signal_rows: every(options.signal_chunk_s) as usize,
+            picture: Picture::new(N),
+            picture_every: every(1.0 / options.picture_hz) as u64,
+            picture_rows: (options.picture_chunk_s * options.picture_hz).round().max(1.0) as usize,
+            thresholds: Vec::new(),
+            guides_due: 0,
+            marks: Default::default(),
+            fans: Default::default(),
+            motion: NullMotion::new(robot.length_m),
+            situation: None,
+            lanes: Lanes::default(),
+            incarnations: Default::default(),
+        };
+        recording.sink.announce(&recording.store);
+        recording.write_properties(run);
+        recording.write_figure();
+        recording.sink.check()?;
+        Ok(recording)
+    }
+
+    /// Takes a tick in. Ticks must come in order; a tick that was lost leaves a gap.
+    ///
+    /// # Errors
+    /// [`RecordError`] when it ends the recording, once; ticks after it are not recorded.
+    pub fn tick(&mut self, row: &TickRow) -> Result<(), RecordError> {
+        if self.sink.is_closed() {
+            return Ok(());
+        }
+        self.ticks += 1;
+        self.last = Some(row.tick);
+        if !self.blueprint_sent && row.report.is_some() {
+            self.introduce(row);
+        }
+        self.signals.push(row.tick, |put| sample(row, &self.limits, put));
+        if self.signals.rows() >= self.signal_rows {
+            self.write_signals();
+        }
+        self.write_changes(row);
+        if row.tick.is_multiple_of(self.picture_every) {
+            self.see(row);
+            if self.picture.rows() >= self.picture_rows {
+                self.write_picture();
+            }
+        }
+        if row.tick >= self.guides_due {
+            self.guides_due = row.tick + 2 * u64::from(self.rate_hz);
+            self.write_guides(row.tick);
+        }
+        self.sink.check()
+    }
+
+    /// Notes an event.
+    pub fn event(&mut self, tick: u64, level: Level, text: &str) {
+        let level = match level {
+            Level::Info => TextLogLevel::INFO,
+            Level::Warning => TextLogLevel::WARN,
+            Level::Error => TextLogLevel::ERROR,
+        };
+        self.log(tick, entity::LOG, &TextLog::new(text).with_level(level));
+    }
+
+    /// Writes out what is being gathered.
+    pub fn flush(&mut self) {
+        self.write_signals();
+        self.write_picture();
+    }
+
+    /// Size so far; bytes.
+    pub fn bytes(&self) -> u64 {
+        self.sink.bytes()
+    }
+
+    /// Ends the recording: everything gathered, the footer, and `sync`.
+    ///
+    /// # Errors
+    /// [`RecordError`] where one ended the recording and has not been answered yet; the file is readable nevertheless.
+    pub fn finish(mut self) -> Result<FileInfo, RecordError> {
+        if !self.blueprint_sent {
+            self.introduce(&TickRow::default());
+        }
+        self.flush();
+        if let Some(last) = self.last {
+            self.write_guides(last);
+        }
+        let (chunks, ticks) = (self.sink.chunks(), self.ticks);
+        Ok(FileInfo { bytes: self.sink.finish()?, chunks, ticks })
+    }
+
+    /// Writes a layout as a `.rbl` file, to be opened beside any recording of the same robot.
+    ///
+    /// # Errors
+    /// [`RecordError`] where the file cannot be made or written.
+    pub fn save_blueprint(&self, path: &Path, layout: Layout) -> Result<(), RecordError> {
+        let file = File::create(path).map_err(|source| RecordError::Create { path: path.display().to_string(), source })?;
+        let mut sink = Sink::new(file)?;
+        blueprint::send(&mut sink, self.store.application_id(), &self.subject, layout);
+        sink.finish().map(drop)
+    }
+
+    // What never changes.
+
+    fn write_properties(&mut self, run: &RunInfo) {
+        let RunInfo { scenario, robot, .. } = *run;
+        let title = if scenario.title.is_empty() { &scenario.name } else { &scenario.title };
+        let info = RecordingInfo::new().with_name(title.as_str()).with_start_time(Timestamp::now());
+        self.log_static(EntityPath::properties(), &info);
+        let words = [
+            ("scenario", scenario.name.clone()),
+            ("robot", robot.name.clone()),
+            ("run", run.run.to_owned()),
+            ("seed", run.seed.to_string()),
+            ("rate_hz", scenario.rate_hz.to_string()),
+            ("armplane", run.version.to_owned()),
+        ];
+        let columns = words.map(|(name, value)| {
+            (custom(name, Some("run")), std::sync::Arc::new(re_chunk::external::arrow::array::StringArray::from(vec![value])) as ArrayRef)
+        });
+        let chunk = Chunk::builder(EntityPath::properties().join(&"run".into())).with_row(RowId::new(), TimePoint::default(), columns);
+        self.sink.chunk(&self.store, chunk.build());
+        let about: Vec<String> = Signal::ALL.iter().map(|signal| format!("`{}`: {}", signal.name(), signal.about().trim())).collect();
+        self.log_static("/signals/about", &TextDocument::from_markdown(about.join("\n\n")));
+        let limits = [("joint:qdot_limit", &self.limits.speed), ("joint:torque_limit", &self.limits.torque)];
+        let columns =
+            limits.map(|(name, values)| (custom(name, None), std::sync::Arc::new(Float64Array::from(values.clone())) as ArrayRef));
+        let chunk = Chunk::builder(entity::SIGNALS).with_row(RowId::new(), TimePoint::default(), columns);
+        self.sink.chunk(&self.store, chunk.build());
+    }
+
+    fn write_figure(&mut self) {
+        self.log_static(entity::BASE, &mesh3d(&self.figure.base, None));
+        for i in 0..N {
+            let (solid, pale) = (mesh3d(&self.figure.links[i], None), mesh3d(&self.figure.links[i], Some([150, 205, 255, 70])));
+            self.log_static(entity::link(i), &solid);
+            self.log_static(entity::ghost(i), &pale);
+        }
+        let triad = |length: f32, radius: f32, colours: [u32; 3]| {
+            Arrows3D::from_vectors([[length, 0.0, 0.0], [0.0, length, 0.0], [0.0, 0.0, length]]).with_colors(colours).with_radii([radius])
+        };
+        let size = 0.11 * self.figure.reach;
+        self.log_static(entity::HAND, &triad(size, 0.03 * size, [0xf05050ff, 0x60d060ff, 0x5090ffff]));
+        self.log_static(entity::TARGET, &triad(1.35 * size, 0.018 * size, [0x90f0b0ff; 3]));
+        for (lane, states) in [("drive", story::DRIVE_STATES), ("phase", story::PHASE_STATES)] {
+            self.style(entity::state(lane), states);
+        }
+        for process in PROCESSES {
+            self.style(entity::state(&format!("process/{process}")), story::LIFE_STATES);
+        }
+        self.write_ghosts(0);
+    }
+
+    fn style(&mut self, path: String, states: States) {
+        let names = || states.iter().map(|(name, _)| *name);
+        self.log_static(
+            path,
+            &StateConfiguration::new().with_values(names()).with_labels(names()).with_colors(states.iter().map(|(_, colour)| *colour)),
+        );
+    }
+
+    /// At the first report: names, thresholds, the eye's place, and with them the blueprint.
+    fn introduce(&mut self, row: &TickRow) {
+        self.blueprint_sent = true;
+        for (i, one) in row.singularities().iter().enumerate() {
+            let name = story::name_of_singularity(one.kind, i);
+            self.style(entity::state(&format!("mode/{name}")), story::MODE_STATES);
+            self.subject.singularities.push((name, story::colour_of_kind(one.kind, i)));
+            if !self.thresholds.contains(&(one.eta_in, one.eta_out)) {
+                self.thresholds.push((one.eta_in, one.eta_out));
+            }
+        }
+        self.subject.bands = self.thresholds.len();
+        let places = row.q().map(|q| self.arm.link_poses(&SVector::from_column_slice(&q[..N])));
+        let hand = places.and_then(|places| places.last().map(|last| vec3(&last.p))).unwrap_or(Vec3::X);
+        (self.subject.eye, self.subject.look_at) = eye(hand, self.figure.reach, self.subject.floor_m);
+        blueprint::send(&mut self.sink, self.store.application_id(), &self.subject, self.layout);
+    }
+
+    // Numbers.
+
+    fn write_signals(&mut self) {
+        if let Some((ticks, components)) = self.signals.take() {
+            let chunk = self.chunk_of(entity::SIGNALS, &ticks, components);
+            self.sink.chunk(&self.store, chunk);
+        }
+    }
+
+    /// Lines that never move, as often as a plot needs to draw them.
+    fn write_guides(&mut self, tick: u64) {
+        let both = |values: Vec<f64>| -> ArrayRef {
+            std::sync::Arc::new(Float64Array::from(values.iter().flat_map(|value| [*value, -value]).collect::<Vec<_>>()))
+        };
+        let columns = [
+            (custom("guide:eta_in", None), both(self.thresholds.iter().map(|(eta_in, _)| *eta_in).collect())),
+            (custom("guide:eta_out", None), both(self.thresholds.iter().map(|(_, eta_out)| *eta_out).collect())),
+            (custom("guide:limit", None), both(vec![1.0])),
+        ];
+        let chunk = Chunk::builder(entity::GUIDES).with_row(RowId::new(), self.at(tick), columns).build();
+        self.sink.chunk(&self.store, chunk);
+    }
+
+    // Modes, states and words, as they change.
+
+    fn write_changes(&mut self, row: &TickRow) {
+        let life = |header: Option<&shared_types::Header>| header.map_or(0, |header| header.incarnation);
+        let plant = row.sensor.map(Message::header).or(row.plant_state.map(Message::header));
+        let now = [
+            life(plant),
+            life(row.estimate.map(Message::header)),
+            life(row.report.map(Message::header)),
+            life(row.command.map(Message::header)),
+        ];
+        for (i, incarnation) in now.into_iter().enumerate() {
+            let text = match incarnation {
+                0 => "silent",
+                1 => "up",
+                _ => "restarted",
+            };
+            if incarnation > self.incarnations[i] {
+                if self.incarnations[i] > 0 {
+                    self.event(row.tick, Level::Warning, &format!("{} is back as incarnation {incarnation}", PROCESSES[i]));
+                }
+                self.incarnations[i] = incarnation;
+            }
+            if self.lanes.life[i] != Some(text) {
+                self.lanes.life[i] = Some(text);
+                self.lane(row.tick, &format!("process/{}", PROCESSES[i]), text);
+            }
+        }
+        if let Some(sensor) = row.sensor
+            && self.lanes.drive != Some(sensor.drive)
+        {
+            self.lanes.drive = Some(sensor.drive);
+            self.lane(row.tick, "drive", name_of(DRIVES, sensor.drive));
+        }
+        if let Some(command) = row.command {
+            if self.lanes.phase != Some(command.phase) {
+                self.lanes.phase = Some(command.phase);
+                self.lane(row.tick, "phase", name_of(PHASES, command.phase));
+            }
+            for i in 0..self.subject.singularities.len().min(MAX_SINGULARITIES) {
+                let mode = command.mode[i];
+                if self.lanes.modes[i] != Some(mode) {
+                    let before = self.lanes.modes[i].replace(mode);
+                    let name = self.subject.singularities[i].0.clone();
+                    self.lane(row.tick, &format!("mode/{name}"), name_of(MODES, mode));
+                    if let Some(before) = before {
+                        self.event(row.tick, Level::Info, &format!("{name}: {} → {}", name_of(MODES, before), name_of(MODES, mode)));
+                    }
+                }
+            }
+        }
+        let situation = Situation::of(row);
+        if row.report.is_some() && self.situation != Some(situation) {
+            self.situation = Some(situation);
+            self.log(row.tick, entity::NOW, &TextDocument::from_markdown(situation.markdown()));
+        }
+    }
+
+    fn lane(&mut self, tick: u64, lane: &str, state: &str) {
+        self.log(tick, entity::state(lane), &StateChange::single(state));
+    }
+
+    // The picture.
+
+    fn see(&mut self, row: &TickRow) {
+        let Some(q) = row.q() else { return };
+        let links = self.arm.link_poses(&SVector::from_column_slice(&q[..N])).map(|X| placement(&X));
+        let desired = row.command.map(|command| pose(&command.p_BE_d, &command.R_BE_d));
+        let hand = row
+            .plant_state
+            .map(|state| pose(&state.p_BE, &state.R_BE))
+            .unwrap_or_else(|| placement(&self.arm.forward_kinematics(&SVector::from_column_slice(&q[..N]))));
+        let marks: Vec<Mark> =
+            row.report.map_or(Vec::new(), |report| row.singularities().iter().map(|one| Mark::new(one, report.p_BC)).collect());
+        self.write_marks(row.tick, row.singularities(), &marks);
+        if self.motion.update(row) {
+            self.write_ghosts(row.tick);
+        }
+        self.picture.push(row.tick, &links, &hand, desired.as_ref(), &marks);
+    }
+
+    /// Marks change their looks rarely; their places go with the picture.
+    fn write_marks(&mut self, tick: u64, singularities: &[SingularityState], marks: &[Mark]) {
+        for (i, (one, mark)) in singularities.iter().zip(marks).enumerate() {
+            let Some((name, _)) = self.subject.singularities.get(i) else { return };
+            let (path, fan) = (entity::singularity(name), entity::fan(name));
+            if self.marks[i] != mark.look {
+                self.marks[i] = mark.look;
+                self.write_look(tick, &path, mark.look, &story::label(one, i));
+            }
+            let inside = mark.look.presence == Presence::Inside;
+            let zeta = mark.zeta();
+            let turned = self.fans[i].is_none_or(|last| last.dot(zeta).abs() < 0.9976);
+            if !inside {
+                self.fans[i] = None;
+            } else if turned {
+                // Every 4° a line where ζ is: null-space motion that turns it sweeps a fan.
+                self.fans[i] = Some(zeta);
+                let reach = zeta * (0.95 * self.mark_size());
+                let (from, to) = (mark.X_BS.p - reach, mark.X_BS.p + reach);
+                let [r, g, b, _] = story::colour_of_type(mark.look.class);
+                let line = LineStrips3D::new([[from.to_array(), to.to_array()]])
+                    .with_colors([Color::from_unmultiplied_rgba(r, g, b, 120)])
+                    .with_radii([0.0025 * self.figure.reach]);
+                self.log(tick, fan, &line);
+            }
+        }
+    }
+
+    fn write_look(&mut self, tick: u64, path: &str, look: Look, label: &str) {
+        let [solid, axes, words] = ["glyph", "axes", "label"].map(|part| format!("{path}/{part}"));
+        if look.presence == Presence::Hidden {
+            for part in [solid, axes, words] {
+                self.log(tick, part, &Clear::flat());
+            }
+            return;
+        }
+        let colour = story::colour_of_type(look.class);
+        self.log(
+            tick,
+            solid,
+            &mesh3d(&glyph(look, colour), Some([255, 255, 255, if look.presence == Presence::Inside { 255 } else { 90 }])),
+        );
+        if look.presence == Presence::Inside {
+            let frame =
+                Arrows3D::from_vectors([[0.0, 0.5, 0.0], [0.0, 0.0, 0.5]]).with_colors([0xc8d0dcffu32, 0xc8d0dcff]).with_radii([0.012]);
+            self.log(tick, axes, &frame);
+            let [r, g, b, _] = colour;
+            let label = Points3D::new([[1.12, 0.0, 0.0]])
+                .with_radii([Radius::new_ui_points(0.5)])
+                .with_colors([Color::from_rgb(r, g, b)])
+                .with_labels([label])
+                .with_show_labels(true);
+            self.log(tick, words, &label);
+        } else {
+            self.log(tick, axes, &Clear::flat());
+            self.log(tick, words, &Clear::flat());
+        }
+    }
+
+    /// Where the arm has been in the present null-space motion.
+    fn write_ghosts(&mut self, tick: u64) {
+        let postures: Vec<[Placement; N]> =
+            self.motion.postures.iter().map(|q| self.arm.link_poses(&SVector::from_column_slice(&q[..N])).map(|X| placement(&X))).collect();
+        let (now, before) = match postures.split_last() {
+            Some((now, before)) => (Some(now), before),
+            None => (None, &[][..]),
+        };
+        for i in 0..N {
+            let places: Vec<&Placement> =
+                before.iter().map(|links| &links[i]).filter(|link| now.is_some_and(|now| differs(link, &now[i]))).collect();
+            // No instances would mean the mesh itself, at the origin: one too small to see instead.
+            let scales = if places.is_empty() { vec![[1e-6; 3]] } else { vec![[0.985; 3]; places.len()] };
+            let poses = InstancePoses3D::new()
+                .with_translations(if places.is_empty() { vec![[0.0; 3]] } else { places.iter().map(|link| link.p.to_array()).collect() })
+                .with_quaternions(if places.is_empty() {
+                    vec![Quaternion::IDENTITY]
+                } else {
+                    places.iter().map(|link| quaternion(link)).collect()
+                })
+                .with_scales(scales);
+            self.log(tick, entity::ghost(i), &poses);
+        }
+        let trail = |i: usize| -> Vec<[f32; 3]> { postures.iter().map(|links| links[i].p.to_array()).collect() };
+        let moved = |strip: &Vec<[f32; 3]>| strip.windows(2).any(|pair| Vec3::from(pair[0]).distance(Vec3::from(pair[1])) > 0.005);
+        let strips: Vec<Vec<[f32; 3]>> = (0..N).map(trail).filter(moved).collect();
+        self.log(
+            tick,
+            entity::TRAIL,
+            &LineStrips3D::new(strips)
+                .with_colors([Color::from_unmultiplied_rgba(150, 205, 255, 160)])
+                .with_radii([0.002 * self.figure.reach]),
+        );
+    }
+
+    fn write_picture(&mut self) {
+        let Some(picture) = self.picture.take() else { return };
+        let paths = (0..N).map(entity::link).chain([entity::HAND.to_owned()]);
+        for (path, track) in paths.zip(picture.links) {
+            let chunk = self.chunk_of(&path, &picture.ticks, track.columns(None));
+            self.sink.chunk(&self.store, chunk);
+        }
+        if let Some((ticks, track)) = picture.target {
+            let chunk = self.chunk_of(entity::TARGET, &ticks, track.columns(None));
+            self.sink.chunk(&self.store, chunk);
+        }
+        let size = self.mark_size();
+        for (i, track) in picture.marks.into_iter().enumerate() {
+            let Some((name, _)) = self.subject.singularities.get(i) else { break };
+            let path = entity::singularity(name);
+            let chunk = self.chunk_of(&path, &track.0, track.1.columns(Some(size)));
+            self.sink.chunk(&self.store, chunk);
+        }
+        let actual = picture.paths.actual;
+        self.write_path(entity::PATH_ACTUAL, &actual, [240, 240, 245, 255], 0.0035);
+        self.write_path(entity::PATH_DESIRED, &picture.paths.desired, [110, 235, 150, 255], 0.006);
+    }
+
+    /// A path in pieces of a tenth of a second, each a row, so that it grows with the cursor.
+    fn write_path(&mut self, path: &str, points: &[(u64, Vec3)], [r, g, b, a]: Rgba, radius: f32) {
+        const PIECE: usize = 5;
+        let mut chunk = Chunk::builder(path);
+        let mut any = false;
+        let mut from = 0;
+        while from + 1 < points.len() {
+            let to = (from + PIECE).min(points.len() - 1);
+            let piece: Vec<[f32; 3]> = points[from..=to].iter().map(|(_, p)| p.to_array()).collect();
+            if Vec3::from(piece[0]).distance(points[to].1) > 1e-4 {
+                let strip = LineStrips3D::new([piece])
+                    .with_colors([Color::from_unmultiplied_rgba(r, g, b, a)])
+                    .with_radii([radius * self.figure.reach]);
+                chunk = chunk.with_archetype(RowId::new(), self.at(points[to].0), &strip);
+                any = true;
+            }
+            from = to;
+        }
+        if any {
+            self.sink.chunk(&self.store, chunk.build());
+        }
+    }
+
+    fn mark_size(&self) -> f32 {
+        0.15 * self.figure.reach
+    }
+
+    // Chunks.
+
+    /// A tick's place on both time lines.
+    fn at(&self, tick: u64) -> TimePoint {
+        TimePoint::from([("tick", TimeCell::from_sequence(tick as i64)), ("t", TimeCell::from_duration_nanos(self.nanoseconds(tick)))])
+    }
+
+    fn nanoseconds(&self, tick: u64) -> i64 {
+        (u128::from(tick) * 1_000_000_000 / u128::from(self.rate_hz)) as i64
+    }
+
+    fn log(&mut self, tick: u64, path: impl Into<EntityPath>, archetype: &dyn AsComponents) {
+        let chunk = Chunk::builder(path).with_archetype(RowId::new(), self.at(tick), archetype).build();
+        self.sink.chunk(&self.store, chunk);
+    }
+
+    fn log_static(&mut self, path: impl Into<EntityPath>, archetype: &dyn AsComponents) {
+        let chunk = Chunk::builder(path).with_archetype(RowId::new(), TimePoint::default(), archetype).build();
+        self.sink.chunk(&self.store, chunk);
+    }
+
+    fn chunk_of(
+        &self,
+        path: &str,
+        ticks: &[u64],
+        components: impl IntoIterator<Item = SerializedComponentColumn>,
+    ) -> re_chunk::ChunkResult<Chunk> {
+        let first = RowId::new();
+        let rows: Vec<RowId> = (0..ticks.len()).map(|k| first.incremented_by(k as u64)).collect();
+        let column =
+            |timeline: Timeline, times: Vec<i64>| (*timeline.name(), TimeColumn::new(Some(true), timeline, ScalarBuffer::from(times)));
+        let timelines = [
+            column(Timeline::new_sequence("tick"), ticks.iter().map(|tick| *tick as i64).collect()),
+            column(Timeline::new_duration("t"), ticks.iter().map(|tick| self.nanoseconds(*tick)).collect()),
+        ];
+        let components: ChunkComponents = components.into_iter().collect();
+        Chunk::from_native_row_ids(ChunkId::new(), path.into(), Some(true), &rows, timelines.into_iter().collect(), components)
+    }
+}
+
+/// Recordings of one robot share their blueprint.
+fn application(robot: &Robot) -> ApplicationId {
+    ApplicationId::new_or_unknown(format!("armplane-{}", robot.name))
+}
+
+/// A component of ours.
+fn custom(name: &'static str, archetype: Option<&'static str>) -> ComponentDescriptor {
+    let descriptor = ComponentDescriptor::partial(name);
+    archetype.map_or(descriptor.clone(), |archetype| descriptor.with_archetype(archetype.into()))
+}
+
+fn pose(p: &[f64; 3], R: &[f64; 9]) -> Placement {
+    let R = R.map(|x| x as f32);
+    Placement { R: glam::Mat3::from_cols_array(&R), p: Vec3::new(p[0] as f32, p[1] as f32, p[2] as f32) }
+}
+
+fn quaternion(at: &Placement) -> Quaternion {
+    Quaternion::from_xyzw(rotation(at).to_array())
+}
+
+fn mesh3d(mesh: &Mesh, tint: Option<Rgba>) -> Mesh3D {
+    let colours = mesh.colours.iter().map(|[r, g, b, a]| Color::from_unmultiplied_rgba(*r, *g, *b, *a));
+    let made = Mesh3D::new(mesh.positions.iter().copied())
+        .with_vertex_normals(mesh.normals.iter().copied())
+        .with_vertex_colors(colours)
+        .with_triangle_indices(mesh.triangles.iter().copied());
+    match tint {
+        Some([r, g, b, a]) => made.with_albedo_factor(AlbedoFactor(re_sdk_types::datatypes::Rgba32::from_unmultiplied_rgba(r, g, b, a))),
+        None => made,
+    }
+}
+
+/// An eye that sees arm and floor: off to the side of the plane in which the arm reaches out, a little above.
+fn eye(hand: Vec3, reach: f32, floor_m: f32) -> (Vec3, Vec3) {
+    let heading = hand.with_z(0.0).normalize_or(Vec3::X);
+    let side = Vec3::new(heading.y, -heading.x, 0.0);
+    let look_at = heading * (0.25 * reach) + Vec3::Z * (0.3 * floor_m.min(0.0) + 0.25 * hand.z);
+    let eye = look_at + (heading * 0.75 + side * 1.0 + Vec3::Z * 0.45).normalize() * (1.55 * reach);
+    (eye, look_at)
+}
+
+/// Rows of signals, gathered.
+#[derive(Default)]
+struct Table {
+    ticks: Vec<u64>,
+    columns: Vec<Column>,
+}
+
+/// One signal's rows: values end to end, where each row ends, and which rows there are.
+struct Column {
+    signal: Signal,
+    wide: Vec<f64>,
+    narrow: Vec<f32>,
+    ends: Vec<i32>,
+    present: Vec<bool>,
+}
+
+impl Table {
+    fn rows(&self) -> usize {
+        self.ticks.len()
+    }
+
+    fn push(&mut self, tick: u64, fill: impl FnOnce(&mut dyn FnMut(Signal, &mut dyn Iterator<Item = f64>))) {
+        if self.columns.is_empty() {
+            self.columns = Signal::ALL.iter().map(|signal| Column::new(*signal)).collect();
+        }
+        self.ticks.push(tick);
+        let columns = &mut self.columns;
+        fill(&mut |signal, values| {
+            let column = &mut columns[signal as usize];
+            match signal.width() {
+                Width::F64 => column.wide.extend(values),
+                Width::F32 => column.narrow.extend(values.map(|value| value as f32)),
+            }
+        });
+        for column in columns {
+            let (end, before) = ((column.wide.len() + column.narrow.len()) as i32, column.ends.last().copied().unwrap_or(0));
+            column.present.push(end > before);
+            column.ends.push(end);
+        }
+    }
+
+    /// The rows gathered, as columns; `None` where there are none.
+    fn take(&mut self) -> Option<(Vec<u64>, Vec<SerializedComponentColumn>)> {
+        if self.ticks.is_empty() {
+            return None;
+        }
+        let ticks = std::mem::take(&mut self.ticks);
+        let columns = self.columns.iter_mut().filter_map(|column| std::mem::replace(column, Column::new(column.signal)).build());
+        Some((ticks, columns.collect()))
+    }
+}
+
+impl Column {
+    fn new(signal: Signal) -> Self {
+        Self { signal, wide: Vec::new(), narrow: Vec::new(), ends: vec![0], present: Vec::new() }
+    }
+
+    fn build(self) -> Option<SerializedComponentColumn> {
+        if !self.present.contains(&true) {
+            return None;
+        }
+        let values: ArrayRef = match self.signal.width() {
+            Width::F64 => std::sync::Arc::new(Float64Array::from(self.wide)),
+            Width::F32 => std::sync::Arc::new(Float32Array::from(self.narrow)),
+        };
+        let missing = self.present.contains(&false).then(|| NullBuffer::from(self.present));
+        let field = std::sync::Arc::new(Field::new_list_field(values.data_type().clone(), true));
+        let list = ListArray::new(field, OffsetBuffer::new(ScalarBuffer::from(self.ends)), values, missing);
+        Some(SerializedComponentColumn::new(list, custom(self.signal.name(), None)))
+    }
+}
+
+/// Places over time.
+#[derive(Default)]
+struct Track {
+    translations: Vec<[f32; 3]>,
+    quaternions: Vec<[f32; 4]>,
+    sizes: Vec<f32>,
+}
+
+impl Track {
+    fn push(&mut self, at: &Placement, size: f32) {
+        self.translations.push(at.p.to_array());
+        self.quaternions.push(rotation(at).to_array());
+        self.sizes.push(size);
+    }
+
+    /// Transform columns; `unit`: the size of a mark of size 1.
+    fn columns(self, unit: Option<f32>) -> Vec<SerializedComponentColumn> {
+        let mut transform = Transform3D::update_fields()
+            .with_many_translation(self.translations)
+            .with_many_quaternion(self.quaternions.into_iter().map(Quaternion::from_xyzw));
+        if let Some(unit) = unit {
+            transform = transform.with_many_scale(self.sizes.iter().map(|size| [size * unit; 3]));
+        }
+        transform.columns_of_unit_batches().map(Iterator::collect).unwrap_or_default()
+    }
+}
+
+/// What was seen since the last chunk.
+struct Picture {
+    ticks: Vec<u64>,
+    /// Links, then the hand.
+    links: Vec<Track>,
+    target: Option<(Vec<u64>, Track)>,
+    marks: Vec<(Vec<u64>, Track)>,
+    paths: Paths,
+}
+
+/// Points of the paths; the last of a chunk is the first of the next.
+#[derive(Default)]
+struct Paths {
+    actual: Vec<(u64, Vec3)>,
+    desired: Vec<(u64, Vec3)>,
+}
+
+impl Picture {
+    fn new(links: usize) -> Self {
+        Self {
+            ticks: Vec::new(),
+            links: (0..=links).map(|_| Track::default()).collect(),
+            target: None,
+            marks: Vec::new(),
+            paths: Paths::default(),
+        }
+    }
+
+    fn rows(&self) -> usize {
+        self.ticks.len()
+    }
+
+    fn push(&mut self, tick: u64, links: &[Placement], hand: &Placement, desired: Option<&Placement>, marks: &[Mark]) {
+        self.ticks.push(tick);
+        for (track, at) in self.links.iter_mut().zip(links.iter().chain([hand])) {
+            track.push(at, 1.0);
+        }
+        self.paths.actual.push((tick, hand.p));
+        if let Some(desired) = desired {
+            let (ticks, track) = self.target.get_or_insert_default();
+            ticks.push(tick);
+            track.push(desired, 1.0);
+            self.paths.desired.push((tick, desired.p));
+        }
+        self.marks.resize_with(self.marks.len().max(marks.len()), Default::default);
+        for ((ticks, track), mark) in self.marks.iter_mut().zip(marks) {
+            ticks.push(tick);
+            track.push(&mark.X_BS, mark.size);
+        }
+    }
+
+    fn take(&mut self) -> Option<Self> {
+        if self.ticks.is_empty() {
+            return None;
+        }
+        let mut next = Self::new(self.links.len() - 1);
+        next.paths.actual.extend(self.paths.actual.last());
+        next.paths.desired.extend(self.paths.desired.last());
+        Some(std::mem::replace(self, next))
+    }
+}
+
+#[cfg(test)]
+mod tests;

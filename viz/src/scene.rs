@@ -1,0 +1,226 @@
+//! What is to be seen at a tick, and what null-space motion has shown so far. PURE.
+
+use glam::{Mat3, Quat, Vec3};
+use nalgebra::{Matrix3, Rotation3, Vector3, Vector6};
+use shared_types::MAX_DOF;
+use shared_types::messages::SingularityState;
+
+use crate::arm::vec3;
+use crate::signals::TickRow;
+use crate::solid::{Mesh, Placement, Rgba, disc};
+
+/// How clearly a singularity is shown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Presence {
+    /// Far: not at all.
+    #[default]
+    Hidden,
+    /// |s| below twice η_out: faint, to be felt coming.
+    Near,
+    /// Inside its neighbourhood.
+    Inside,
+}
+
+/// How a singularity's mark looks: it is drawn again when this changes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Look {
+    pub(crate) presence: Presence,
+    pub(crate) class: u32,
+    pub(crate) angular: bool,
+}
+
+/// A singularity's mark: the singular frame S at C with x along ζ, and how large it is drawn.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Mark {
+    pub(crate) look: Look,
+    pub(crate) X_BS: Placement,
+    /// 0 where the arm is regular, 1 where it is singular.
+    pub(crate) size: f32,
+}
+
+impl Mark {
+    /// The mark of a singularity whose centre C is at `p_BC`.
+    pub(crate) fn new(one: &SingularityState, p_BC: [f64; 3]) -> Self {
+        let zeta = if one.angular == 1 { &one.zeta_B[3..] } else { &one.zeta_B[..3] };
+        let zeta = Vec3::new(zeta[0] as f32, zeta[1] as f32, zeta[2] as f32).normalize_or(Vec3::X);
+        let R = one.R_BS.map(|x| x as f32);
+        // x exactly along ζ; y as the report has it.
+        let y = Vec3::from_slice(&R[3..6]).reject_from_normalized(zeta).try_normalize().unwrap_or_else(|| zeta.any_orthonormal_vector());
+        let (s, near) = (one.s.abs(), 2.0 * one.eta_out);
+        let presence = match one.inside {
+            1 => Presence::Inside,
+            _ if s < near => Presence::Near,
+            _ => Presence::Hidden,
+        };
+        let closeness = ((near - s) / near.max(1e-9)).clamp(0.0, 1.0) as f32;
+        Self {
+            look: Look { presence, class: one.class, angular: one.angular == 1 },
+            X_BS: Placement { R: Mat3::from_cols(zeta, y, zeta.cross(y)), p: vec3(&Vector3::from(p_BC)) },
+            size: 0.25 + 0.75 * closeness,
+        }
+    }
+
+    /// ζ, base axes.
+    pub(crate) fn zeta(&self) -> Vec3 {
+        self.X_BS.R.x_axis
+    }
+}
+
+/// The lost direction as a solid of unit size along x: a turning arc for a rotation, a blocked double arrow for a translation.
+pub(crate) fn glyph(look: Look, colour: Rgba) -> Mesh {
+    let [r, g, b, _] = colour;
+    let colour = [r, g, b, if look.presence == Presence::Inside { 255 } else { 110 }];
+    let mut mesh = Mesh::default();
+    if look.angular {
+        // Three quarters of a turn in the plane across ζ, an arrow head at each end, and the axis itself.
+        let radius = 0.72;
+        let point = |turn: f32| {
+            let (sin, cos) = (std::f32::consts::TAU * turn).sin_cos();
+            (Vec3::new(0.0, radius * cos, radius * sin), Vec3::new(0.0, -sin, cos))
+        };
+        let (from, to) = (0.03, 0.78);
+        let arc: Vec<Vec3> = (0..=48).map(|k| point(from + (to - from) * k as f32 / 48.0).0).collect();
+        mesh.add_tube(&arc, 0.035, colour);
+        for (turn, sense) in [(from, -1.0), (to, 1.0)] {
+            let (p, tangent) = point(turn);
+            mesh.add_cone(Placement::along(p, tangent * sense, Vec3::X), 0.11, 0.0, -0.02, 0.26, colour);
+        }
+        mesh.add_extrusion(Placement::along(Vec3::ZERO, Vec3::X, Vec3::Y), &[disc(0.0, 0.0, 0.022)], -1.0, 1.0, 0.02, colour);
+    } else {
+        for sense in [-1.0, 1.0] {
+            let out = Placement::along(Vec3::ZERO, Vec3::X * sense, Vec3::Y);
+            mesh.add_extrusion(out, &[disc(0.0, 0.0, 0.035)], 0.0, 0.75, 0.005, colour);
+            mesh.add_cone(out, 0.11, 0.0, 0.7, 0.97, colour);
+            mesh.add_extrusion(out, &[disc(0.0, 0.0, 0.2)], 0.985, 1.02, 0.01, colour);
+        }
+    }
+    mesh
+}
+
+/// Follows null-space motion: joints that move while the hand stays.
+#[derive(Clone, Debug)]
+pub(crate) struct NullMotion {
+    /// Makes metres and radians comparable; m.
+    length_m: f64,
+    /// Postures gone through, oldest first, at even steps.
+    pub(crate) postures: Vec<[f64; MAX_DOF]>,
+    /// The hand where it began: position, rotation in the base.
+    hand: Option<(Vector3<f64>, Matrix3<f64>)>,
+}
+
+/// Joint-space distance between two ghosts; rad.
+const GHOST_STEP: f64 = 0.4;
+/// Most ghosts at once.
+const GHOSTS: usize = 8;
+
+impl NullMotion {
+    pub(crate) fn new(length_m: f64) -> Self {
+        Self { length_m, postures: Vec::with_capacity(GHOSTS), hand: None }
+    }
+
+    /// Takes a tick in; says whether the postures changed.
+    ///
+    /// Motion counts as null-space motion where |V_E|, with lengths over L, is below a twentieth of |q̇|.
+    pub(crate) fn update(&mut self, row: &TickRow) -> bool {
+        let Some(state) = row.plant_state else { return false };
+        let speed = state.qdot.iter().map(|rate| rate * rate).sum::<f64>().sqrt();
+        let V = Vector6::from(state.V_BE);
+        let hand_speed =
+            (V.fixed_rows::<3>(0).norm_squared() / (self.length_m * self.length_m) + V.fixed_rows::<3>(3).norm_squared()).sqrt();
+        let hand = (Vector3::from(state.p_BE), Matrix3::from_column_slice(&state.R_BE));
+        if let Some((p, R)) = self.hand {
+            let turned = Rotation3::from_matrix_unchecked(hand.1 * R.transpose()).angle();
+            if (hand.0 - p).norm() / self.length_m + turned > 0.15 {
+                self.hand = None;
+                self.postures.clear();
+                return true;
+            }
+        }
+        if speed < 0.03 || hand_speed > 0.05 * speed {
+            return false;
+        }
+        self.hand.get_or_insert(hand);
+        let far = |from: &[f64; MAX_DOF]| from.iter().zip(&state.q).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt() > GHOST_STEP;
+        if self.postures.last().is_none_or(far) {
+            if self.postures.len() == GHOSTS {
+                self.postures.remove(0);
+            }
+            self.postures.push(state.q);
+            return true;
+        }
+        false
+    }
+}
+
+/// A ghost link is drawn only where it does not lie in the real one: further than this, m or rad.
+pub(crate) fn differs(a: &Placement, b: &Placement) -> bool {
+    a.p.distance(b.p) > 0.01 || rotation(a).angle_between(rotation(b)) > 0.1
+}
+
+/// A placement's rotation as a quaternion.
+pub(crate) fn rotation(at: &Placement) -> Quat {
+    Quat::from_mat3(&at.R)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shared_types::codes::TYPE_2;
+    use shared_types::messages::PlantState;
+
+    fn wrist(s: f64, inside: u32) -> SingularityState {
+        SingularityState {
+            class: TYPE_2,
+            angular: 1,
+            inside,
+            s,
+            eta_in: 0.1,
+            eta_out: 0.2,
+            zeta_B: [0., 0., 0., 0., 0.6, 0.8],
+            R_BS: [0., 0.6, 0.8, 1., 0., 0., 0., 0.8, -0.6],
+            ..SingularityState::default()
+        }
+    }
+
+    #[test]
+    fn marks_grow_towards_the_singularity() {
+        let sizes: Vec<f32> = [0.5, 0.3, 0.1, 0.0].iter().map(|s| Mark::new(&wrist(*s, 0), [0.0; 3]).size).collect();
+        assert!(sizes.windows(2).all(|pair| pair[0] < pair[1]), "{sizes:?}");
+        assert_eq!(sizes[3], 1.0);
+        let presence = |s, inside| Mark::new(&wrist(s, inside), [0.0; 3]).look.presence;
+        assert_eq!([presence(0.5, 0), presence(-0.3, 0), presence(0.15, 1)], [Presence::Hidden, Presence::Near, Presence::Inside]);
+    }
+
+    #[test]
+    fn the_mark_frame_is_a_rotation_with_x_along_zeta() {
+        for R_BS in [wrist(0.0, 1).R_BS, [0.0; 9]] {
+            let mark = Mark::new(&SingularityState { R_BS, ..wrist(0.0, 1) }, [0.1, 0.2, 0.3]);
+            assert!((mark.zeta() - Vec3::new(0.0, 0.6, 0.8)).length() < 1e-6);
+            assert!((mark.X_BS.R.determinant() - 1.0).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn ghosts_follow_null_motion_and_leave_with_the_hand() {
+        let mut motion = NullMotion::new(0.43);
+        let identity = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
+        let mut state = PlantState { R_BE: identity, ..PlantState::default() };
+        let mut update =
+            |motion: &mut NullMotion, state: &PlantState| motion.update(&TickRow { plant_state: Some(state), ..TickRow::default() });
+        // Rest, then joints 4 and 6 against each other with the hand still.
+        assert!(!update(&mut motion, &state));
+        (state.qdot[3], state.qdot[5]) = (1.0, -1.0);
+        for k in 0..100 {
+            (state.q[3], state.q[5]) = (0.01 * f64::from(k), -0.01 * f64::from(k));
+            update(&mut motion, &state);
+        }
+        assert_eq!(motion.postures.len(), 4, "1.4 rad of motion at 0.4 rad a ghost");
+        // The same speeds with the hand moving are no null-space motion.
+        state.V_BE[0] = 0.2;
+        state.q[3] = 2.0;
+        assert!(!update(&mut motion, &state));
+        // The hand has left: the ghosts go.
+        state.p_BE[0] = 0.1;
+        assert!(update(&mut motion, &state) && motion.postures.is_empty());
+    }
+}

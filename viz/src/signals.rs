@@ -1,0 +1,331 @@
+//! The numbers of a run: from the five messages of a tick to columns at the control rate. PURE.
+//!
+//! One wide table, one row per tick: every chunk of a file carries the whole schema of its entity, so few wide entities are cheap
+//! where many narrow ones are not. Positions are f64, as they came; the rest is f32, 7 digits, which halves the file.
+
+use model::Robot;
+use nalgebra::{Matrix3, Rotation3, Vector3};
+use shared_types::messages::{PlantState, SensorSample, SingularityReport, SingularityState, StateEstimate, TorqueCommand};
+use shared_types::wire::{HOPS, Stamps};
+
+/// The messages of one tick, as a recorder has them; in real time some may be missing.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct TickRow<'a> {
+    /// The tick they belong to.
+    pub tick: u64,
+    /// What the arm's sensors said.
+    pub sensor: Option<&'a SensorSample>,
+    /// The simulator's truth.
+    pub plant_state: Option<&'a PlantState>,
+    /// What the estimator believed.
+    pub estimate: Option<&'a StateEstimate>,
+    /// Where the arm was singular.
+    pub report: Option<&'a SingularityReport>,
+    /// What the controller commanded.
+    pub command: Option<&'a TorqueCommand>,
+}
+
+impl TickRow<'_> {
+    /// Joint positions, rad: the simulator's, else the estimator's.
+    pub(crate) fn q(&self) -> Option<&[f64]> {
+        self.plant_state.map(|state| &state.q[..]).or_else(|| self.estimate.map(|estimate| &estimate.q[..]))
+    }
+
+    /// Joint velocities, rad/s: the simulator's, else the estimator's.
+    pub(crate) fn qdot(&self) -> Option<&[f64]> {
+        self.plant_state.map(|state| &state.qdot[..]).or_else(|| self.estimate.map(|estimate| &estimate.qdot[..]))
+    }
+
+    /// The singularities reported.
+    pub(crate) fn singularities(&self) -> &[SingularityState] {
+        self.report.map_or(&[], |report| &report.singularities[..(report.count as usize).min(report.singularities.len())])
+    }
+
+    /// Stamps of as many hops as the data has passed.
+    fn stamps(&self) -> Option<Stamps> {
+        let last = self
+            .command
+            .map(|m| &m.header)
+            .or(self.report.map(|m| &m.header))
+            .or(self.estimate.map(|m| &m.header))
+            .or(self.sensor.map(|m| &m.header));
+        last.map(|header| header.stamps)
+    }
+}
+
+/// Element type of a signal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Width {
+    F64,
+    F32,
+}
+
+macro_rules! signals {
+    ($( $(#[doc = $doc:literal])* $name:ident = $text:literal $width:ident ),* $(,)?) => {
+        /// The columns at the control rate. Each row of a column is a list: one number per joint, per singularity, per hop, or as stated.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub enum Signal { $( $(#[doc = $doc])* $name ),* }
+
+        impl Signal {
+            /// All of them, in column order.
+            pub const ALL: &[Signal] = &[ $( Signal::$name ),* ];
+
+            /// The column's name in the recording.
+            pub const fn name(self) -> &'static str {
+                match self { $( Signal::$name => $text ),* }
+            }
+
+            /// What it is, with its unit.
+            pub const fn about(self) -> &'static str {
+                match self { $( Signal::$name => concat!($($doc),*) ),* }
+            }
+
+            pub(crate) const fn width(self) -> Width {
+                match self { $( Signal::$name => Width::$width ),* }
+            }
+        }
+    };
+}
+
+signals! {
+    /// Joint positions; rad.
+    Position = "joint:q" F64,
+    /// Joint positions between their limits: −1 lower, 1 upper; q/π for a joint without limits.
+    PositionInRange = "joint:q_in_range" F32,
+    /// Joint velocities; rad/s.
+    Speed = "joint:qdot" F32,
+    /// Joint velocities over their limits.
+    SpeedRatio = "joint:qdot_ratio" F32,
+    /// Torques that act at the end-effector, J_rᵀF_r and compensation; N·m.
+    TorqueTask = "torque:task" F32,
+    /// Torques that act in the null space, N_T Γ₀; N·m.
+    TorqueNull = "torque:null" F32,
+    /// Torques that act at the end-effector over the joints' limits.
+    TorqueTaskRatio = "torque:task_ratio" F32,
+    /// Torques that act in the null space over the joints' limits.
+    TorqueNullRatio = "torque:null_ratio" F32,
+    /// s_i(q) of each singularity; dimensionless.
+    Measure = "singularity:s" F32,
+    /// Auxiliary coordinate of each singularity; rad.
+    Auxiliary = "singularity:aux" F32,
+    /// Reference of the auxiliary coordinate; rad.
+    AuxiliaryReference = "singularity:aux_d" F32,
+    /// β_i of each singularity: 1 full operational control, 0 null-space control.
+    Beta = "singularity:beta" F32,
+    /// Singular values of the unit-scaled Jacobian.
+    SingularValues = "jacobian:sigma" F32,
+    /// True position error [across, along] the singular directions the arm is inside of; mm.
+    PositionError = "error:position_mm" F32,
+    /// True orientation error [across, along] the singular directions the arm is inside of; degrees.
+    OrientationError = "error:orientation_deg" F32,
+    /// [time scale, task scale, null scale]: what governor and limits let through, 0 to 1.
+    Scale = "control:scale" F32,
+    /// Contact force on the arm; N.
+    Contact = "world:contact_force_n" F32,
+    /// Time of each hop and of the whole chain, in the order of [`HOP_NAMES`]; µs.
+    Latency = "latency:us" F32,
+}
+
+/// The parts of [`Signal::Latency`].
+pub const HOP_NAMES: [&str; 7] =
+    ["plant → estimator", "estimator", "estimator → analyzer", "analyzer", "analyzer → controller", "controller", "whole chain"];
+
+/// The limits that make ratios of joint quantities.
+#[derive(Clone, Debug)]
+pub(crate) struct Limits {
+    centre: Vec<f64>,
+    half_range: Vec<f64>,
+    pub(crate) speed: Vec<f64>,
+    pub(crate) torque: Vec<f64>,
+}
+
+impl Limits {
+    pub(crate) fn new(robot: &Robot) -> Self {
+        let range = |lower: f64, upper: f64| {
+            if (upper - lower).is_finite() { (0.5 * (lower + upper), 0.5 * (upper - lower)) } else { (0.0, std::f64::consts::PI) }
+        };
+        let (centre, half_range) = robot.joints.iter().map(|joint| range(joint.lower, joint.upper)).unzip();
+        Self {
+            centre,
+            half_range,
+            speed: robot.joints.iter().map(|joint| joint.velocity).collect(),
+            torque: robot.joints.iter().map(|joint| joint.effort).collect(),
+        }
+    }
+
+    pub(crate) fn dof(&self) -> usize {
+        self.speed.len()
+    }
+}
+
+/// Gives each signal's values at a tick to `put`; a signal whose messages are missing is not given.
+pub(crate) fn sample(row: &TickRow, limits: &Limits, mut put: impl FnMut(Signal, &mut dyn Iterator<Item = f64>)) {
+    let n = limits.dof();
+    if let Some(q) = row.q() {
+        put(Signal::Position, &mut q[..n].iter().copied());
+        put(Signal::PositionInRange, &mut (0..n).map(|i| (q[i] - limits.centre[i]) / limits.half_range[i]));
+    }
+    if let Some(qdot) = row.qdot() {
+        put(Signal::Speed, &mut qdot[..n].iter().copied());
+        put(Signal::SpeedRatio, &mut ratio(qdot, &limits.speed));
+    }
+    if let Some(command) = row.command {
+        put(Signal::TorqueTask, &mut command.tau_task[..n].iter().copied());
+        put(Signal::TorqueNull, &mut command.tau_null[..n].iter().copied());
+        put(Signal::TorqueTaskRatio, &mut ratio(&command.tau_task, &limits.torque));
+        put(Signal::TorqueNullRatio, &mut ratio(&command.tau_null, &limits.torque));
+        put(Signal::Scale, &mut [command.time_scale, command.task_scale, command.null_scale].into_iter());
+        let count = row.singularities().len();
+        put(Signal::AuxiliaryReference, &mut command.aux_d[..count].iter().copied());
+        put(Signal::Beta, &mut command.beta[..count].iter().copied());
+    }
+    if let Some(report) = row.report {
+        put(Signal::Measure, &mut row.singularities().iter().map(|singularity| singularity.s));
+        put(Signal::Auxiliary, &mut row.singularities().iter().map(|singularity| singularity.aux));
+        put(Signal::SingularValues, &mut report.sigma[..n.min(6)].iter().copied());
+    }
+    if let Some(state) = row.plant_state {
+        put(Signal::Contact, &mut std::iter::once(Vector3::from(state.contact_force_n).norm()));
+        if let Some(command) = row.command {
+            let error = TaskError::new(state, command, row.singularities());
+            put(Signal::PositionError, &mut error.position_m.into_iter().map(|e| 1e3 * e));
+            put(Signal::OrientationError, &mut error.orientation_rad.into_iter().map(f64::to_degrees));
+        }
+    }
+    if let Some(hops) = row.stamps().and_then(|stamps| hops_us(&stamps)) {
+        put(Signal::Latency, &mut hops.into_iter());
+    }
+}
+
+fn ratio(values: &[f64], limits: &[f64]) -> impl Iterator<Item = f64> {
+    values.iter().zip(limits).map(|(value, limit)| value / limit)
+}
+
+/// Task error, desired against true pose, split at the singular directions the arm is inside of: `[across, along]`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct TaskError {
+    pub(crate) position_m: [f64; 2],
+    pub(crate) orientation_rad: [f64; 2],
+}
+
+impl TaskError {
+    /// e = [p_d − p; log(R_d Rᵀ)], each half split into its part in span{ζ_i : inside} and the rest; base axes.
+    pub(crate) fn new(state: &PlantState, command: &TorqueCommand, singularities: &[SingularityState]) -> Self {
+        let p = Vector3::from(command.p_BE_d) - Vector3::from(state.p_BE);
+        let R_error = Matrix3::from_column_slice(&command.R_BE_d) * Matrix3::from_column_slice(&state.R_BE).transpose();
+        let r = Rotation3::from_matrix_unchecked(R_error).scaled_axis();
+        let directions = |angular: u32, offset: usize| {
+            singularities
+                .iter()
+                .filter(move |one| one.inside == 1 && one.angular == angular)
+                .map(move |one| Vector3::from_column_slice(&one.zeta_B[offset..offset + 3]))
+        };
+        Self { position_m: split(p, directions(0, 0)), orientation_rad: split(r, directions(1, 3)) }
+    }
+}
+
+/// Norms of what is left of `e` across the directions, and of what was taken along them (Gram–Schmidt).
+fn split(e: Vector3<f64>, directions: impl Iterator<Item = Vector3<f64>>) -> [f64; 2] {
+    let mut basis: [Vector3<f64>; 3] = [Vector3::zeros(); 3];
+    let mut taken = 0;
+    for direction in directions {
+        let rest = basis[..taken].iter().fold(direction, |rest, b| rest - b * b.dot(&rest));
+        if taken < 3 && rest.norm() > 1e-6 {
+            basis[taken] = rest.normalize();
+            taken += 1;
+        }
+    }
+    let along = basis[..taken].iter().fold(Vector3::zeros(), |sum, b| sum + b * b.dot(&e));
+    [(e - along).norm(), along.norm()]
+}
+
+/// Times of the hops, µs; `None` where the data has not passed them all or clocks ran backwards.
+fn hops_us(stamps: &Stamps) -> Option<[f64; 7]> {
+    let Stamps { received_ns: received, sent_ns: sent } = stamps;
+    const _: () = assert!(HOPS.len() == 4);
+    let span = |from: u64, to: u64| (from > 0).then(|| to.checked_sub(from)).flatten().map(|ns| ns as f64 * 1e-3);
+    Some([
+        span(sent[0], received[1])?,
+        span(received[1], sent[1])?,
+        span(sent[1], received[2])?,
+        span(received[2], sent[2])?,
+        span(sent[2], received[3])?,
+        span(received[3], sent[3])?,
+        span(sent[0], sent[3])?,
+    ])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn an_error_along_zeta_is_not_across_it() {
+        let mut state = PlantState { R_BE: [1., 0., 0., 0., 1., 0., 0., 0., 1.], ..PlantState::default() };
+        state.p_BE = [0.1, 0.2, 0.3];
+        let mut command = TorqueCommand { R_BE_d: state.R_BE, p_BE_d: [0.103, 0.2, 0.304], ..TorqueCommand::default() };
+        // A turn of 0.02 rad about z.
+        command.R_BE_d = *Rotation3::from_axis_angle(&Vector3::z_axis(), 0.02).matrix().as_slice().first_chunk().expect("nine");
+        let elbow = SingularityState { inside: 1, zeta_B: [1., 0., 0., 0., 0., 0.], ..SingularityState::default() };
+        let wrist = SingularityState { inside: 1, angular: 1, zeta_B: [0., 0., 0., 0., 0., 1.], ..SingularityState::default() };
+        let close = |a: [f64; 2], b: [f64; 2]| assert!((a[0] - b[0]).abs() < 1e-12 && (a[1] - b[1]).abs() < 1e-12, "{a:?} {b:?}");
+        let outside = TaskError::new(&state, &command, &[]);
+        close(outside.position_m, [0.005, 0.0]);
+        close(outside.orientation_rad, [0.02, 0.0]);
+        let inside = TaskError::new(&state, &command, &[elbow, wrist]);
+        close(inside.position_m, [0.004, 0.003]);
+        close(inside.orientation_rad, [0.0, 0.02]);
+    }
+
+    proptest! {
+        #[test]
+        fn across_and_along_are_orthogonal_parts(e in prop::array::uniform3(-1.0..1.0f64), a in prop::array::uniform3(-1.0..1.0f64), b in prop::array::uniform3(-1.0..1.0f64)) {
+            let e = Vector3::from(e);
+            let directions = [Vector3::from(a), Vector3::from(b)].map(|d| d.normalize());
+            let [across, along] = split(e, directions.into_iter());
+            prop_assert!((across.hypot(along) - e.norm()).abs() < 1e-9);
+            let [none, all] = split(directions[0] * 0.3, directions.into_iter());
+            prop_assert!(none < 1e-9 && (all - 0.3).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn hops_add_up_to_the_chain() {
+        let stamps = Stamps { received_ns: [0, 2_000, 5_000, 9_000], sent_ns: [1_000, 4_000, 8_000, 12_500] };
+        let hops = hops_us(&stamps).expect("complete");
+        assert_eq!(hops, [1.0, 2.0, 1.0, 3.0, 1.0, 3.5, 11.5]);
+        assert_eq!(hops[..6].iter().sum::<f64>(), hops[6]);
+        assert_eq!(hops_us(&Stamps { sent_ns: [1_000, 0, 0, 0], ..stamps }), None, "data that has not passed every hop has no latency");
+    }
+
+    #[test]
+    fn missing_messages_give_no_values() {
+        let robot = Robot::builtin("puma560").expect("built in");
+        let limits = Limits::new(&robot);
+        let mut seen = Vec::new();
+        let estimate = StateEstimate::default();
+        sample(&TickRow { estimate: Some(&estimate), ..TickRow::default() }, &limits, |signal, values| seen.push((signal, values.count())));
+        assert_eq!(seen, [(Signal::Position, 6), (Signal::PositionInRange, 6), (Signal::Speed, 6), (Signal::SpeedRatio, 6)]);
+    }
+
+    #[test]
+    fn limits_are_at_plus_and_minus_one() {
+        let robot = Robot::builtin("puma560").expect("built in");
+        let limits = Limits::new(&robot);
+        let mut state = PlantState::default();
+        for (i, joint) in robot.joints.iter().enumerate() {
+            state.q[i] = if i % 2 == 0 { joint.upper } else { joint.lower };
+            state.qdot[i] = joint.velocity;
+        }
+        sample(&TickRow { plant_state: Some(&state), ..TickRow::default() }, &limits, |signal, values| {
+            for (i, value) in values.enumerate() {
+                match signal {
+                    Signal::PositionInRange => assert!((value - if i % 2 == 0 { 1.0 } else { -1.0 }).abs() < 1e-12),
+                    Signal::SpeedRatio => assert!((value - 1.0).abs() < 1e-12),
+                    _ => {}
+                }
+            }
+        });
+    }
+}

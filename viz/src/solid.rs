@@ -1,0 +1,205 @@
+//! Triangle meshes of solids, generated in code. PURE.
+
+use glam::{Mat3, Vec2, Vec3};
+
+/// Linear blend of sRGB bytes and opacity, as Rerun stores colours.
+pub(crate) type Rgba = [u8; 4];
+
+/// A disc in the plane of an outline: centre and radius; m.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Disc {
+    pub(crate) centre: Vec2,
+    pub(crate) radius: f32,
+}
+
+/// A disc at (x, y) with a radius; m.
+pub(crate) const fn disc(x: f32, y: f32, radius: f32) -> Disc {
+    Disc { centre: Vec2::new(x, y), radius }
+}
+
+/// Where a mesh stands in the frame it is drawn in: `p ↦ R·p + p`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Placement {
+    pub(crate) R: Mat3,
+    pub(crate) p: Vec3,
+}
+
+impl Placement {
+    pub(crate) const IDENTITY: Self = Self { R: Mat3::IDENTITY, p: Vec3::ZERO };
+
+    /// At `p`, with the solid's z axis along `axis` and its x axis as near to `x` as that allows.
+    pub(crate) fn along(p: Vec3, axis: Vec3, x: Vec3) -> Self {
+        let z = axis.normalize_or(Vec3::Z);
+        let x = x.reject_from_normalized(z).try_normalize().unwrap_or_else(|| z.any_orthonormal_vector());
+        Self { R: Mat3::from_cols(x, z.cross(x), z), p }
+    }
+}
+
+/// A coloured triangle mesh with smooth normals; m.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Mesh {
+    pub(crate) positions: Vec<[f32; 3]>,
+    pub(crate) normals: Vec<[f32; 3]>,
+    pub(crate) colours: Vec<Rgba>,
+    pub(crate) triangles: Vec<[u32; 3]>,
+}
+
+/// Facets of a full turn.
+const FACETS: usize = 40;
+
+impl Mesh {
+    /// The convex hull of discs, extruded from `z0` to `z1` with edges rounded by `bevel`: a cylinder, a slab, a tapered arm.
+    pub(crate) fn add_extrusion(&mut self, at: Placement, discs: &[Disc], z0: f32, z1: f32, bevel: f32, colour: Rgba) {
+        const STEPS: usize = 4;
+        let quarter = |k: usize| std::f32::consts::FRAC_PI_2 * k as f32 / STEPS as f32;
+        // (z, inset of the outline, slope of the normal): bottom cap, rounding, side, rounding, top cap.
+        let mut profile = vec![(z0, bevel, -1.0)];
+        profile.extend(
+            (0..=STEPS)
+                .map(|k| (z0 + bevel * (1.0 - quarter(k).sin()), bevel * (1.0 - quarter(k).cos()), -quarter(k).sin()))
+                .rev()
+                .map(|(z, inset, slope)| (z, inset, slope)),
+        );
+        profile.extend((0..=STEPS).map(|k| (z1 - bevel * (1.0 - quarter(k).sin()), bevel * (1.0 - quarter(k).cos()), quarter(k).sin())));
+        profile.push((z1, bevel, 1.0));
+        self.add_profile(at, discs, &profile, colour);
+    }
+
+    /// A frustum from radius `r0` at `z0` to `r1` at `z1` (0: a cone's tip), closed at both ends.
+    pub(crate) fn add_cone(&mut self, at: Placement, r0: f32, r1: f32, z0: f32, z1: f32, colour: Rgba) {
+        let slope = (r0 - r1) / (r0 - r1).hypot(z1 - z0);
+        let flat = -(z1 - z0).signum();
+        self.add_profile(
+            at,
+            &[disc(0.0, 0.0, r0)],
+            &[(z0, 0.0, flat), (z0, 0.0, slope), (z1, r0 - r1, slope), (z1, r0 - r1, -flat)],
+            colour,
+        );
+    }
+
+    /// A sphere.
+    pub(crate) fn add_sphere(&mut self, at: Placement, radius: f32, colour: Rgba) {
+        self.add_capsule(at, radius, 0.0, colour);
+    }
+
+    /// A capsule along z, centred; `length` between the centres of its caps.
+    pub(crate) fn add_capsule(&mut self, at: Placement, radius: f32, length: f32, colour: Rgba) {
+        self.add_extrusion(at, &[disc(0.0, 0.0, radius)], -radius - length / 2.0, radius + length / 2.0, radius, colour);
+    }
+
+    /// A box of full side lengths `size`, centred, with slightly rounded edges.
+    pub(crate) fn add_box(&mut self, at: Placement, size: Vec3, colour: Rgba) {
+        let bevel = 0.08 * size.min_element();
+        let corner = size.truncate() / 2.0 - bevel;
+        let discs = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)].map(|(x, y)| disc(x * corner.x, y * corner.y, bevel));
+        self.add_extrusion(at, &discs, -size.z / 2.0, size.z / 2.0, bevel, colour);
+    }
+
+    /// A tube along a polyline, open at its ends.
+    pub(crate) fn add_tube(&mut self, path: &[Vec3], radius: f32, colour: Rgba) {
+        const AROUND: usize = 12;
+        let first = self.positions.len() as u32;
+        let Some(mut side) = path.get(1).map(|next| (*next - path[0]).normalize_or(Vec3::X).any_orthonormal_vector()) else { return };
+        for (i, p) in path.iter().enumerate() {
+            let tangent = (path[(i + 1).min(path.len() - 1)] - path[i.saturating_sub(1)]).normalize_or(Vec3::X);
+            side = side.reject_from_normalized(tangent).normalize_or(tangent.any_orthonormal_vector());
+            let up = tangent.cross(side);
+            for k in 0..AROUND {
+                let (sin, cos) = (std::f32::consts::TAU * k as f32 / AROUND as f32).sin_cos();
+                let normal = side * cos + up * sin;
+                self.push(*p + normal * radius, normal, colour);
+            }
+        }
+        self.stitch(first, path.len(), AROUND);
+    }
+
+    /// Rings of the hull's outline, stacked: each (z, inset of the outline, z part of the normal), from the bottom to the top, closed at both.
+    fn add_profile(&mut self, at: Placement, discs: &[Disc], profile: &[(f32, f32, f32)], colour: Rgba) {
+        let first = self.positions.len() as u32;
+        for &(z, inset, slope) in profile {
+            for k in 0..FACETS {
+                let (sin, cos) = (std::f32::consts::TAU * k as f32 / FACETS as f32).sin_cos();
+                let u = Vec2::new(cos, sin);
+                // The hull's support point in direction u: insetting every radius keeps normals and topology.
+                let Some(far) = discs.iter().max_by(|a, b| (a.centre.dot(u) + a.radius).total_cmp(&(b.centre.dot(u) + b.radius))) else {
+                    return;
+                };
+                let rim = far.centre + u * (far.radius - inset);
+                let normal = (u * (1.0 - slope * slope).max(0.0).sqrt()).extend(slope);
+                self.push(at.R * rim.extend(z) + at.p, at.R * normal, colour);
+            }
+        }
+        self.stitch(first, profile.len(), FACETS);
+        // Fans over the end rings: they are convex.
+        let last = first + ((profile.len() - 1) * FACETS) as u32;
+        for k in 1..FACETS as u32 - 1 {
+            self.triangles.push([first, first + k + 1, first + k]);
+            self.triangles.push([last, last + k, last + k + 1]);
+        }
+    }
+
+    fn push(&mut self, position: Vec3, normal: Vec3, colour: Rgba) {
+        self.positions.push(position.to_array());
+        self.normals.push(normal.normalize_or(Vec3::Z).to_array());
+        self.colours.push(colour);
+    }
+
+    /// Quads between successive rings of `around` vertices.
+    fn stitch(&mut self, first: u32, rings: usize, around: usize) {
+        let around = around as u32;
+        for ring in 0..rings.saturating_sub(1) as u32 {
+            for k in 0..around {
+                let [a, b] = [k, (k + 1) % around].map(|k| first + ring * around + k);
+                self.triangles.push([a, b, b + around]);
+                self.triangles.push([a, b + around, a + around]);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Volume by the divergence theorem: positive only where every face points outwards.
+    fn volume(mesh: &Mesh) -> f32 {
+        let corner = |i: u32| Vec3::from_array(mesh.positions[i as usize]);
+        mesh.triangles.iter().map(|[a, b, c]| corner(*a).dot(corner(*b).cross(corner(*c))) / 6.0).sum()
+    }
+
+    #[test]
+    fn solids_have_the_volume_of_their_formula() {
+        let white = [255; 4];
+        let cases: [(&str, f32, &dyn Fn(&mut Mesh)); 5] = [
+            ("cylinder", std::f32::consts::PI * 0.01 * 0.5, &|m| {
+                m.add_extrusion(Placement::IDENTITY, &[disc(0.3, 0.0, 0.1)], -0.2, 0.3, 0.0, white)
+            }),
+            ("sphere", 4.0 / 3.0 * std::f32::consts::PI * 0.001, &|m| {
+                m.add_sphere(Placement::along(Vec3::ONE, Vec3::Y, Vec3::X), 0.1, white)
+            }),
+            ("cone", std::f32::consts::PI * 0.01 * 0.3 / 3.0, &|m| m.add_cone(Placement::IDENTITY, 0.1, 0.0, 0.0, 0.3, white)),
+            ("box", 0.2 * 0.3 * 0.4, &|m| m.add_box(Placement::IDENTITY, Vec3::new(0.2, 0.3, 0.4), white)),
+            ("stadium", (0.4 * 0.2 + std::f32::consts::PI * 0.01) * 0.1, &|m| {
+                m.add_extrusion(Placement::IDENTITY, &[disc(0.0, 0.0, 0.1), disc(0.4, 0.0, 0.1)], 0.0, 0.1, 0.0, white)
+            }),
+        ];
+        for (name, exact, build) in cases {
+            let mut mesh = Mesh::default();
+            build(&mut mesh);
+            let relative = volume(&mesh) / exact - 1.0;
+            assert!(relative.abs() < 0.03, "{name}: volume {} against {exact}", volume(&mesh));
+        }
+    }
+
+    #[test]
+    fn normals_point_out_of_a_convex_solid() {
+        let mut mesh = Mesh::default();
+        mesh.add_extrusion(Placement::IDENTITY, &[disc(-0.1, 0.0, 0.05), disc(0.2, 0.0, 0.03)], -0.04, 0.04, 0.01, [255; 4]);
+        let centre = Vec3::new(0.05, 0.0, 0.0);
+        for (position, normal) in mesh.positions.iter().zip(&mesh.normals) {
+            let (position, normal) = (Vec3::from_array(*position), Vec3::from_array(*normal));
+            assert!((position - centre).dot(normal) > 0.0, "{position} {normal}");
+            assert!((normal.length() - 1.0).abs() < 1e-5);
+        }
+    }
+}
