@@ -11,8 +11,14 @@ const FEED_FORWARD_LAG: f64 = 0.008;
 /// Fastest change of the error's share in β, 1/s: what an error can take back from operational control in one tick.
 const TRUST_RATE: f64 = 30.0;
 
-/// Beyond η_out by this factor the singularity is left for good.
+/// Beyond η_out by this factor the singularity is left, once the error it caused is gone.
 const LEFT: f64 = 1.05;
+
+/// Beyond η_out by this factor it is left whatever the error: another cause must have made it.
+const FAR: f64 = 1.5;
+
+/// Error along ζ that counts as gone, m or rad.
+const GONE: f64 = 1e-5;
 
 /// Gains and bounds of one auxiliary loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,8 +55,18 @@ pub struct Demand {
     pub beta: f64,
     /// Auxiliary acceleration, rad/s².
     pub acceleration: f64,
-    /// Auxiliary rate wanted over the largest one.
+    /// Auxiliary rate at which the path would be followed at full clock speed, rad/s.
+    pub nominal: f64,
+    /// The same, over what the largest rate leaves beside the correction of the error.
     pub load: f64,
+}
+
+impl Demand {
+    /// Operational control alone.
+    #[must_use]
+    pub fn none() -> Self {
+        Self { beta: 1.0, acceleration: 0.0, nominal: 0.0, load: 0.0 }
+    }
 }
 
 impl Default for Loop {
@@ -69,18 +85,20 @@ impl Loop {
     /// One tick.
     ///
     /// β = smoothstep((|s| − η_in)/(η_out − η_in)) · (1 − smoothstep((|e| − 0.02)/0.08)), the second factor limited in rate so that β never jumps.
+    /// `clock` is the speed of the path's clock, in which `target.rate` already is.
     /// rate_cmd = slew(sat(rate + K·e)); acceleration = k_v(rate_cmd − rate) + low-passed change of rate_cmd.
-    pub fn step<const N: usize>(&mut self, s: &Singularity<N>, target: &Target, gains: &Gains, dt: f64) -> Demand {
+    pub fn step<const N: usize>(&mut self, s: &Singularity<N>, target: &Target, gains: &Gains, clock: f64, dt: f64) -> Demand {
         let neighborhood = Neighborhood { eta_in: s.eta_in, eta_out: s.eta_out };
         let error = target.error * target.weight;
         let gone = 1.0 - smoothstep((error.abs() - 0.02) / 0.08);
         self.mode = self.next(s, target);
         if !self.engaged() {
             *self = Self { memory: self.memory, rate: s.aux_rate, ..Self::default() };
-            return Demand { beta: 1.0, acceleration: 0.0, load: 0.0 };
+            return Demand::none();
         }
         self.trust += (gone - self.trust).clamp(-TRUST_RATE * dt, TRUST_RATE * dt);
-        let wanted = target.rate + gains.k * error;
+        let (correction, nominal) = (gains.k * error, target.rate / clock);
+        let wanted = target.rate + correction;
         let bounded = wanted.clamp(-gains.rate_max, gains.rate_max);
         let change = (bounded - self.rate).clamp(-gains.slew * dt, gains.slew * dt);
         self.rate += change;
@@ -89,7 +107,8 @@ impl Loop {
         Demand {
             beta,
             acceleration: gains.k_v * (self.rate - s.aux_rate) + self.feed_forward,
-            load: (1.0 - beta) * wanted.abs() / gains.rate_max,
+            nominal,
+            load: (1.0 - beta) * nominal.abs() / (gains.rate_max - (correction * nominal.signum()).max(0.0)).max(0.05 * gains.rate_max),
         }
     }
 
@@ -102,7 +121,8 @@ impl Loop {
             Mode::Regular => Mode::Regular,
             Mode::Blend if size > LEFT * s.eta_out && self.trust >= 1.0 => Mode::Regular,
             Mode::Blend => Mode::Blend,
-            _ if size > LEFT * s.eta_out && self.trust >= 1.0 => Mode::Regular,
+            _ if size > FAR * s.eta_out && self.trust >= 1.0 => Mode::Regular,
+            _ if size > LEFT * s.eta_out && self.trust >= 1.0 && (target.error * s.gain).abs() < GONE => Mode::Regular,
             _ => Mode::Recover,
         }
     }
@@ -128,7 +148,7 @@ mod tests {
         for k in -400..400 {
             let s = f64::from(k) * 1e-3;
             inside = neighborhood.update(inside, s);
-            state.step(&singularity(s, inside), &target, &GAINS, 1e-3);
+            state.step(&singularity(s, inside), &target, &GAINS, 1.0, 1e-3);
             if seen.last() != Some(&state.mode) {
                 seen.push(state.mode);
             }
@@ -143,7 +163,7 @@ mod tests {
         for k in 0..600 {
             let error = if k % 100 < 50 { 0.5 } else { 0.0 };
             let target = Target { error, weight: 1.0, mode: Mode::Track, ..Target::default() };
-            let beta = state.step(&singularity(0.199, false), &target, &GAINS, 1e-3).beta;
+            let beta = state.step(&singularity(0.199, false), &target, &GAINS, 1.0, 1e-3).beta;
             assert!((beta - last).abs() < 0.035, "tick {k}: {last} to {beta}");
             last = beta;
         }

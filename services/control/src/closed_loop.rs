@@ -52,3 +52,112 @@ fn figure_5_with_noisy_encoders() {
     assert!(figures.along_deg.max(figures.across_deg) < 0.1 && figures.final_mm < 0.1, "{figures:?}");
     assert!(figures.torque_step_p95 < 0.1 && figures.speed < 1.0 && figures.torque < 1.0 && !figures.refused, "{figures:?}");
 }
+
+#[test]
+fn explore() {
+    for (text, settings) in [
+        (scenario_text!("elbow-in-and-out"), &[][..]),
+        (scenario_text!("fig4-elbow-and-wrist"), &[]),
+        (scenario_text!("overhead-pass"), &[]),
+        (scenario_text!("straight-up"), &[]),
+    ] {
+        let scenario = scenario(text, settings);
+        println!("== {}", scenario.name);
+        let mut last = [Mode::Regular; 4];
+        let figures = run::<6>(&scenario, Plant::default(), |k, tick| {
+            if k % 1000 == 0 || last != tick.command.mode {
+                let s: Vec<f64> = tick.report.meant().iter().map(|s| (s.s * 1e4).round() / 1e4).collect();
+                println!(
+                    "{k:5} {:.4?} s {s:?} {:?} b {:.2?} aux {:.3?} scale {:.2} {:?}",
+                    tick.split(),
+                    &tick.command.mode[..3],
+                    &tick.command.beta[..3],
+                    tick.report.meant().iter().enumerate().map(|(i, s)| tick.command.aux_d[i] - s.aux).collect::<Vec<_>>(),
+                    tick.command.time_scale,
+                    tick.command.phase
+                );
+                last = tick.command.mode;
+            }
+        });
+        println!("{figures:?}");
+    }
+}
+
+#[test]
+fn explore_sweep() {
+    let speed: f64 = option_env!("SWEEP_SPEED").map_or(0.28, |s| s.parse().unwrap());
+    let template = scenario(scenario_text!("fig5-wrist-rotation"), &[]);
+    let lines = crate::sweep::lines(crate::testing::robot("puma560"), &template, 7, 210, speed);
+    let mut ok = [[0usize; 4]; 3];
+    for line in &lines {
+        let f = run::<6>(&line.scenario, Plant::default(), |_, _| {});
+        let ends = f.final_mm < 1.0 && f.final_deg < 0.5;
+        let limits = f.speed <= 1.0 && f.torque <= 1.0 && f.saturated_ticks <= 10 && !f.limit_violated && !f.refused;
+        let s1 = ends && limits && f.across_mm < 1.0 && f.across_deg < 0.5;
+        let s2 = ends && limits && f.across_mm < 1.0 && f.across_deg < 3.0 && f.along_mm < 10.0 && f.along_deg < 5.0;
+        let i = line.near.code() as usize - 1;
+        for (k, yes) in [ends, limits, s1, s2].into_iter().enumerate() {
+            ok[i][k] += usize::from(yes);
+        }
+        if !s1 || !s2 {
+            println!(
+                "{:?} {} S1 {s1} S2 {s2} along {:.2} {:.2} across {:.3} {:.3} final {:.3} {:.3} speed {:.2} torque {:.2} step {:.2}/{:.3} sat {} stretch {:.2} sw {} ref {} lim {}",
+                line.near,
+                line.scenario.name,
+                f.along_mm,
+                f.along_deg,
+                f.across_mm,
+                f.across_deg,
+                f.final_mm,
+                f.final_deg,
+                f.speed,
+                f.torque,
+                f.torque_step,
+                f.torque_step_p95,
+                f.saturated_ticks,
+                f.stretch,
+                f.switches,
+                f.refused,
+                f.limit_violated
+            );
+        }
+    }
+    println!("elbow/wrist/overhead: [ends, limits, S1, S2] of 70: {ok:?}");
+}
+
+#[test]
+fn explore_line() {
+    let Ok(numbers) = std::env::var("LINE") else { return };
+    let speed: f64 = std::env::var("SPEED").map_or(0.28, |s| s.parse().unwrap());
+    let template = scenario(scenario_text!("fig5-wrist-rotation"), &[]);
+    let lines = crate::sweep::lines(crate::testing::robot("puma560"), &template, 7, 210, speed);
+    for n in numbers.split(',') {
+        let line = &lines[n.parse::<usize>().unwrap()];
+        println!("== {n} {:?}", line.scenario.segment[0].duration_s);
+        let mut last = [Mode::Regular; 4];
+        let mut tau = nalgebra::Vector6::zeros();
+        run::<6>(&line.scenario, Plant::default(), |k, tick| {
+            let step = (tick.command.tau - tau).component_div(&nalgebra::vector![97.6, 186.4, 89.4, 24.2, 20.1, 21.3]).amax();
+            tau = tick.command.tau;
+            if (k % 25 == 0 && tick.command.mode != [Mode::Regular; 4]) || last != tick.command.mode || (k > 0 && step > 0.2) {
+                let s: Vec<f64> = tick.report.meant().iter().map(|s| (s.s * 1e3).round() / 1e3).collect();
+                let (al, ac) = tick.split();
+                println!(
+                    "{k:5} al {:5.2} {:5.2} ac {:5.3} {:5.3} s {s:?} {:?} b {:.2?} e {:.3?} rc {:.2?} ra {:.2?} sc {:.2} st {step:.2} q {:.2?}",
+                    al[0],
+                    al[1],
+                    ac[0],
+                    ac[1],
+                    &tick.command.mode[..3],
+                    &tick.command.beta[..3],
+                    tick.report.meant().iter().enumerate().map(|(i, s)| tick.command.aux_d[i] - s.aux).collect::<Vec<_>>(),
+                    &tick.command.aux_rate_d[..3],
+                    tick.report.meant().iter().map(|s| s.aux_rate).collect::<Vec<_>>(),
+                    tick.command.time_scale,
+                    &tick.q.as_slice()[3..]
+                );
+                last = tick.command.mode;
+            }
+        });
+    }
+}

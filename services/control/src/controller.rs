@@ -231,6 +231,7 @@ impl<const N: usize> Controller<N> {
 
         // The auxiliary coordinates.
         let leg = self.path.leg(state.progress.leg).copied();
+        let ahead = self.path.ahead(&state.progress, p_EC);
         let mut actives = Actives::none();
         let mut telemetry = Telemetry::default();
         let mut load = 0.0_f64;
@@ -241,12 +242,13 @@ impl<const N: usize> Controller<N> {
                 at: &at,
                 desired: &desired,
                 V_nominal: &nominal.V,
+                ahead: &ahead,
                 error: &error,
                 lower: self.model.lower(),
                 upper: self.model.upper(),
                 branch: leg.map_or(0, |leg| leg.branch),
                 rate_max: self.rate_max(i),
-                pass_ratio: if self.control.governor { 4.0 } else { 1.8 },
+                governed: self.control.governor,
             };
             let mut target = self.charts.target(singularity, &situation, &mut state.loops[i].memory);
             if let Some((place, angle)) = leg.and_then(|leg| leg.reorient)
@@ -256,8 +258,8 @@ impl<const N: usize> Controller<N> {
             }
             let gains = Gains { k: self.control.k_aux, k_v: self.control.k_v, rate_max: self.rate_max(i), slew: self.slew(i) };
             let demand = match self.control.strategy {
-                Strategy::ChangKhatib => hard_switch(&mut state.loops[i], singularity, &target, &gains, self.dt),
-                _ => state.loops[i].step(singularity, &target, &gains, self.dt),
+                Strategy::ChangKhatib => hard_switch(&mut state.loops[i], singularity, &target, &gains, rate, self.dt),
+                _ => state.loops[i].step(singularity, &target, &gains, rate, self.dt),
             };
             load = load.max(demand.load);
             telemetry.note(i, &state.loops[i], singularity, &target, &demand);
@@ -268,7 +270,7 @@ impl<const N: usize> Controller<N> {
                     beta: demand.beta,
                     aux_row: singularity.aux_row,
                     aux_acceleration: demand.acceleration - singularity.aux_bias,
-                    aux_rate: state.loops[i].rate,
+                    aux_rate: demand.nominal,
                 });
             }
         }
@@ -446,6 +448,7 @@ impl<const N: usize> Controller<N> {
             out.put(one.rate);
             out.put(one.feed_forward);
             out.put(one.trust);
+            out.put(one.memory.passage);
         }
         out.values
     }
@@ -466,22 +469,23 @@ impl<const N: usize> Controller<N> {
         for one in &mut self.state.loops {
             let packed = get() as u32;
             let flags = packed / 32;
-            let memory = Memory { passing: flags & 1 != 0, holding: flags & 2 != 0, side: f64::from(flags / 4) - 1.0 };
             let mode = Mode::from_code(packed % 32).unwrap_or_default();
-            *one = Loop { mode, rate: get(), feed_forward: get(), trust: get(), memory };
+            let [rate, feed_forward, trust, passage] = [get(), get(), get(), get()];
+            let memory = Memory { passing: flags & 1 != 0, holding: flags & 2 != 0, side: f64::from(flags / 4) - 1.0, passage };
+            *one = Loop { mode, rate, feed_forward, trust, memory };
         }
     }
 }
 
 /// The paper's hard switching: the singular direction is given up whole inside |s| ≤ η, and taken back whole outside.
-fn hard_switch<const N: usize>(state: &mut Loop, s: &Singularity<N>, target: &Target, gains: &Gains, dt: f64) -> Demand {
+fn hard_switch<const N: usize>(state: &mut Loop, s: &Singularity<N>, target: &Target, gains: &Gains, clock: f64, dt: f64) -> Demand {
     let inside = s.s.abs() <= s.eta_in;
     let exact = Singularity { inside, eta_out: s.eta_in, ..*s };
     if !inside {
         *state = Loop { memory: state.memory, rate: s.aux_rate, ..Loop::default() };
-        return Demand { beta: 1.0, acceleration: 0.0, load: 0.0 };
+        return Demand::none();
     }
-    let demand = state.step(&exact, target, gains, dt);
+    let demand = state.step(&exact, target, gains, clock, dt);
     Demand { beta: 0.0, ..demand }
 }
 

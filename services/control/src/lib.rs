@@ -25,6 +25,7 @@ pub mod operational;
 pub mod reference;
 pub mod saturation;
 pub mod singular;
+pub mod sweep;
 pub mod trajectory;
 pub mod wire;
 

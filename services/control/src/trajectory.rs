@@ -118,6 +118,25 @@ impl Progress {
     }
 }
 
+/// What is left of a leg, as a path in space without time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ahead {
+    progress: Progress,
+    p_E: Vector3<f64>,
+    from: f64,
+    to: f64,
+}
+
+impl Ahead {
+    /// The pose of the point at `share` of what is left, 0 to 1.
+    #[must_use]
+    pub fn pose(&self, share: f64) -> Pose {
+        let x = self.from + share * (self.to - self.from);
+        let R = rotation_exp(&(self.progress.turn * x)) * self.progress.start.R;
+        Pose { R, p: self.progress.start.p + self.progress.by * x + R * self.p_E }
+    }
+}
+
 impl Path {
     /// The path of a scenario, with directions at the start of the run taken from `report`, the analysis of the start posture.
     ///
@@ -180,6 +199,13 @@ impl Path {
                 [1.0 - x, -v, -a]
             }
         }
+    }
+
+    /// The rest of the present leg, for a point fixed at `p_E` in the end-effector.
+    #[must_use]
+    pub fn ahead(&self, progress: &Progress, p_E: Vector3<f64>) -> Ahead {
+        let [x, v, _] = self.fraction(progress);
+        Ahead { progress: *progress, p_E, from: x, to: if v < 0.0 { 0.0 } else { 1.0 } }
     }
 
     /// Desired motion of E, where the clock runs at `rate` and changes at `rate_dot` (1/s).

@@ -47,7 +47,7 @@ pub struct Active<const N: usize> {
     pub aux_row: SVector<f64, N>,
     /// Auxiliary acceleration wanted, less its value at q̈ = 0; rad/s².
     pub aux_acceleration: f64,
-    /// Auxiliary rate commanded, rad/s.
+    /// Auxiliary rate at which the path would be followed at full clock speed, rad/s.
     pub aux_rate: f64,
 }
 

@@ -6,7 +6,7 @@ use crate::singular::PumaFactors;
 use crate::types::{Mode, Singularity};
 
 /// Damping of the feed-forward at the fold, on sin θ.
-const MU: f64 = 0.05;
+const MU: f64 = 0.01;
 
 /// Angle from the lock within which the arm may change to the other side.
 const SIDE_CHANGE: f64 = 0.02;

@@ -11,6 +11,7 @@ mod wrist;
 use crate::centre::{AtCentre, PoseMotion};
 use crate::linear::wrap_line;
 use crate::singular::PumaFactors;
+use crate::trajectory::Ahead;
 use crate::types::{Kind, Mode, Singularity};
 use model::Terms;
 use nalgebra::{SVector, Vector3, Vector6};
@@ -28,6 +29,8 @@ pub struct Situation<'a, const N: usize> {
     pub desired: &'a PoseMotion,
     /// Its twist if the clock ran at full speed.
     pub V_nominal: &'a Vector6<f64>,
+    /// The rest of the path's leg.
+    pub ahead: &'a Ahead,
     /// Pose error at C, `[p_d − p; log(R_d Rᵀ)]`.
     pub error: &'a Vector6<f64>,
     /// Joint limits, rad.
@@ -38,8 +41,8 @@ pub struct Situation<'a, const N: usize> {
     pub branch: i32,
     /// Largest auxiliary rate, rad/s.
     pub rate_max: f64,
-    /// Predicted rate over `rate_max` above which a Type 2 singularity is passed through instead of tracked.
-    pub pass_ratio: f64,
+    /// Whether the governor may slow the path down.
+    pub governed: bool,
 }
 
 /// What a reference remembers from tick to tick.
@@ -51,6 +54,8 @@ pub struct Memory {
     pub passing: bool,
     /// The desired motion says nothing about ζ.
     pub holding: bool,
+    /// Angle of ζ's companion in the forearm while passing through, rad.
+    pub passage: f64,
 }
 
 /// Where the auxiliary coordinate should be.
@@ -82,31 +87,10 @@ impl Charts {
     pub fn target<const N: usize>(&self, singularity: &Singularity<N>, at: &Situation<'_, N>, memory: &mut Memory) -> Target {
         match (self, singularity.kind) {
             (Self::Puma(puma), Kind::Elbow) => elbow::target(puma, singularity, at, memory),
-            (Self::Puma(_), Kind::Wrist) => wrist::target(at, memory),
+            (Self::Puma(puma), Kind::Wrist) => wrist::target(puma, singularity, at, memory),
             (Self::Puma(puma), Kind::Overhead) => overhead::target(puma, at, memory),
             _ => numeric::target(singularity, at, memory),
         }
-    }
-}
-
-/// Decides whether to track ζ or to pass through, from the way the desired motion leaves the singularity.
-///
-/// `w` is where the desired motion is, seen from the singularity, and `w_rate` how it moves, both in the plane normal to `normal`, on a
-/// straight line that passes the singularity at a distance h: the fastest turn of its direction is |ẇ|/h. Passing begins when that exceeds
-/// `pass_ratio`·`rate_max` on the way in, and ends when the direction turns slowly enough again.
-fn pass(w: &Vector3<f64>, w_rate: &Vector3<f64>, normal: &Vector3<f64>, near: bool, rate_max: f64, ratio: f64, was: bool) -> bool {
-    let speed = w_rate.norm();
-    if speed < 1e-3 {
-        return was;
-    }
-    let moment = normal.dot(&w.cross(w_rate)).abs();
-    let worst = speed * speed / moment.max(1e-12);
-    let now = moment / w.norm_squared().max(1e-12);
-    let approaching = w.dot(w_rate) < 0.0;
-    if was {
-        (approaching && worst > 0.7 * ratio * rate_max) || now > 0.7 * rate_max
-    } else {
-        near && approaching && worst > ratio * rate_max
     }
 }
 

@@ -5,13 +5,23 @@ use crate::linear::{linear, wrap_angle};
 use crate::singular::PumaFactors;
 use crate::types::Mode;
 
-/// Damping on the in-plane radius, m.
-const MU: f64 = 0.05;
+/// Damping on the in-plane radius, m: only desired quantities are divided by it, so it need not cover noise.
+const MU: f64 = 0.005;
+
+/// What going straight past the waist axis, instead of around it, may cost, m.
+const PASS: f64 = 3e-4;
+
+/// In-plane radius beyond which the arm is where it is, whatever was meant, m.
+const FREE: f64 = 0.1;
+
+/// Distance from the waist axis below which the desired place says little about the waist, m.
+const NEAR: f64 = 0.03;
 
 /// Analytic inverse kinematics of the waist: the arm's plane, at `d` from the waist axis, must hold p_d.
 ///
 /// With r_d the distance of p_d from the waist axis, R_d = ±√(r_d² − d²) and q1_d = q1 + atan2(y, x) − atan2(d, R_d) in the arm's own axes; the
-/// nearer of the two is taken. A goal nearer to the axis than d is beyond reach: R_d = 0.
+/// nearer of the two is taken. A goal nearer to the axis than d is beyond reach: R_d = 0. The rate is its derivative,
+/// q̇1_d = (z1×r_d)·v_d/r_d² + (d/r_d²)·Ṙ_d with Ṙ_d = (r_d·v_d)/R_d damped; where d = 0 and r_d is small nothing is believed.
 pub(super) fn target<const N: usize>(_puma: &PumaFactors, at: &Situation<'_, N>, memory: &mut Memory) -> Target {
     let terms = at.terms;
     let [z1, z2] = [terms.z[0], terms.z[1]];
@@ -21,9 +31,9 @@ pub(super) fn target<const N: usize>(_puma: &PumaFactors, at: &Situation<'_, N>,
     let d = (at.at.p - S).dot(&z2);
     let (along, across) = (p_d.dot(&x), p_d.dot(&z2));
     let v = linear(&at.desired.V);
-    let r2 = along * along + across * across - d * d;
-    let clipped = r2 < -1e-7;
-    let R = r2.max(0.0).sqrt();
+    let R2 = along * along + across * across - d * d;
+    let clipped = R2 < -1e-7;
+    let R = R2.max(0.0).sqrt();
     let azimuth = libm::atan2(across, along);
     let turn = |R: f64| wrap_angle(azimuth - libm::atan2(d, R));
     let (one, two) = (turn(R), turn(-R));
@@ -31,15 +41,29 @@ pub(super) fn target<const N: usize>(_puma: &PumaFactors, at: &Situation<'_, N>,
         let q1 = at.q[0] + turn;
         q1 > at.lower[0] && q1 < at.upper[0]
     };
-    let error = match (fits(one), fits(two)) {
-        (true, false) => one,
-        (false, true) => two,
-        _ if one.abs() <= two.abs() => one,
-        _ => two,
+    // The side of the waist axis on which the wrist centre shall be: the one it is on, but the nearer one where going straight on costs little.
+    let nearer = if one.abs() <= two.abs() { 1.0 } else { -1.0 };
+    let present = if (at.at.p - S).dot(&x) < 0.0 { -1.0 } else { 1.0 };
+    if memory.side == 0.0 {
+        memory.side = present;
+    }
+    let miss = p_d.norm_squared() - p_d.dot(&z1) * p_d.dot(&z1);
+    if miss.sqrt() - d.abs() < PASS || (R > 2.0 * FREE && present != memory.side) {
+        memory.side = nearer;
+    }
+    let side = match (fits(one), fits(two)) {
+        (true, false) => 1.0,
+        (false, true) => -1.0,
+        _ => memory.side,
     };
-    let weight = R * R / (R * R + MU * MU);
-    let rate = if clipped { 0.0 } else { v.dot(&z2) * along / (along * along + MU * MU) };
-    memory.holding = weight < if memory.holding { 0.2 } else { 0.06 };
+    let error = if side > 0.0 { one } else { two };
+    let r2 = along * along + across * across;
+    let weight = r2 / (r2 + NEAR * NEAR);
+    let (v_along, v_across) = (v.dot(&x), v.dot(&z2));
+    let around = (along * v_across - across * v_along) / r2.max(1e-9);
+    let R_rate = side * (along * v_along + across * v_across) * R / (R * R + MU * MU);
+    let rate = if clipped { around } else { around + d * R_rate / r2.max(1e-9) } * weight;
+    memory.holding = weight < if memory.holding { 0.5 } else { 0.3 };
     let mode = match (clipped, memory.holding) {
         (true, _) => Mode::Slide,
         (false, true) => Mode::Hold,
