@@ -3,8 +3,7 @@
 use model::Model;
 use nalgebra::SVector;
 use shared_types::codes::{
-    DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_EFFORT, DRIVE_HOLDING, DRIVE_RATE, DRIVE_REFUSED, DRIVE_SPEED,
-    DRIVE_STOPPING,
+    DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_EFFORT, DRIVE_HOLDING, DRIVE_RATE, DRIVE_REFUSED, DRIVE_SPEED, DRIVE_STOPPING,
 };
 
 /// Fastest change of applied torque, as a fraction of the effort limit per second: half of it in a millisecond.
@@ -80,14 +79,7 @@ impl<const N: usize> Drive<N> {
     pub fn new(model: Model<N>, rate_hz: u32, hold_ticks: u32, q_start: &SVector<f64, N>) -> Self {
         let carried = model.gravity(q_start).zip_map(model.effort(), |g, limit| g.clamp(-limit, limit));
         let rest = model.velocity().map(|limit| if limit.is_finite() { REST_RATIO * limit } else { REST_SPEED });
-        let applied = Applied {
-            tau: carried,
-            drive: DRIVE_ACTIVE,
-            flags: 0,
-            saturation_mask: 0,
-            stale_ticks: 0,
-            braked: false,
-        };
+        let applied = Applied { tau: carried, drive: DRIVE_ACTIVE, flags: 0, saturation_mask: 0, stale_ticks: 0, braked: false };
         let dt = 1.0 / f64::from(rate_hz);
         Self { model, dt, hold_ticks, rest, applied, returning: false, stopping_ticks: 0, refused: 0 }
     }
@@ -183,13 +175,7 @@ impl<const N: usize> Drive<N> {
     }
 
     /// The torque nearest to `wanted` that the limits allow, and which of them it met.
-    fn limit(
-        &self,
-        q: &SVector<f64, N>,
-        qdot: &SVector<f64, N>,
-        wanted: &SVector<f64, N>,
-        step: f64,
-    ) -> (SVector<f64, N>, u32) {
+    fn limit(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, wanted: &SVector<f64, N>, step: f64) -> (SVector<f64, N>, u32) {
         let mut flags = 0;
         let mut bound = |tau: &mut f64, low: f64, high: f64, flag: u32| {
             let inside = tau.clamp(low, high);

@@ -1,9 +1,9 @@
 //! The hybrid plant: an exact integrator carries the state, rapier3d says what constraints do to it.
 
+use crate::PlantError;
 use crate::smooth::{Smooth, State};
 use crate::solids::reach;
 use crate::world::{PREDICTION, World};
-use crate::PlantError;
 use model::Robot;
 use nalgebra::{SVector, Vector3};
 
@@ -90,14 +90,7 @@ impl<const N: usize> Hybrid<N> {
     }
 
     /// One sub-step of `h` s. Adds what constraints did to `touch`, whose force is an impulse here; N·s.
-    pub(crate) fn step(
-        &mut self,
-        smooth: &Smooth<N>,
-        x: &State<N>,
-        tau: &SVector<f64, N>,
-        h: f64,
-        touch: &mut Touch,
-    ) -> State<N> {
+    pub(crate) fn step(&mut self, smooth: &Smooth<N>, x: &State<N>, tau: &SVector<f64, N>, h: f64, touch: &mut Touch) -> State<N> {
         let mut next = smooth.rk4(x, tau, h);
         touch.contacts = 0;
         if self.may_constrain(smooth, x) {
@@ -134,17 +127,18 @@ impl<const N: usize> Hybrid<N> {
 
     /// Whether a constraint can act in the sub-step from `x`: false only if none can.
     fn may_constrain(&mut self, smooth: &Smooth<N>, x: &State<N>) -> bool {
-        // Not `<=`: an arm of unbounded reach has no bound, and is looked at every time.
-        if !(self.clearance > NEAR) {
+        // An arm of unbounded reach makes the bound −∞ or NaN, and is looked at every time.
+        let mut clear = self.clearance > NEAR;
+        if !clear {
             self.clearance = self.world.clearance(&smooth.model.link_poses(&x.q));
+            clear = self.clearance > NEAR;
         }
-        let near = !(self.clearance > NEAR);
         let beyond = (0..N).any(|i| self.beyond(x, i).0 > 0.0);
         #[cfg(test)]
         if self.always {
             return true;
         }
-        self.dry_friction || self.touching || near || beyond
+        self.dry_friction || self.touching || !clear || beyond
     }
 
     /// How far joint i is beyond a limit (rad, negative inside), and the sign of the way back.

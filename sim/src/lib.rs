@@ -8,6 +8,7 @@
 //! - [`Encoders`] read the joints: quantised, with noise that is a function of (seed, tick, joint).
 //! - [`Drive`] turns commanded torque into applied torque: it checks, limits and reports, and stops the arm by itself when
 //!   commands cease.
+//! - [`scenarios`]: the built-in ones.
 #![allow(non_snake_case)]
 
 mod drive;
@@ -27,4 +28,5 @@ pub use encoder::Encoders;
 pub use hybrid::Touch;
 pub use noise::gaussian;
 pub use plant::{Diverged, Plant, PlantError};
+pub use scenarios::{StartError, start_posture};
 pub use smooth::State;

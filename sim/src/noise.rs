@@ -45,7 +45,7 @@ mod tests {
     #[test]
     fn neighbouring_arguments_are_uncorrelated() {
         let n = 100_000u64;
-        let correlation = |f: fn(u64) -> (f64, f64)| (0..n).map(|t| f(t)).map(|(a, b)| a * b).sum::<f64>() / n as f64;
+        let correlation = |f: fn(u64) -> (f64, f64)| (0..n).map(f).map(|(a, b)| a * b).sum::<f64>() / n as f64;
         let bound = 5.0 / (n as f64).sqrt();
         assert!(correlation(|t| (gaussian(1, t, 0), gaussian(1, t + 1, 0))).abs() < bound, "ticks");
         assert!(correlation(|t| (gaussian(1, t, 0), gaussian(1, t, 1))).abs() < bound, "channels");

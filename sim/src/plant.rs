@@ -34,7 +34,9 @@ pub enum PlantError {
         range: &'static str,
     },
     /// Dry friction is not smooth.
-    #[error("plant.model = \"reference\" integrates smooth dynamics and has no dry friction, but joint {joint} of '{robot}' has {coulomb} N·m of it: use plant.model = \"rapier\", or plant.friction = false")]
+    #[error(
+        "plant.model = \"reference\" integrates smooth dynamics and has no dry friction, but joint {joint} of '{robot}' has {coulomb} N·m of it: use plant.model = \"rapier\", or plant.friction = false"
+    )]
     DryFriction {
         /// The robot's name.
         robot: String,
@@ -93,13 +95,7 @@ impl<const N: usize> Plant<N> {
     ///
     /// # Errors
     /// [`PlantError`]: a posture outside the limits or in the floor, a number out of range, an arm that cannot be simulated.
-    pub fn new(
-        robot: &Robot,
-        frame: &str,
-        options: &scenario::Plant,
-        rate_hz: u32,
-        q_start: &SVector<f64, N>,
-    ) -> Result<Self, PlantError> {
+    pub fn new(robot: &Robot, frame: &str, options: &scenario::Plant, rate_hz: u32, q_start: &SVector<f64, N>) -> Result<Self, PlantError> {
         check(rate_hz > 0, "rate_hz", rate_hz.into(), "at least 1")?;
         check(options.substeps > 0, "plant.substeps", options.substeps.into(), "at least 1")?;
         let factor = options.mass_factor;

@@ -3,10 +3,10 @@
 use model::{JointKind, Robot};
 use shared_types::scenario::Scenario;
 
-/// Names and texts, in the order they are listed.
-const BUILT_IN: &[(&str, &str)] = &[("fig5-wrist-rotation", include_str!("../scenarios/fig5-wrist-rotation.toml"))];
+/// Name and text of every file in `scenarios/`, in alphabetical order.
+const BUILT_IN: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/scenarios.rs"));
 
-/// The names of the built-in scenarios.
+/// The names of the built-in scenarios, in alphabetical order.
 pub fn names() -> impl Iterator<Item = &'static str> {
     BUILT_IN.iter().map(|(name, _)| *name)
 }
@@ -62,14 +62,25 @@ pub fn start_posture(robot: &Robot, scenario: &Scenario) -> Result<Vec<f64>, Sta
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{Plant, PlantError};
+    use nalgebra::SVector;
+
+    fn starts<const N: usize>(robot: &Robot, scenario: &Scenario, q: &[f64]) -> Result<(), PlantError> {
+        let q = SVector::<f64, N>::from_column_slice(q);
+        Plant::<N>::new(robot, &scenario.frame, &scenario.plant, scenario.rate_hz, &q).map(|_| ())
+    }
 
     #[test]
-    fn every_built_in_scenario_is_valid_and_starts_within_its_robots_limits() {
+    fn every_built_in_scenario_is_valid_and_its_arm_can_start() {
+        assert!(names().count() > 0);
         for name in names() {
             let scenario = Scenario::parse(name, text(name).unwrap(), &[]).unwrap();
             assert_eq!(scenario.name, name);
             let robot = Robot::builtin(&scenario.robot).unwrap();
-            robot.check_posture(&start_posture(&robot, &scenario).unwrap()).unwrap();
+            let q = start_posture(&robot, &scenario).unwrap();
+            robot.check_posture(&q).unwrap();
+            let started = model::with_dof!(robot.dof(), N => starts::<N>(&robot, &scenario, &q)).unwrap();
+            assert_eq!(started, Ok(()), "{name}");
         }
     }
 }

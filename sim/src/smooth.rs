@@ -56,10 +56,7 @@ impl<const N: usize> Smooth<N> {
         let a_3 = self.qddot(&(x.q + v_2 * (h / 2.0)), &v_3, tau);
         let v_4 = x.qdot + a_3 * h;
         let a_4 = self.qddot(&(x.q + v_3 * h), &v_4, tau);
-        State {
-            q: x.q + (v_1 + (v_2 + v_3) * 2.0 + v_4) * (h / 6.0),
-            qdot: x.qdot + (a_1 + (a_2 + a_3) * 2.0 + a_4) * (h / 6.0),
-        }
+        State { q: x.q + (v_1 + (v_2 + v_3) * 2.0 + v_4) * (h / 6.0), qdot: x.qdot + (a_1 + (a_2 + a_3) * 2.0 + a_4) * (h / 6.0) }
     }
 
     /// Kinetic and potential energy; J.

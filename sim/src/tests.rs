@@ -95,7 +95,13 @@ fn viscous_friction_takes_out_what_it_should() {
 }
 
 /// Runs two plants of the same arm side by side, one of them asking rapier3d at every sub-step: every bit is equal.
-fn agrees_with_always_asking(robot: &Robot, options: &scenario::Plant, start: State<6>, ticks: u32, tau: impl Fn(&Plant<6>, u32) -> Joints) -> Plant<6> {
+fn agrees_with_always_asking(
+    robot: &Robot,
+    options: &scenario::Plant,
+    start: State<6>,
+    ticks: u32,
+    tau: impl Fn(&Plant<6>, u32) -> Joints,
+) -> Plant<6> {
     let mut sparing = plant(robot, options, &nominal());
     let mut always = plant(robot, options, &nominal());
     always.always_ask();
@@ -191,7 +197,11 @@ fn a_resting_arm_presses_on_the_floor_with_the_weight_it_must() {
     let moment = at_x * touch.force.z - at_z * touch.force.x;
     println!(
         "floor force {:.6} N for {expected} N upright, moment error {:.2e} N·m, at rest {:.2e} m deep, {:.2e} m at impact at {impact:.2} rad/s, speed {:.2e}",
-        touch.force.z, moment - expected * at_x, -tip(&arm), -deepest, arm.state().qdot[0].abs()
+        touch.force.z,
+        moment - expected * at_x,
+        -tip(&arm),
+        -deepest,
+        arm.state().qdot[0].abs()
     );
     assert_eq!(touch.contacts, 1);
     assert!((moment - expected * at_x).abs() < 1e-4 * expected, "moment {moment} N·m, not {}", expected * at_x);

@@ -12,13 +12,11 @@ use crate::solids::{Solid, distance, placed, solids, to_rapier};
 use model::{JointKind, Pose, Robot};
 use nalgebra::{Matrix3, SVector, Vector3};
 use rapier3d::dynamics::{
-    CCDSolver, GenericJointBuilder, ImpulseJointSet, IntegrationParameters, IslandManager, JointAxesMask, JointAxis,
-    MassProperties, Multibody, MultibodyJointHandle, MultibodyJointSet, RigidBodyBuilder, RigidBodyHandle, RigidBodySet,
-    SoftBodySet, SpringCoefficients,
+    CCDSolver, GenericJointBuilder, ImpulseJointSet, IntegrationParameters, IslandManager, JointAxesMask, JointAxis, MassProperties,
+    Multibody, MultibodyJointHandle, MultibodyJointSet, RigidBodyBuilder, RigidBodyHandle, RigidBodySet, SoftBodySet, SpringCoefficients,
 };
 use rapier3d::geometry::{
-    BroadPhaseBvh, ColliderBuilder, ColliderHandle, ColliderSet, Group, InteractionGroups, InteractionTestMode,
-    NarrowPhase, SharedShape,
+    BroadPhaseBvh, ColliderBuilder, ColliderHandle, ColliderSet, Group, InteractionGroups, InteractionTestMode, NarrowPhase, SharedShape,
 };
 use rapier3d::math;
 use rapier3d::pipeline::PhysicsPipeline;
@@ -93,9 +91,8 @@ impl<const N: usize> World<N> {
         h: f64,
     ) -> Result<Self, PlantError> {
         let solids = solids(robot);
-        let floor = floor_m.map(|z| {
-            (math::Pose::from_translation(math::Vector::new(0.0, 0.0, z)), SharedShape::halfspace(math::Vector::Z))
-        });
+        let floor =
+            floor_m.map(|z| (math::Pose::from_translation(math::Vector::new(0.0, 0.0, z)), SharedShape::halfspace(math::Vector::Z)));
         let pairs = touching(robot, &solids, floor.as_ref(), X_BL, self_collision)?;
 
         let mut bodies = RigidBodySet::new();
@@ -117,9 +114,8 @@ impl<const N: usize> World<N> {
                 JointKind::Prismatic => (JointAxis::LinX, JointAxesMask::LOCKED_PRISMATIC_AXES),
                 JointKind::Revolute | JointKind::Continuous => (JointAxis::AngX, JointAxesMask::LOCKED_REVOLUTE_AXES),
             };
-            let mut builder = GenericJointBuilder::new(locked)
-                .local_frame1(to_rapier(&(joint.X_PJ * to_axis)))
-                .local_frame2(to_rapier(&to_axis));
+            let mut builder =
+                GenericJointBuilder::new(locked).local_frame1(to_rapier(&(joint.X_PJ * to_axis))).local_frame2(to_rapier(&to_axis));
             if joint.lower.is_finite() || joint.upper.is_finite() {
                 builder = builder.limits(free, [joint.lower.max(-f64::MAX), joint.upper.min(f64::MAX)]);
             }
@@ -241,29 +237,22 @@ impl<const N: usize> World<N> {
             &(),
         );
         let (contacts, candidates, impulse) = self.contacts();
-        let Some((multibody, _)) = self.multibody_joints.get(self.arm) else {
-            unreachable!("the arm is never removed from the world")
-        };
+        let Some((multibody, _)) = self.multibody_joints.get(self.arm) else { unreachable!("the arm is never removed from the world") };
         let velocity = multibody.generalized_velocity();
         let acceleration = multibody.generalized_acceleration();
-        let state = State {
-            q: SVector::from_fn(|i, _| coordinate(multibody, i, self.sliding[i])),
-            qdot: SVector::from_fn(|i, _| velocity[i]),
-        };
+        let state =
+            State { q: SVector::from_fn(|i, _| coordinate(multibody, i, self.sliding[i])), qdot: SVector::from_fn(|i, _| velocity[i]) };
         let free = SVector::from_fn(|i, _| x.qdot[i] + self.parameters.dt * acceleration[i]);
         Response { state, free, contacts, candidates, impulse }
     }
 
     /// Puts the arm into state `x`, to the last bit.
     fn load(&mut self, x: &State<N>) {
-        let Some((multibody, _)) = self.multibody_joints.get_mut(self.arm) else {
-            unreachable!("the arm is never removed from the world")
-        };
+        let Some((multibody, _)) = self.multibody_joints.get_mut(self.arm) else { unreachable!("the arm is never removed from the world") };
         // Coordinates can only be displaced. A displacement rounds, but less each time: a − b is exact for a ≈ b
         // (Sterbenz), so that the second or third one lands exactly.
         for _ in 0..4 {
-            let displacement: [f64; N] =
-                std::array::from_fn(|i| x.q[i] - coordinate(multibody, i, self.sliding[i]));
+            let displacement: [f64; N] = std::array::from_fn(|i| x.q[i] - coordinate(multibody, i, self.sliding[i]));
             if displacement.iter().all(|d| *d == 0.0) {
                 break;
             }

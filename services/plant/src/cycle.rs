@@ -1,0 +1,316 @@
+//! The plant's pure step: applied torque to motion, motion to what the sensors say.
+
+use model::{Model, ModelError, PostureError, Robot};
+use nalgebra::SVector;
+use shared_types::codes::{DRIVE_DIVERGED, PHASE_DONE, PHASE_REFUSED, PHASE_RUNNING};
+use shared_types::scenario::Scenario;
+use shared_types::{Header, MAX_DOF, PlantState, SensorSample, TorqueCommand};
+use sim::{Drive, Encoders, Plant, PlantError, StartError};
+
+/// How long after the controller refused to go on the run lasts: time to come to rest; s.
+const REFUSED_S: f64 = 2.0;
+
+/// The governor may stretch a task to this many times its planned length, and no run is longer.
+const LONGEST: f64 = 20.0;
+
+/// Why a scenario cannot be simulated.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SetupError {
+    /// It does not say where to start.
+    #[error(transparent)]
+    Start(#[from] StartError),
+    /// Its start is not a posture of the robot.
+    #[error(transparent)]
+    Posture(#[from] PostureError),
+    /// The arm, or its world, cannot be simulated.
+    #[error(transparent)]
+    Plant(#[from] PlantError),
+    /// The robot has no model of this size or at this frame.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+}
+
+/// The arm, its drives and its encoders, from tick to tick.
+///
+/// Between tick k and k + 1 the torque commanded from the sample of tick k acts.
+pub struct Cycle<const N: usize> {
+    plant: Plant<N>,
+    drive: Drive<N>,
+    encoders: Encoders<N>,
+    /// Where the task was, by the last command; one of `codes::PHASES`.
+    phase: u32,
+    /// Ticks since the controller refused to go on.
+    refused_ticks: u64,
+    ticks: u64,
+    refused_limit: u64,
+    limit: u64,
+    diverged: bool,
+}
+
+impl<const N: usize> Cycle<N> {
+    /// The simulated `robot` at rest at the scenario's start.
+    ///
+    /// # Errors
+    /// [`SetupError`] where the scenario and the robot do not fit, or cannot be simulated.
+    pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, SetupError> {
+        let options = &scenario.plant;
+        let start = sim::start_posture(robot, scenario)?;
+        // The drives' model is the description's, without the simulated deviation from it.
+        let known = Model::new(robot, (!scenario.frame.is_empty()).then_some(scenario.frame.as_str()))?;
+        robot.check_posture(&start)?;
+        let start = SVector::from_column_slice(&start);
+        let ticks = |seconds: f64| (seconds * f64::from(scenario.rate_hz)).ceil() as u64;
+        Ok(Self {
+            plant: Plant::new(robot, &scenario.frame, options, scenario.rate_hz, &start)?,
+            drive: Drive::new(known, scenario.rate_hz, options.hold_ticks, &start),
+            encoders: Encoders::new(robot, options.encoder_bits, options.encoder_noise_counts, scenario.seed),
+            phase: PHASE_RUNNING,
+            refused_ticks: 0,
+            ticks: 0,
+            refused_limit: ticks(REFUSED_S),
+            limit: ticks(LONGEST * scenario.duration_s()),
+            diverged: false,
+        })
+    }
+
+    /// What the sensors say at `tick`, and the truth; incarnation and stamps are the caller's to fill.
+    ///
+    /// A pure function of the state and `tick`: asking twice gives the same.
+    #[must_use]
+    pub fn sample(&self, tick: u64) -> (SensorSample, PlantState) {
+        let (x, touch, applied) = (self.plant.state(), self.plant.touch(), self.drive.applied());
+        let header = Header { tick, ..Header::default() };
+        let sample = SensorSample {
+            header,
+            q_encoder: padded(&self.encoders.read(tick, &x.q)),
+            tau_drive: padded(&applied.tau),
+            drive: applied.drive,
+            stale_ticks: applied.stale_ticks,
+        };
+        let X_BE = self.plant.model().forward_kinematics(&x.q);
+        let mut R_BE = [0.0; 9];
+        R_BE.copy_from_slice(X_BE.R.as_slice());
+        let truth = PlantState {
+            header,
+            q: padded(&x.q),
+            qdot: padded(&x.qdot),
+            tau: padded(&applied.tau),
+            p_BE: X_BE.p.into(),
+            R_BE,
+            V_BE: (self.plant.model().jacobian(&x.q) * x.qdot).into(),
+            contact_force_n: touch.force.into(),
+            energy_j: self.plant.energy(),
+            contacts: touch.contacts,
+            limit_mask: touch.limits,
+            saturation_mask: applied.saturation_mask,
+            drive: applied.drive,
+            drive_flags: applied.flags,
+            refused: self.drive.refused(),
+        };
+        (sample, truth)
+    }
+
+    /// Advances one tick under `command` (`None`: none came).
+    pub fn step(&mut self, command: Option<&TorqueCommand>) {
+        let tau = command.map(|command| SVector::<f64, N>::from_column_slice(&command.tau[..N]));
+        let x = self.plant.state();
+        let applied = self.drive.step(&x.q, &x.qdot, tau.as_ref());
+        if applied.braked {
+            self.plant.hold();
+        } else if self.plant.step(&applied.tau).is_err() {
+            self.drive.brake(DRIVE_DIVERGED);
+            self.plant.hold();
+            self.diverged = true;
+        }
+        self.phase = command.map_or(self.phase, |command| command.phase);
+        self.refused_ticks = if self.phase == PHASE_REFUSED { self.refused_ticks + 1 } else { 0 };
+        self.ticks += 1;
+    }
+
+    /// Whether there is nothing more to simulate: the task is done; or the controller refused to go on, and the arm has had
+    /// 2 s to come to rest; or the motion left the finite numbers; or the run is 20 times as long as planned.
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        self.phase == PHASE_DONE || self.refused_ticks > self.refused_limit || self.diverged || self.ticks >= self.limit
+    }
+}
+
+fn padded<const N: usize>(values: &SVector<f64, N>) -> [f64; MAX_DOF] {
+    std::array::from_fn(|i| if i < N { values[i] } else { 0.0 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shared_types::Message;
+    use shared_types::codes::{DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_HOLDING, DRIVE_REFUSED, DRIVE_STOPPING};
+    use shared_types::scenario::{Segment, Start};
+    use shared_types::wire::Part;
+
+    fn scenario() -> Scenario {
+        let name = "fig5-wrist-rotation";
+        let mut scenario = Scenario::parse(name, sim::scenarios::text(name).unwrap(), &[]).unwrap();
+        scenario.start = Start { posture: Some("nominal".into()), ..Start::default() };
+        scenario.segment = vec![Segment { duration_s: 0.1, ..Segment::default() }];
+        scenario.settle_s = 0.05;
+        scenario
+    }
+
+    fn cycle(scenario: &Scenario) -> Cycle<6> {
+        Cycle::new(&Robot::builtin("puma560").unwrap(), scenario).unwrap()
+    }
+
+    fn arm() -> Model<6> {
+        Model::new(&Robot::builtin("puma560").unwrap(), None).unwrap()
+    }
+
+    fn joints(values: &[f64; MAX_DOF]) -> SVector<f64, 6> {
+        SVector::from_column_slice(&values[..6])
+    }
+
+    /// Gravity compensation plus `extra`.
+    fn command(truth: &PlantState, extra: [f64; 6]) -> TorqueCommand {
+        let (q, qdot) = (joints(&truth.q), joints(&truth.qdot));
+        let tau = arm().bias(&q, &qdot) + SVector::from(extra);
+        TorqueCommand { header: truth.header, tau: padded(&tau), ..TorqueCommand::default() }
+    }
+
+    #[test]
+    fn the_messages_say_what_the_arm_does() {
+        let mut cycle = cycle(&scenario());
+        for tick in 0..500 {
+            let (_, truth) = cycle.sample(tick);
+            cycle.step(Some(&command(&truth, [10.0, -5.0, 3.0, 1.0, 0.5, 0.2])));
+        }
+        let (sample, truth) = cycle.sample(500);
+        assert!(sample.is_finite() && truth.is_finite());
+        assert_eq!((sample.header().tick, truth.header().tick), (500, 500));
+        let count = std::f64::consts::TAU / 65536.0;
+        assert!((0..6).all(|i| (sample.q_encoder[i] - truth.q[i]).abs() < 6.0 * count), "encoders read the truth");
+        assert_ne!(sample.q_encoder, truth.q, "but not exactly");
+        assert_eq!(sample.tau_drive, truth.tau);
+        assert!(truth.qdot[0] > 0.1 && truth.V_BE[..3].iter().any(|v| v.abs() > 0.01), "it moves");
+        // The twist is the pose's rate.
+        cycle.step(Some(&command(&truth, [0.0; 6])));
+        let (_, next) = cycle.sample(501);
+        for i in 0..3 {
+            let mean = 0.5 * (truth.V_BE[i] + next.V_BE[i]);
+            assert!(((next.p_BE[i] - truth.p_BE[i]) * 1000.0 - mean).abs() < 1e-5);
+        }
+        let mechanical = arm().kinetic_energy(&joints(&next.q), &joints(&next.qdot)) + arm().potential_energy(&joints(&next.q));
+        assert!((next.energy_j - mechanical).abs() < 1e-12);
+        assert!(truth.q[6..].iter().chain(&truth.tau[6..]).all(|x| *x == 0.0));
+    }
+
+    #[test]
+    fn same_seed_same_bytes_another_seed_other_noise() {
+        let run = |seed: u64| {
+            let mut cycle = cycle(&Scenario { seed, ..scenario() });
+            let mut bytes = Vec::new();
+            for tick in 0..300 {
+                let (sample, truth) = cycle.sample(tick);
+                bytes.extend_from_slice(sample.content());
+                bytes.extend_from_slice(truth.content());
+                // Some torques are missing: the noise does not shift.
+                cycle.step((tick % 7 != 3).then_some(&command(&truth, [4.0, 0.0, -2.0, 0.0, 0.0, 0.5])));
+            }
+            bytes
+        };
+        assert!(run(5) == run(5));
+        assert!(run(5) != run(6));
+    }
+
+    #[test]
+    fn without_torque_the_arm_holds_stops_brakes_and_comes_back() {
+        let mut cycle = cycle(&scenario());
+        let limits = arm();
+        let mut tick = 0;
+        let mut last = cycle.sample(0).1;
+        let mut next = |cycle: &mut Cycle<6>, command: Option<TorqueCommand>| {
+            cycle.step(command.as_ref());
+            tick += 1;
+            let truth = cycle.sample(tick).1;
+            let step = (joints(&truth.tau) - joints(&last.tau)).component_div(limits.effort()).amax();
+            assert!(step <= 0.5 + 1e-12, "torque step {step} of the limit");
+            last = truth;
+            truth
+        };
+        let mut truth = cycle.sample(0).1;
+        for _ in 0..600 {
+            let go_on = command(&truth, [25.0, -10.0, 8.0, 2.0, 1.0, 1.0]);
+            truth = next(&mut cycle, Some(go_on));
+        }
+        assert!(joints(&truth.qdot).amax() > 1.0);
+        for _ in 0..3 {
+            truth = next(&mut cycle, None);
+            assert_eq!((truth.drive, truth.drive_flags), (DRIVE_HOLDING, DRIVE_ABSENT));
+        }
+        let mut stopping = 0;
+        while truth.drive != DRIVE_BRAKED {
+            truth = next(&mut cycle, None);
+            stopping += u32::from(truth.drive == DRIVE_STOPPING);
+        }
+        assert!(stopping > 10 && stopping < 500, "stopped in {stopping} ms");
+        for _ in 0..100 {
+            truth = next(&mut cycle, None);
+        }
+        let held = truth.q;
+        assert_eq!((joints(&truth.qdot).amax(), joints(&truth.tau).amax()), (0.0, 0.0));
+        // A new controller, that holds where it is.
+        let mut building_up = 0;
+        while truth.drive == DRIVE_BRAKED {
+            let hold = command(&truth, [0.0; 6]);
+            truth = next(&mut cycle, Some(hold));
+            building_up += 1;
+            assert!(truth.drive == DRIVE_ACTIVE || truth.q == held, "the brakes carry the arm meanwhile");
+        }
+        assert_eq!(truth.drive, DRIVE_ACTIVE);
+        for _ in 0..200 {
+            let hold = command(&truth, [0.0; 6]);
+            truth = next(&mut cycle, Some(hold));
+        }
+        let moved = (joints(&truth.q) - joints(&held)).amax();
+        assert!(building_up > 1 && moved < 1e-6, "moved by {moved} rad on the way back");
+    }
+
+    #[test]
+    fn a_torque_that_is_not_a_number_never_reaches_the_arm() {
+        let mut cycle = cycle(&scenario());
+        let mut poison = command(&cycle.sample(0).1, [0.0; 6]);
+        poison.tau[2] = f64::NAN;
+        for tick in 1..=2000 {
+            cycle.step(Some(&poison));
+            let (sample, truth) = cycle.sample(tick);
+            assert!(sample.is_finite() && truth.is_finite());
+            assert_eq!((truth.drive_flags & DRIVE_REFUSED, truth.refused), (DRIVE_REFUSED, tick as u32));
+        }
+        assert_eq!(cycle.sample(0).1.drive, DRIVE_BRAKED);
+    }
+
+    #[test]
+    fn it_is_over_when_done_or_refused_or_far_too_long() {
+        let ticks = |phase: u32, most: u64| {
+            let mut cycle = cycle(&scenario());
+            (1..=most).find(|_| {
+                let (_, truth) = cycle.sample(0);
+                cycle.step(Some(&TorqueCommand { phase, ..command(&truth, [0.0; 6]) }));
+                cycle.is_over()
+            })
+        };
+        assert_eq!(ticks(PHASE_DONE, 10), Some(1));
+        assert_eq!(ticks(PHASE_REFUSED, 3000), Some(2001));
+        let planned = scenario().duration_s();
+        assert_eq!(ticks(PHASE_RUNNING, 4000), Some((LONGEST * planned * 1000.0) as u64));
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused() {
+        let robot = Robot::builtin("puma560").unwrap();
+        let refused = |scenario: &Scenario| Cycle::<6>::new(&robot, scenario).err().unwrap().to_string();
+        let mut odd = scenario();
+        odd.plant.floor_m = Some(1.0);
+        assert!(refused(&odd).contains("in the floor"));
+        assert!(refused(&Scenario { frame: "nowhere".into(), ..scenario() }).contains("nowhere"));
+        assert!(matches!(Cycle::<3>::new(&robot, &scenario()), Err(SetupError::Model(_))));
+    }
+}
