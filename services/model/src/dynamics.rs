@@ -68,6 +68,14 @@ impl Body {
             Motion::about(z, &X.p)
         }
     }
+
+    /// Inertia about the base origin, with the link at `X`.
+    #[inline(always)]
+    fn inertia_at(&self, X: &Pose) -> RigidInertia {
+        let c = X.transform_point(&self.com);
+        let I = self.inertia.rotated(&X.R).shifted(self.mass, &c);
+        RigidInertia { m: self.mass, h: self.mass * c, I }
+    }
 }
 
 /// An arm with `N` joints and one end-effector frame, ready to compute.
@@ -144,13 +152,6 @@ impl<const N: usize> Terms<N> {
     }
 }
 
-/// Where every link is: rotations, origins, joint motion axes.
-struct Placement<const N: usize> {
-    R: [Matrix3<f64>; N],
-    p: [Vector3<f64>; N],
-    S: [Motion; N],
-}
-
 impl<const N: usize> Model<N> {
     /// The model of `robot` with its end-effector frame at `frame` (its default frame if `None`).
     ///
@@ -217,33 +218,14 @@ impl<const N: usize> Model<N> {
         self
     }
 
-    /// Where every link is, from the base outwards.
+    /// Visits the links from the base outwards: index, body, pose in the base, joint motion axis.
     #[inline(always)]
-    fn place(&self, q: &SVector<f64, N>) -> Placement<N> {
-        let mut at = Placement { R: [Matrix3::zeros(); N], p: [Vector3::zeros(); N], S: [Motion::ZERO; N] };
+    fn outwards(&self, q: &SVector<f64, N>, mut visit: impl FnMut(usize, &Body, &Pose, Motion)) {
         let mut X = Pose::identity();
         for i in 0..N {
-            at.S[i] = self.bodies[i].step(&mut X, q[i]);
-            at.R[i] = X.R;
-            at.p[i] = X.p;
-        }
-        at
-    }
-
-    /// Inertia of link `i` in base axes about the base origin.
-    #[inline(always)]
-    fn inertia(&self, at: &Placement<N>, i: usize) -> RigidInertia {
-        let body = &self.bodies[i];
-        let c = times(&at.R[i], &body.com) + at.p[i];
-        let I = body.inertia.rotated(&at.R[i]).shifted(body.mass, &c);
-        RigidInertia { m: body.mass, h: body.mass * c, I }
-    }
-
-    #[inline(always)]
-    fn ee_pose(&self, at: &Placement<N>) -> Pose {
-        match self.ee_body {
-            Some(i) => Pose { R: at.R[i], p: at.p[i] } * self.X_LE,
-            None => self.X_LE,
+            let body = &self.bodies[i];
+            let S = body.step(&mut X, q[i]);
+            visit(i, body, &X, S);
         }
     }
 
@@ -334,19 +316,33 @@ impl<const N: usize> Model<N> {
 
     /// Pose of the end-effector frame in the base, `X_BE`.
     pub fn forward_kinematics(&self, q: &SVector<f64, N>) -> Pose {
-        self.ee_pose(&self.place(q))
+        let mut X_BE = self.X_LE;
+        self.outwards(q, |i, _, X, _| {
+            if self.ee_body == Some(i) {
+                X_BE = *X * self.X_LE;
+            }
+        });
+        X_BE
     }
 
     /// Poses of the links' URDF frames in the base, `X_BL`.
     pub fn link_poses(&self, q: &SVector<f64, N>) -> [Pose; N] {
-        let at = self.place(q);
-        std::array::from_fn(|i| Pose { R: at.R[i] * self.bodies[i].R_urdf, p: at.p[i] })
+        let mut poses = [Pose::identity(); N];
+        self.outwards(q, |i, body, X, _| poses[i] = *X * Pose::rotation(body.R_urdf));
+        poses
     }
 
     /// Geometric Jacobian: [v; ω] = J·q̇ of the end-effector frame's origin, base axes, 6×N.
     pub fn jacobian(&self, q: &SVector<f64, N>) -> SMatrix<f64, 6, N> {
-        let at = self.place(q);
-        self.jacobian_at(&at.S, &self.ee_pose(&at).p)
+        let mut S = [Motion::ZERO; N];
+        let mut p_E = self.X_LE.p;
+        self.outwards(q, |i, _, X, S_i| {
+            S[i] = S_i;
+            if self.ee_body == Some(i) {
+                p_E = X.transform_point(&self.X_LE.p);
+            }
+        });
+        self.jacobian_at(&S, &p_E)
     }
 
     #[inline(always)]
@@ -363,15 +359,21 @@ impl<const N: usize> Model<N> {
 
     /// Mass matrix A(q), armature included: composite-rigid-body algorithm [RBDA Ch. 6].
     pub fn mass_matrix(&self, q: &SVector<f64, N>) -> SMatrix<f64, N, N> {
-        let at = self.place(q);
-        let mut A = SMatrix::zeros();
-        let mut body = RigidInertia::ZERO;
+        let mut S = [Motion::ZERO; N];
+        let mut I = [RigidInertia::ZERO; N];
+        self.outwards(q, |i, body, X, S_i| {
+            S[i] = S_i;
+            I[i] = body.inertia_at(X);
+        });
+        let mut A = SMatrix::<f64, N, N>::zeros();
+        let mut I_c = RigidInertia::ZERO;
         for i in (0..N).rev() {
-            body += self.inertia(&at, i);
-            let F = body.times(&at.S[i]);
+            I_c += I[i];
+            let F = I_c.times(&S[i]);
             for j in 0..=i {
-                A[(j, i)] = at.S[j].dot(&F);
-                A[(i, j)] = A[(j, i)];
+                let A_ji = S[j].dot(&F);
+                A[(j, i)] = A_ji;
+                A[(i, j)] = A_ji;
             }
             A[(i, i)] += self.armature[i];
         }
@@ -380,37 +382,41 @@ impl<const N: usize> Model<N> {
 
     /// Inverse dynamics τ = A·q̈ + C·q̇ + g, armature included: recursive Newton–Euler algorithm [RBDA Ch. 5].
     pub fn inverse_dynamics(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, qddot: &SVector<f64, N>) -> SVector<f64, N> {
-        let at = self.place(q);
+        let mut S = [Motion::ZERO; N];
         let mut f = [Force::ZERO; N];
+        // Gravity as an upward acceleration of the base.
         let (mut v, mut a) = (Motion::ZERO, Motion::along(-self.gravity));
-        for i in 0..N {
-            let S = &at.S[i];
-            v = v.plus(qdot[i], S);
-            a = (a + v.cross(&Motion::ZERO.plus(qdot[i], S))).plus(qddot[i], S);
-            let I = self.inertia(&at, i);
-            f[i] = I.times(&a);
-            f[i] += v.cross_force(&I.times(&v));
-        }
-        let mut tau = SVector::zeros();
-        let mut sum = Force::ZERO;
+        self.outwards(q, |i, body, X, S_i| {
+            let s = S_i * qdot[i];
+            v = v + s;
+            a = a + v.cross(&s) + S_i * qddot[i];
+            let I = body.inertia_at(X);
+            f[i] = I.times(&a) + v.cross_force(&I.times(&v));
+            S[i] = S_i;
+        });
+        let mut tau = SVector::<f64, N>::zeros();
+        let mut f_c = Force::ZERO;
         for i in (0..N).rev() {
-            sum += f[i];
-            tau[i] = at.S[i].dot(&sum) + self.armature[i] * qddot[i];
+            f_c += f[i];
+            tau[i] = S[i].dot(&f_c) + self.armature[i] * qddot[i];
         }
         tau
     }
 
     /// Gravity torques g(q): what holds the arm still.
     pub fn gravity(&self, q: &SVector<f64, N>) -> SVector<f64, N> {
-        let at = self.place(q);
-        let mut tau = SVector::zeros();
-        let (mut m, mut h) = (0.0, Vector3::zeros());
+        let mut S = [Motion::ZERO; N];
+        let mut weight = [Force::ZERO; N];
+        self.outwards(q, |i, body, X, S_i| {
+            let force = body.mass * self.gravity;
+            weight[i] = Force { n: X.transform_point(&body.com).cross(&force), f: force };
+            S[i] = S_i;
+        });
+        let mut tau = SVector::<f64, N>::zeros();
+        let mut f_c = Force::ZERO;
         for i in (0..N).rev() {
-            let body = &self.bodies[i];
-            m += body.mass;
-            h += body.mass * (times(&at.R[i], &body.com) + at.p[i]);
-            let weight = Force { n: h.cross(&self.gravity), f: m * self.gravity };
-            tau[i] = -at.S[i].dot(&weight);
+            f_c += weight[i];
+            tau[i] = -S[i].dot(&f_c);
         }
         tau
     }
@@ -422,18 +428,19 @@ impl<const N: usize> Model<N> {
 
     /// Forward dynamics q̈ = A⁻¹(τ − C·q̇ − g), armature included: articulated-body algorithm [RBDA Ch. 7].
     pub fn forward_dynamics(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, tau: &SVector<f64, N>) -> SVector<f64, N> {
-        let at = self.place(q);
+        let mut S = [Motion::ZERO; N];
         let mut c = [Motion::ZERO; N];
         let mut I = [RigidInertia::ZERO; N];
         let mut p = [Force::ZERO; N];
         let mut v = Motion::ZERO;
-        for i in 0..N {
-            let s = Motion::ZERO.plus(qdot[i], &at.S[i]);
+        self.outwards(q, |i, body, X, S_i| {
+            let s = S_i * qdot[i];
             v = v + s;
             c[i] = v.cross(&s);
-            I[i] = self.inertia(&at, i);
+            I[i] = body.inertia_at(X);
             p[i] = v.cross_force(&I[i].times(&v));
-        }
+            S[i] = S_i;
+        });
 
         let mut U = [Force::ZERO; N];
         let mut D = [0.0; N];
@@ -443,20 +450,19 @@ impl<const N: usize> Model<N> {
         for i in (0..N).rev() {
             I_A += I[i].into();
             p_A += p[i];
-            let S = &at.S[i];
-            U[i] = I_A.times(S);
-            D[i] = S.dot(&U[i]) + self.armature[i];
-            u[i] = tau[i] - S.dot(&p_A);
+            U[i] = I_A.times(&S[i]);
+            D[i] = S[i].dot(&U[i]) + self.armature[i];
+            u[i] = tau[i] - S[i].dot(&p_A);
             I_A = I_A.without(&U[i], D[i]);
-            p_A += I_A.times(&c[i]).plus(u[i] / D[i], &U[i]);
+            p_A += I_A.times(&c[i]) + U[i] * (u[i] / D[i]);
         }
 
-        let mut qddot = SVector::zeros();
+        let mut qddot = SVector::<f64, N>::zeros();
         let mut a = Motion::along(-self.gravity);
         for i in 0..N {
             a = a + c[i];
             qddot[i] = (u[i] - a.dot(&U[i])) / D[i];
-            a = a.plus(qddot[i], &at.S[i]);
+            a = a + S[i] * qddot[i];
         }
         qddot
     }
@@ -468,9 +474,9 @@ impl<const N: usize> Model<N> {
 
     /// Potential energy −Σ m·gᵀ·c, zero with every centre of mass at the base origin, J.
     pub fn potential_energy(&self, q: &SVector<f64, N>) -> f64 {
-        let at = self.place(q);
-        let h = |i: usize| self.bodies[i].mass * (at.R[i] * self.bodies[i].com + at.p[i]);
-        -(0..N).map(|i| self.gravity.dot(&h(i))).sum::<f64>()
+        let mut V = 0.0;
+        self.outwards(q, |_, body, X, _| V -= body.mass * self.gravity.dot(&X.transform_point(&body.com)));
+        V
     }
 
     /// Acceleration of gravity, base axes, m/s².

@@ -17,19 +17,19 @@ pub struct Pose {
 
 impl Pose {
     /// The identity: B coincides with A.
-    #[inline]
+    #[inline(always)]
     pub fn identity() -> Self {
         Self { R: Matrix3::identity(), p: Vector3::zeros() }
     }
 
     /// A pure translation.
-    #[inline]
+    #[inline(always)]
     pub fn translation(p: Vector3<f64>) -> Self {
         Self { R: Matrix3::identity(), p }
     }
 
     /// A pure rotation.
-    #[inline]
+    #[inline(always)]
     pub fn rotation(R: Matrix3<f64>) -> Self {
         Self { R, p: Vector3::zeros() }
     }
@@ -54,14 +54,14 @@ impl Pose {
     }
 
     /// The inverse pose `X_BA` = (Rᵀ, −Rᵀp).
-    #[inline]
+    #[inline(always)]
     pub fn inverse(&self) -> Self {
         let R = self.R.transpose();
         Self { R, p: -(R * self.p) }
     }
 
     /// A point of B in A: R·p_B + p.
-    #[inline]
+    #[inline(always)]
     pub fn transform_point(&self, p_B: &Vector3<f64>) -> Vector3<f64> {
         times(&self.R, p_B) + self.p
     }
@@ -77,7 +77,7 @@ impl Pose {
 
 impl Mul for Pose {
     type Output = Pose;
-    #[inline]
+    #[inline(always)]
     fn mul(self, X_BC: Pose) -> Pose {
         let column = |k: usize| times(&self.R, &X_BC.R.column(k).into_owned());
         Pose { R: Matrix3::from_columns(&[column(0), column(1), column(2)]), p: self.transform_point(&X_BC.p) }

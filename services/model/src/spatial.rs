@@ -162,12 +162,6 @@ impl Motion {
     pub(crate) fn dot(&self, f: &Force) -> f64 {
         self.w.dot(&f.n) + self.v.dot(&f.f)
     }
-
-    /// self + k·s.
-    #[inline(always)]
-    pub(crate) fn plus(&self, k: f64, s: &Motion) -> Motion {
-        Motion { w: self.w + k * s.w, v: self.v + k * s.v }
-    }
 }
 
 impl std::ops::Add for Motion {
@@ -175,6 +169,14 @@ impl std::ops::Add for Motion {
     #[inline(always)]
     fn add(self, o: Motion) -> Motion {
         Motion { w: self.w + o.w, v: self.v + o.v }
+    }
+}
+
+impl std::ops::Mul<f64> for Motion {
+    type Output = Motion;
+    #[inline(always)]
+    fn mul(self, k: f64) -> Motion {
+        Motion { w: self.w * k, v: self.v * k }
     }
 }
 
@@ -187,11 +189,21 @@ pub(crate) struct Force {
 
 impl Force {
     pub(crate) const ZERO: Self = Self { n: ORIGIN, f: ORIGIN };
+}
 
-    /// self + k·o.
+impl std::ops::Add for Force {
+    type Output = Force;
     #[inline(always)]
-    pub(crate) fn plus(&self, k: f64, o: &Force) -> Force {
-        Force { n: self.n + k * o.n, f: self.f + k * o.f }
+    fn add(self, o: Force) -> Force {
+        Force { n: self.n + o.n, f: self.f + o.f }
+    }
+}
+
+impl std::ops::Mul<f64> for Force {
+    type Output = Force;
+    #[inline(always)]
+    fn mul(self, k: f64) -> Force {
+        Force { n: self.n * k, f: self.f * k }
     }
 }
 
