@@ -15,7 +15,6 @@ use super::{InspectArgs, load};
 pub(crate) fn inspect(args: &InspectArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let robot = load::robot(&args.robot, None)?;
     let q = posture(args, &robot)?;
-    robot.check_posture(&q).map_err(Failure::input)?;
     let qdot = args.qdot.clone().unwrap_or_else(|| vec![0.0; q.len()]);
     if qdot.len() != q.len() || qdot.iter().any(|rate| !rate.is_finite()) {
         return Err(Failure::Input(format!("--qdot has {} values; {} has {} joints", qdot.len(), robot.name, q.len())));
@@ -33,15 +32,15 @@ pub(crate) fn inspect(args: &InspectArgs, as_json: bool) -> Result<ExitCode, Fai
 
 /// The posture asked for: numbers, or a name from the robot's description.
 fn posture(args: &InspectArgs, robot: &Robot) -> Result<Vec<f64>, Failure> {
-    let scenario = start_only(robot, args.frame.as_deref(), match (&args.q, &args.q_deg) {
+    let start = match (&args.q, &args.q_deg) {
         (_, Some(degrees)) => Start { q_deg: Some(degrees.clone()), ..Start::default() },
         (Some(text), None) => match text.split(',').map(|number| number.trim().parse()).collect::<Result<Vec<f64>, _>>() {
             Ok(radians) => Start { q_rad: Some(radians), ..Start::default() },
             Err(_) => Start { posture: Some(text.clone()), ..Start::default() },
         },
         (None, None) => Start::default(),
-    });
-    sim::scenarios::start_posture(robot, &scenario).map_err(Failure::input)
+    };
+    robot.start_posture(&start).map_err(Failure::input)
 }
 
 /// A scenario that does nothing but start somewhere: what the analyzer wants to see.

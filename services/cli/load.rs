@@ -45,8 +45,7 @@ pub(crate) fn scenario(name: &str, settings: &[String], seed: Option<u64>) -> Re
         let names = robot.frames.iter().map(|frame| frame.name.as_str());
         return Err(located(Complaint::new("frame", unknown("frame", &scenario.frame, names, ""), "")));
     }
-    let q = sim::start_posture(&robot, &scenario).map_err(|error| located(Complaint::new("start", error.to_string(), "")))?;
-    robot.check_posture(&q).map_err(|error| located(Complaint::new("start", error.to_string(), "")))?;
+    robot.start_posture(&scenario.start).map_err(|error| located(Complaint::new("start", error.to_string(), "")))?;
     Ok(Loaded { scenario, robot })
 }
 

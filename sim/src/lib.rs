@@ -28,5 +28,4 @@ pub use encoder::Encoders;
 pub use hybrid::Touch;
 pub use noise::gaussian;
 pub use plant::{Diverged, Plant, PlantError};
-pub use scenarios::{StartError, start_posture};
 pub use smooth::State;

@@ -31,6 +31,7 @@ mod geometry;
 mod pose;
 mod robot;
 mod spatial;
+mod start;
 #[cfg(test)]
 mod tests;
 mod urdf;
@@ -41,3 +42,4 @@ pub use pose::Pose;
 pub use robot::{
     Factors, Frame, Geometry, Joint, JointKind, MAX_DOF, PostureError, Robot, RobotError, RobotSource, Shape, TaskAxes, TaskAxis,
 };
+pub use start::StartError;

@@ -1,11 +1,11 @@
 //! The plant's pure step: applied torque to motion, motion to what the sensors say.
 
-use model::{Model, ModelError, PostureError, Robot};
+use model::{Model, ModelError, Robot, StartError};
 use nalgebra::SVector;
 use shared_types::codes::{DRIVE_DIVERGED, PHASE_DONE, PHASE_REFUSED, PHASE_RUNNING};
 use shared_types::scenario::Scenario;
 use shared_types::{Header, MAX_DOF, PlantState, SensorSample, TorqueCommand};
-use sim::{Drive, Encoders, Plant, PlantError, StartError};
+use sim::{Drive, Encoders, Plant, PlantError};
 
 /// How long after the controller refused to go on the run lasts: time to come to rest; s.
 const REFUSED_S: f64 = 2.0;
@@ -16,12 +16,9 @@ const LONGEST: f64 = 20.0;
 /// Why a scenario cannot be simulated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SetupError {
-    /// It does not say where to start.
-    #[error(transparent)]
-    Start(#[from] StartError),
     /// Its start is not a posture of the robot.
     #[error(transparent)]
-    Posture(#[from] PostureError),
+    Start(#[from] StartError),
     /// The arm, or its world, cannot be simulated.
     #[error(transparent)]
     Plant(#[from] PlantError),
@@ -54,10 +51,9 @@ impl<const N: usize> Cycle<N> {
     /// [`SetupError`] where the scenario and the robot do not fit, or cannot be simulated.
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, SetupError> {
         let options = &scenario.plant;
-        let start = sim::start_posture(robot, scenario)?;
+        let start = robot.start_posture(&scenario.start)?;
         // The drives' model is the description's, without the simulated deviation from it.
         let known = Model::new(robot, (!scenario.frame.is_empty()).then_some(scenario.frame.as_str()))?;
-        robot.check_posture(&start)?;
         let start = SVector::from_column_slice(&start);
         let ticks = |seconds: f64| (seconds * f64::from(scenario.rate_hz)).ceil() as u64;
         Ok(Self {
