@@ -3,7 +3,7 @@
 //! PURE: no clock, thread, file, environment or randomness, and nothing allocates after a robot is loaded.
 //!
 //! - [`Robot`] is the arm as data: a serial chain read from a URDF, and what a URDF cannot say (armature, friction,
-//!   encoders, gravity, postures) from a [description](description) in TOML.
+//!   encoders, gravity, postures) from a [`description`] in TOML.
 //! - [`Model`] is the same arm with its number of joints in the type, ready to compute:
 //!   [`Model::evaluate`] gives everything a controller needs in one pass.
 //!
