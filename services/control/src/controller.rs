@@ -3,13 +3,13 @@
 use crate::MAX_SINGULARITIES;
 use crate::auxiliary::{Demand, Gains, Loop};
 use crate::centre::AtCentre;
-use crate::governor::Governor;
+use crate::governor::{Governor, Load};
 use crate::law::{Active, Actives, LawError, Torques, Wanted, blended, chang_khatib};
 use crate::linear::{angular, clamp_norm, linear, rotation_log, stack};
-use crate::reference::{Charts, Memory, Situation, Target};
+use crate::reference::{Charts, Foresight, Memory, Situation, Target};
 use crate::saturation::limit;
 use crate::singular::{Analyzer, PumaFactors};
-use crate::trajectory::{Path, PathError, Progress};
+use crate::trajectory::{FORESEEN_STEP_S, Foreseen, Path, PathError, Progress};
 use crate::types::{Command, Kind, Mode, Phase, Report, Singularity};
 use model::{Factors, Model, ModelError, Pose, Robot, Terms};
 use nalgebra::{Matrix3, SVector, Vector3, Vector6};
@@ -221,6 +221,7 @@ impl<const N: usize> Controller<N> {
         let nominal_E = self.path.desired(&state.progress, 1.0, 0.0);
         let p_EC = terms.X_BE.R.transpose() * (report.p_BC - terms.X_BE.p);
         let (desired, nominal) = (desired_E.at(&p_EC), nominal_E.at(&p_EC));
+        let steady = self.path.desired(&state.progress, rate, 0.0).at(&p_EC);
         let at = AtCentre::new(terms, &report.p_BC, &terms.omega[N - 1]);
 
         let turn_error = rotation_log(&(desired.R * terms.X_BE.R.transpose()));
@@ -283,6 +284,7 @@ impl<const N: usize> Controller<N> {
             a,
             a_path: self.along_path(&nominal.V, &a),
             V: nominal.V,
+            a_feed: steady.a,
             posture: (self.q_start - q) * (0.25 * self.control.k_p) - qdot * self.control.k_v,
         };
         let torques = self.torques(&wanted, &actives)?;
@@ -297,9 +299,14 @@ impl<const N: usize> Controller<N> {
             for i in 0..N {
                 load = load.max(torques.qdot_nominal[i].abs() / self.model.velocity()[i]);
             }
-            // Torque is not proportional to the clock's speed; asking for a share less each tick is.
-            load = load.max(limited.load / rate);
-            state.governor.step(load, self.dt);
+            let load = Load {
+                speed: load,
+                holding: terms.gravity,
+                following: (terms.A * torques.qddot_path + terms.coriolis) / (rate * rate),
+                braking: terms.A * torques.qdot_nominal,
+                foreseen: self.foresee(state, q, terms, report, &p_EC),
+            };
+            state.governor.step(&load, self.model.effort(), self.dt);
         }
         let phase = match (leg, state.progress.time_s < self.settle_s) {
             (Some(_), _) => Phase::Running,
@@ -337,6 +344,26 @@ impl<const N: usize> Controller<N> {
             Strategy::ChangKhatib if !actives.is_empty() => chang_khatib::torques(wanted, actives),
             _ => blended::torques(wanted, actives),
         }
+    }
+
+    /// What the path ahead takes of the arm.
+    fn foresee(&self, state: &State, q: &SVector<f64, N>, terms: &Terms<N>, report: &Report<N>, p_EC: &Vector3<f64>) -> Foreseen {
+        let mut foreseen = Foreseen::default();
+        if self.path.leg(state.progress.leg).is_none_or(|leg| leg.reorient.is_some()) {
+            return foreseen;
+        }
+        let at = Foresight {
+            q,
+            terms,
+            p_C: report.p_BC,
+            poses: &self.path.preview(&state.progress, p_EC),
+            step_s: FORESEEN_STEP_S,
+            velocity: self.model.velocity(),
+            rate_max: self.control.aux_rate_max,
+            eta_out: std::array::from_fn(|i| report.singularities[i].eta_out),
+        };
+        self.charts.foresee(&at, &state.loops[1].memory, &mut foreseen);
+        foreseen
     }
 
     /// The share of `a` along the path's twist, metres made radians by the arm's length.
@@ -437,6 +464,7 @@ impl<const N: usize> Controller<N> {
         progress.by.iter().chain(progress.turn.iter()).for_each(|x| out.put(*x));
         out.put(governor.rate);
         out.put(governor.rate_dot);
+        out.put(governor.demand);
         turn.from.iter().for_each(|x| out.put(*x));
         out.put(turn.angle);
         out.put(flag(turn.begun));
@@ -462,7 +490,7 @@ impl<const N: usize> Controller<N> {
         let mut vector = || Vector3::from_fn(|_, _| get());
         let (p, by, turn) = (vector(), vector(), vector());
         self.state.progress = Progress { leg, time_s, begun, start: Pose { R, p }, by, turn };
-        self.state.governor = Governor { rate: get(), rate_dot: get() };
+        self.state.governor = Governor { rate: get(), rate_dot: get(), demand: get() };
         self.state.turn = Turn { from: Vector3::from_fn(|_, _| get()), angle: get(), begun: get() != 0.0 };
         self.state.refused = get() != 0.0;
         self.state.path_time_s = get();

@@ -87,7 +87,7 @@ mod tests {
         #[test]
         fn limits_hold_and_the_null_space_goes_first(bias in vector(), path in vector(), across in vector(), null in vector()) {
             let limits = Vector2::new(20.0, 10.0);
-            let torques = Torques { path, across, null, qdot_nominal: Vector2::zeros() };
+            let torques = Torques { path, across, null, qdot_nominal: Vector2::zeros(), qddot_path: Vector2::zeros() };
             let out = limit(&bias, &torques, &limits);
             for i in 0..2 {
                 prop_assert!(out.tau[i].abs() <= limits[i]);

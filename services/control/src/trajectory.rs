@@ -137,6 +137,19 @@ impl Ahead {
     }
 }
 
+/// Points of the path ahead that are looked at.
+pub const FORESEEN: usize = 10;
+
+/// Step of the path's clock between them, s.
+pub const FORESEEN_STEP_S: f64 = 0.025;
+
+/// What the path ahead takes of the arm at full clock speed.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Foreseen {
+    /// Largest share of any rate limit on each stretch, [`FORESEEN_STEP_S`] long.
+    pub demand: [f64; FORESEEN],
+}
+
 impl Path {
     /// The path of a scenario, with directions at the start of the run taken from `report`, the analysis of the start posture.
     ///
@@ -206,6 +219,17 @@ impl Path {
     pub fn ahead(&self, progress: &Progress, p_E: Vector3<f64>) -> Ahead {
         let [x, v, _] = self.fraction(progress);
         Ahead { progress: *progress, p_E, from: x, to: if v < 0.0 { 0.0 } else { 1.0 } }
+    }
+
+    /// Poses of a point fixed at `p_E` in the end-effector, at equal steps of the path's clock from now to the leg's end.
+    #[must_use]
+    pub fn preview(&self, progress: &Progress, p_E: &Vector3<f64>) -> [Pose; FORESEEN + 1] {
+        std::array::from_fn(|k| {
+            let later = Progress { time_s: progress.time_s + k as f64 * FORESEEN_STEP_S, ..*progress };
+            let [x, _, _] = self.fraction(&later);
+            let R = rotation_exp(&(progress.turn * x)) * progress.start.R;
+            Pose { R, p: progress.start.p + progress.by * x + R * p_E }
+        })
     }
 
     /// Desired motion of E, where the clock runs at `rate` and changes at `rate_dot` (1/s).

@@ -29,6 +29,8 @@ pub struct Augmented<const N: usize> {
     pub along: SVector<f64, N>,
     /// Right-hand side for nominal velocities.
     pub velocity: SVector<f64, N>,
+    /// Right-hand side for the path's own acceleration.
+    pub feed: SVector<f64, N>,
     /// How many rows are kept.
     pub kept: usize,
     /// How many belong to singularities.
@@ -48,22 +50,24 @@ impl<const N: usize> Augmented<N> {
             acceleration: SVector::zeros(),
             along: SVector::zeros(),
             velocity: SVector::zeros(),
+            feed: SVector::zeros(),
             kept: kept.len(),
             singular: actives.len(),
         };
         let mut used = 0;
-        let mut push = |row: SVector<f64, N>, acceleration: f64, along: f64, velocity: f64| {
+        let mut push = |row: SVector<f64, N>, acceleration: f64, along: f64, velocity: f64, feed: f64| {
             system.M.set_row(used, &row.transpose());
-            (system.acceleration[used], system.along[used], system.velocity[used]) = (acceleration, along, velocity);
+            (system.acceleration[used], system.along[used]) = (acceleration, along);
+            (system.velocity[used], system.feed[used]) = (velocity, feed);
             used += 1;
         };
-        let relative = wanted.a - Jdot_qdot;
+        let (relative, feed) = (wanted.a - Jdot_qdot, wanted.a_feed - Jdot_qdot);
         for e in kept.iter() {
-            push(J.tr_mul(e), e.dot(&relative), e.dot(&wanted.a_path), e.dot(&wanted.V));
+            push(J.tr_mul(e), e.dot(&relative), e.dot(&wanted.a_path), e.dot(&wanted.V), e.dot(&feed));
         }
         for active in actives {
             let (mut row, mut acceleration) = (active.aux_row * (1.0 - active.beta), active.aux_acceleration * (1.0 - active.beta));
-            let (mut along, mut velocity) = (0.0, active.aux_rate * (1.0 - active.beta));
+            let (mut along, mut velocity, mut own) = (0.0, active.aux_rate * (1.0 - active.beta), 0.0);
             // β > 0 only at |s| > η_in, where the gain is far from zero.
             if active.beta > 0.0 {
                 let scale = active.beta / active.gain;
@@ -71,8 +75,9 @@ impl<const N: usize> Augmented<N> {
                 acceleration += active.zeta_B.dot(&relative) * scale;
                 along = active.zeta_B.dot(&wanted.a_path) * scale;
                 velocity += active.zeta_B.dot(&wanted.V) * scale;
+                own = active.zeta_B.dot(&feed) * scale;
             }
-            push(row, acceleration, along, velocity);
+            push(row, acceleration, along, velocity, own);
         }
         if used < N {
             // WᵀA q̈ = WᵀA q̈₀ with W a basis of the null space: q̈ = J̄·r + N·q̈₀, dynamically consistent.
@@ -102,9 +107,10 @@ pub fn torques<const N: usize>(wanted: &Wanted<'_, N>, actives: &[Active<N>]) ->
     let qddot = lu.solve(&system.acceleration);
     let path = wanted.A * lu.solve(&system.along);
     let qdot_nominal = lu.solve(&system.velocity);
+    let qddot_path = lu.solve(&system.feed);
     let null = null_torque(wanted.A, &qddot, &lu, &system, actives)?;
     let task = wanted.A * qddot - null;
-    Ok(Torques { path, across: task - path, null, qdot_nominal })
+    Ok(Torques { path, across: task - path, null, qdot_nominal, qddot_path })
 }
 
 /// The share of Γ = A·q̈ that lies in the null space of the kept rows, singularity i's weighted by 1 − β_i so that it is continuous.

@@ -45,13 +45,15 @@ fn reduced<const M: usize, const N: usize>(wanted: &Wanted<'_, N>, actives: &[Ac
         rates[M + k] = active.aux_rate;
     }
     rates.rows_mut(0, M).copy_from(&(T * wanted.V));
+    let mut feed = SVector::<f64, N>::zeros();
+    feed.rows_mut(0, M).copy_from(&(T * wanted.a_feed - Jdot_qdot));
     let posture = op.N() * wanted.posture;
     let redundant = if M + actives.len() < N { posture } else { SVector::zeros() };
     let grad_V_0 = -(lu.solve(&rhs) + redundant);
     let Gamma_0 = null_torque(wanted.A, &grad_V_0, 0.0, &SVector::zeros());
     let null = op.torque(&SVector::zeros(), &Gamma_0);
     let path = op.J.transpose() * F_path;
-    Ok(Torques { path, across: op.J.transpose() * F - path, null, qdot_nominal: lu.solve(&rates) })
+    Ok(Torques { path, across: op.J.transpose() * F - path, null, qdot_nominal: lu.solve(&rates), qddot_path: lu.solve(&feed) })
 }
 
 /// Kept rows, auxiliary rows, and for a redundant arm WᵀA of what is left.

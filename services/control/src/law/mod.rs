@@ -66,6 +66,8 @@ pub struct Wanted<'a, const N: usize> {
     pub a_path: Vector6<f64>,
     /// Nominal twist of the path, for predicting joint speeds.
     pub V: Vector6<f64>,
+    /// Acceleration of the path at its present speed, for predicting torques.
+    pub a_feed: Vector6<f64>,
     /// Acceleration wanted in whatever null space is left (redundant arms), rad/s².
     pub posture: SVector<f64, N>,
 }
@@ -113,4 +115,6 @@ pub struct Torques<const N: usize> {
     pub null: SVector<f64, N>,
     /// Joint velocities at which the path would be followed at full clock speed, rad/s.
     pub qdot_nominal: SVector<f64, N>,
+    /// Joint accelerations of the path itself, without feedback and without a change of its clock, rad/s².
+    pub qddot_path: SVector<f64, N>,
 }

@@ -4,6 +4,7 @@
 //! direction in which the desired motion leaves the singularity. Arms without formulas use [`numeric`], from the report alone.
 
 mod elbow;
+mod forearm;
 mod numeric;
 mod overhead;
 mod wrist;
@@ -11,9 +12,9 @@ mod wrist;
 use crate::centre::{AtCentre, PoseMotion};
 use crate::linear::wrap_line;
 use crate::singular::PumaFactors;
-use crate::trajectory::Ahead;
+use crate::trajectory::{Ahead, Foreseen};
 use crate::types::{Kind, Mode, Singularity};
-use model::Terms;
+use model::{Pose, Terms};
 use nalgebra::{SVector, Vector3, Vector6};
 
 /// What a reference is computed from.
@@ -43,6 +44,27 @@ pub struct Situation<'a, const N: usize> {
     pub rate_max: f64,
     /// Whether the governor may slow the path down.
     pub governed: bool,
+}
+
+/// What can be seen of the path ahead.
+#[derive(Clone, Copy, Debug)]
+pub struct Foresight<'a, const N: usize> {
+    /// Joint positions, rad.
+    pub q: &'a SVector<f64, N>,
+    /// The model's terms.
+    pub terms: &'a Terms<N>,
+    /// Position of C, m.
+    pub p_C: Vector3<f64>,
+    /// Desired poses of C at equal steps of the path's clock, from now on.
+    pub poses: &'a [Pose],
+    /// The step, s.
+    pub step_s: f64,
+    /// Speed limits, rad/s.
+    pub velocity: &'a SVector<f64, N>,
+    /// Largest auxiliary rates, rad/s.
+    pub rate_max: [f64; 3],
+    /// Exit thresholds.
+    pub eta_out: [f64; 3],
 }
 
 /// What a reference remembers from tick to tick.
@@ -83,6 +105,13 @@ pub enum Charts {
 }
 
 impl Charts {
+    /// Largest share of any rate limit on each stretch of the path ahead, where the arm has formulas; else nothing is foreseen.
+    pub fn foresee<const N: usize>(&self, at: &Foresight<'_, N>, wrist: &Memory, out: &mut Foreseen) {
+        if let Self::Puma(puma) = self {
+            forearm::foresee(puma, at, wrist, out);
+        }
+    }
+
     /// The target of one singularity's auxiliary coordinate.
     pub fn target<const N: usize>(&self, singularity: &Singularity<N>, at: &Situation<'_, N>, memory: &mut Memory) -> Target {
         match (self, singularity.kind) {

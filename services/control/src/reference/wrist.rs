@@ -1,16 +1,17 @@
 //! Type 2 reference of a PUMA's wrist: the direction of z5 from the desired direction of z6.
 
+use super::forearm::Forearm;
 use super::{Memory, Situation, Target, line_angle};
 use crate::linear::{angular, wrap_line};
 use crate::singular::PumaFactors;
 use crate::types::{Mode, Singularity};
-use nalgebra::{Matrix3, Vector2, Vector3};
+use nalgebra::Vector3;
 
 /// Damping on the sine of the desired wrist angle, a hundred times encoder noise.
 const MU: f64 = 0.02;
 
 /// Closest approach to the lock below which it is passed through with ζ off the direction of travel, rad: the orientation error that costs.
-const PASS: f64 = 0.004;
+pub(super) const PASS: f64 = 0.004;
 
 /// Sine of the desired wrist angle below which passing through may begin.
 const NEAR: f64 = 0.22;
@@ -94,10 +95,10 @@ impl Outlook {
 
     /// From the path and the arm's closed-form inverse kinematics; what is beyond reach is taken at the edge. Cost about 2 µs.
     fn new<const N: usize>(puma: &PumaFactors, at: &Situation<'_, N>, z6_E: &Vector3<f64>) -> Self {
-        let forearm = Forearm::new(puma, at);
+        let forearm = Forearm::new(puma, at.q, at.terms, &at.at.p);
         let seen = |share: f64| {
             let X = at.ahead.pose(share);
-            forearm.sees(&X.p, &(X.R * z6_E))
+            forearm.at(&X.p).sees(&(X.R * z6_E))
         };
         let start = seen(0.0);
         let mut from = start;
@@ -118,63 +119,5 @@ impl Outlook {
             from = to;
         }
         out
-    }
-}
-
-/// The first three joints' closed-form inverse kinematics, on the sides of shoulder and elbow where the arm is.
-#[derive(Clone, Copy, Debug)]
-struct Forearm {
-    puma: PumaFactors,
-    /// Base axes with the waist's as z, rows; and the shoulder's centre.
-    axes: Matrix3<f64>,
-    shoulder: Vector3<f64>,
-    /// Distance of the arm's plane from the waist axis, m.
-    offset: f64,
-    /// Sides of shoulder and elbow, ±1.
-    sides: [f64; 2],
-    /// Sign of z4 along the forearm and of z5 along z2 at q4 = 0.
-    signs: [f64; 2],
-}
-
-impl Forearm {
-    fn new<const N: usize>(puma: &PumaFactors, at: &Situation<'_, N>) -> Self {
-        let (z1, z2) = (at.terms.z[0], at.terms.z[1]);
-        let x = z2.cross(&z1);
-        let shoulder = PumaFactors::shoulder(at.terms);
-        let p = at.at.p - shoulder;
-        let side = |positive: bool| if positive { 1.0 } else { -1.0 };
-        let sides = [side(p.dot(&x) >= 0.0), side(puma.theta(at.q[2]) >= 0.0)];
-        let axes = Matrix3::from_rows(&[x.transpose(), z2.transpose(), z1.transpose()]);
-        let mut forearm = Self { puma: *puma, axes, shoulder, offset: p.dot(&z2), sides, signs: [1.0; 2] };
-        let (along, across) = forearm.axes_at(&at.at.p);
-        forearm.signs = [side(along.dot(&at.terms.z[3]) > 0.0), side(across.dot(&z2) > 0.0)];
-        forearm
-    }
-
-    /// Direction of d4 and of z2 for a place of the wrist centre, base axes.
-    fn axes_at(&self, p: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
-        let [a2, L3, d] = [self.puma.a2, self.puma.L3, self.offset];
-        // Coordinates in the arm's present axes: in the plane, across it, up.
-        let p = self.axes * (p - self.shoulder);
-        let r2 = p.x * p.x + p.y * p.y;
-        let R = self.sides[0] * (r2 - d * d).max(0.0).sqrt();
-        let turn = libm::atan2(p.y, p.x) - libm::atan2(d, R);
-        let cos = ((R * R + p.z * p.z - a2 * a2 - L3 * L3) / (2.0 * a2 * L3)).clamp(-1.0, 1.0);
-        let theta = self.sides[1] * libm::acos(cos);
-        let (sin, cos) = libm::sincos(theta);
-        let (K, M) = (a2 + L3 * cos, -L3 * sin);
-        let q2 = libm::atan2(R * M - p.z * K, R * K + p.z * M);
-        let (s23, c23) = libm::sincos(q2 + theta + self.puma.q3_stretched);
-        let (s1, c1) = libm::sincos(turn);
-        let to_base = self.axes.transpose();
-        (to_base * Vector3::new(s23 * c1, s23 * s1, c23), to_base * Vector3::new(-s1, c1, 0.0))
-    }
-
-    /// w = z4×z6_d in the forearm's own axes z2 and z4×z2, where its direction is q4 but for a constant.
-    fn sees(&self, p: &Vector3<f64>, z6_d: &Vector3<f64>) -> Vector2<f64> {
-        let (along, across) = self.axes_at(p);
-        let z4 = along * self.signs[0];
-        let w = z4.cross(z6_d);
-        Vector2::new(w.dot(&across), w.dot(&z4.cross(&across)))
     }
 }
