@@ -7,7 +7,9 @@ use std::fs::OpenOptions;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::PathBuf;
 use std::ptr::NonNull;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::time::Duration;
 
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use rustix::thread::futex;
@@ -23,6 +25,8 @@ const MAGIC: u64 = u64::from_be_bytes(*b"armbrd\0\x01");
 
 /// The bit of a doorbell on which a source of ticks waits for the recorder; below it one bit per topic.
 pub(crate) const PROGRESS: u32 = 1 << 31;
+/// The bit for which every sleeper waits: stop, next phase, watchdog.
+const ATTENTION: u32 = 1 << 30;
 /// Every bit: wakes a process whatever it waits for.
 pub(crate) const ANYTHING: u32 = u32::MAX;
 
@@ -34,6 +38,8 @@ pub(crate) struct Bell {
     rings: AtomicU32,
     /// For which topics (bits) the owner sleeps; 0 while it is awake, so that ringing costs no system call then.
     awaited: AtomicU32,
+    /// Counts the owner's sleeps; only the owner writes it.
+    sleeps: AtomicU32,
 }
 
 impl Bell {
@@ -52,7 +58,8 @@ impl Bell {
 
     /// Announces the sleep; the caller must look for data once more before [`Bell::sleep`].
     pub(crate) fn arm(&self, bits: u32) {
-        self.awaited.store(bits, Ordering::SeqCst);
+        self.sleeps.store(self.sleeps.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
+        self.awaited.store(bits | ATTENTION, Ordering::SeqCst);
     }
 
     pub(crate) fn disarm(&self) {
@@ -64,8 +71,40 @@ impl Bell {
     }
 
     /// Sleeps until the next ring after the count `seen`, a signal, or the end of the time. Every return is a hint only.
-    pub(crate) fn sleep(&self, seen: u32, limit_ns: u64) {
-        let _ = futex::wait(&self.rings, futex::Flags::empty(), seen, Some(&timespec(limit_ns)));
+    ///
+    /// Without a limit it is the [`Watchdog`] who ends a sleep in vain: a timer for each sleep would cost a sixth of a hop.
+    pub(crate) fn sleep(&self, seen: u32, limit_ns: Option<u64>) {
+        let limit = limit_ns.map(timespec);
+        let _ = futex::wait(&self.rings, futex::Flags::empty(), seen, limit.as_ref());
+    }
+}
+
+/// A thread that wakes its own process out of a long sleep, so that it looks at its stop flag and its clock.
+pub(crate) struct Watchdog;
+
+impl Watchdog {
+    /// The longest sleep lasts between one and two of these.
+    const PERIOD: Duration = Duration::from_millis(50);
+    const STACK: usize = 64 * 1024;
+
+    /// Starts the thread; it ends with the board.
+    pub(crate) fn start(board: &Arc<Board>, index: usize) -> std::io::Result<()> {
+        let board = Arc::downgrade(board);
+        let watch = move || {
+            let mut seen = 0;
+            while let Some(board) = board.upgrade() {
+                let bell = &board.line(index).bell;
+                let sleeps = bell.sleeps.load(Ordering::Relaxed);
+                // The same sleep as the last time, whoever has rung for other topics meanwhile.
+                if sleeps == seen {
+                    bell.ring(ATTENTION);
+                }
+                seen = sleeps;
+                drop(board);
+                std::thread::sleep(Self::PERIOD);
+            }
+        };
+        std::thread::Builder::new().name("watchdog".into()).stack_size(Self::STACK).spawn(watch).map(drop)
     }
 }
 
@@ -428,13 +467,42 @@ mod tests {
         bell.arm(1);
         bell.ring(1);
         // Would sleep for an hour if the ring were lost.
-        bell.sleep(seen, 3_600_000_000_000);
+        bell.sleep(seen, Some(3_600_000_000_000));
         assert!(!bell.is_armed_for(1), "the ringer has disarmed it: the next ring costs no system call");
+    }
+
+    #[test]
+    fn a_sleep_without_limit_is_ended_by_the_watchdog_though_others_ring() {
+        let run = RunDir::create().unwrap();
+        let board = Arc::new(Board::create(&run).unwrap());
+        Watchdog::start(&board, 0).unwrap();
+        let is_over = std::sync::atomic::AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            // Rings for a topic that the sleeper does not wait for must not pass for wakes.
+            scope.spawn(|| {
+                while !is_over.load(Ordering::Relaxed) {
+                    board.line(0).bell().ring(0b10);
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+            });
+            for _ in 0..3 {
+                let bell = board.line(0).bell();
+                bell.arm(0b01);
+                // Sleeps through all rings for other topics: only a wake ends it.
+                while bell.is_armed_for(0b01) {
+                    bell.sleep(bell.rings(), None);
+                }
+            }
+            is_over.store(true, Ordering::Relaxed);
+        });
     }
 
     #[test]
     fn a_ring_wakes_only_who_waits_for_it() {
         let bell = Bell::default();
+        bell.arm(0);
+        bell.ring(ANYTHING);
+        assert!(!bell.is_armed_for(ANYTHING), "a sleeper that waits for no topic still hears of a stop");
         bell.arm(0b10);
         bell.ring(0b01);
         assert!(bell.is_armed_for(0b10));

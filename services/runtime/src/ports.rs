@@ -3,6 +3,8 @@
 use std::rc::Rc;
 
 use iceoryx2::port::update_connections::UpdateConnections;
+use iceoryx2::prelude::ipc;
+use iceoryx2::sample::Sample;
 use shared_types::Message;
 
 use crate::board::Count;
@@ -43,8 +45,10 @@ pub struct Reader<M: Message> {
 }
 
 /// What a look into the buffer shows.
-enum Found<M> {
-    Message(M),
+#[derive(Clone, Copy)]
+enum Found {
+    /// The message is now the current one.
+    Current,
     /// The tick looked for will not come: a later one is there.
     Passed,
 }
@@ -101,14 +105,42 @@ impl<M: Message> Reader<M> {
             },
             from: shared.manifest.writer_of(M::TOPIC).map_or("its writer".into(), |w| shared.manifest.processes[w].name.clone()),
         };
-        let (inlet, ahead) = (&mut self.inlet, &mut self.ahead);
-        match shared.wait(self.bit, deadline_ns, describe, || look(inlet, ahead, expected, exactly))? {
-            Waited::Ready(Found::Message(message)) => {
-                self.current = message;
-                Ok(Some(self.accept(expected)))
-            }
+        match shared.wait(self.bit, deadline_ns, describe, || self.look(expected, exactly))? {
+            Waited::Ready(Found::Current) => Ok(Some(self.accept(expected))),
             Waited::Ready(Found::Passed) => self.passed(expected),
             Waited::Late | Waited::Stopped => Ok(None),
+        }
+    }
+
+    /// Takes messages out of the buffer until the wanted one is there.
+    fn look(&mut self, expected: Option<u64>, exactly: bool) -> Result<Option<Found>, Interrupted> {
+        let mut found = None;
+        if let Some(message) = self.ahead.take() {
+            found = self.place(&message, expected, exactly);
+        }
+        while !(exactly && found.is_some()) {
+            let Some(sample) = self.inlet.receive()? else { break };
+            found = self.place(&sample.payload().0, expected, exactly).or(found);
+        }
+        Ok(found)
+    }
+
+    /// Copies a message to where it belongs: what the process computes with can change no more under its hands.
+    fn place(&mut self, message: &M, expected: Option<u64>, exactly: bool) -> Option<Found> {
+        let tick = message.header().tick;
+        match expected {
+            Some(expected) if tick < expected => {
+                self.shared.line().add(Count::Repeated, 1);
+                None
+            }
+            Some(expected) if exactly && tick > expected => {
+                self.ahead = Some(*message);
+                Some(Found::Passed)
+            }
+            _ => {
+                self.current = *message;
+                Some(Found::Current)
+            }
         }
     }
 
@@ -134,35 +166,6 @@ impl<M: Message> Reader<M> {
     }
 }
 
-/// Takes messages out of the buffer until the wanted one is there.
-fn look<M: Message>(
-    inlet: &mut Inlet<M>,
-    ahead: &mut Option<M>,
-    expected: Option<u64>,
-    exactly: bool,
-) -> Result<Option<Found<M>>, Interrupted> {
-    let mut newest = None;
-    loop {
-        let message = match ahead.take() {
-            Some(message) => message,
-            None => match inlet.receive()? {
-                Some(message) => message,
-                None => return Ok(newest.map(Found::Message)),
-            },
-        };
-        let tick = message.header().tick;
-        match expected {
-            Some(expected) if tick < expected => inlet.shared.line().add(Count::Repeated, 1),
-            Some(expected) if exactly && tick > expected => {
-                *ahead = Some(message);
-                return Ok(Some(Found::Passed));
-            }
-            _ if exactly => return Ok(Some(Found::Message(message))),
-            _ => newest = Some(message),
-        }
-    }
-}
-
 /// Where messages enter the process.
 struct Inlet<M: Message> {
     shared: Rc<Shared>,
@@ -177,7 +180,8 @@ impl<M: Message> Inlet<M> {
         Self { shared, subscriber, writer, fence: Fence::default() }
     }
 
-    fn receive(&mut self) -> Result<Option<M>, Interrupted> {
+    /// The next message that the fence admits, in shared memory still.
+    fn receive(&mut self) -> Result<Option<Sample<ipc::Service, Wire<M>, ()>>, Interrupted> {
         loop {
             let sample = self.subscriber.receive().map_err(|error| self.shared.port_failed(M::TOPIC, error))?;
             let Some(sample) = sample else { return Ok(None) };
@@ -185,10 +189,8 @@ impl<M: Message> Inlet<M> {
                 (false, Some(writer)) => Some(self.shared.board.line(writer).incarnation()),
                 _ => None,
             };
-            // Copied out: what the process computes with cannot change any more under its hands.
-            let message = sample.payload().0;
-            if self.fence.admits(message.header(), living) {
-                return Ok(Some(message));
+            if self.fence.admits(sample.payload().0.header(), living) {
+                return Ok(Some(sample));
             }
             self.shared.line().add(Count::Fenced, 1);
         }
@@ -212,7 +214,8 @@ impl<M: Message> Drain<M> {
     /// # Errors
     /// When iceoryx2 fails.
     pub fn drain(&mut self, mut take: impl FnMut(&M)) -> Result<(), Interrupted> {
-        while let Some(message) = self.inlet.receive()? {
+        while let Some(sample) = self.inlet.receive()? {
+            let message = &sample.payload().0;
             let tick = message.header().tick;
             let expected = self.last.map_or(0, |last| last + 1);
             if tick > expected {
@@ -222,7 +225,7 @@ impl<M: Message> Drain<M> {
                 self.inlet.shared.line().add(Count::Repeated, 1);
             }
             self.last = Some(tick.max(expected));
-            take(&message);
+            take(message);
         }
         Ok(())
     }

@@ -45,15 +45,11 @@ pub fn allowed_cores() -> Vec<usize> {
 /// # Errors
 /// When there is no such core, or this process may not use it.
 pub fn pin(core: usize) -> Result<(), Missing> {
-    let allowed = allowed_cores();
     let mut set = CpuSet::new();
-    if allowed.contains(&core) {
+    if core < CpuSet::MAX_CPU {
         set.set(core);
-        if sched_setaffinity(None, &set).is_ok() {
-            return Ok(());
-        }
     }
-    Err(Missing::Core { core, allowed })
+    sched_setaffinity(None, &set).map_err(|_| Missing::Core { core, allowed: allowed_cores() })
 }
 
 /// Locks memory, touches the stack and takes a `SCHED_FIFO` priority; what is not allowed is returned, not fatal.

@@ -151,7 +151,7 @@ impl RunDir {
     /// Takes the rights of others away from the run's files beside the directory: iceoryx2 makes its node counter writable for everybody.
     pub(crate) fn make_private(&self) -> std::io::Result<()> {
         let beside = entries().into_iter().filter(|(name, path)| name == self.name() && path.is_file());
-        beside.map(|(_, path)| fs::set_permissions(path, fs::Permissions::from_mode(0o600))).collect()
+        beside.map(|(_, path)| path).try_for_each(|path| fs::set_permissions(path, fs::Permissions::from_mode(0o600)))
     }
 
     /// Removes the run and everything in it.

@@ -11,7 +11,7 @@ use iceoryx2::prelude::{Node, ipc};
 use shared_types::Message;
 use shared_types::wire::{HOPS, Header, Stamps};
 
-use crate::board::{ANYTHING, Board, BoardError, Count, Line, PROGRESS, Phase, State, Stop};
+use crate::board::{ANYTHING, Board, BoardError, Count, Line, PROGRESS, Phase, State, Stop, Watchdog};
 use crate::clock::now_ns;
 use crate::manifest::{Manifest, ManifestError, Mode};
 use crate::pace::Pace;
@@ -23,8 +23,6 @@ use crate::topics::{self, CHAIN_DEPTH, RECORDER_DEPTH, Subscribing, TopicError};
 
 /// In lockstep the source of ticks may be this many ticks ahead of the recorder: half of what its buffers hold.
 const RECORDER_LAG: u64 = RECORDER_DEPTH as u64 / 2;
-/// A sleeper looks at its stop flag and the clock at least this often, whatever wake was lost.
-const SLICE_NS: u64 = 20_000_000;
 
 /// Why a process cannot join its run.
 #[derive(Debug, thiserror::Error)]
@@ -54,6 +52,9 @@ pub enum OpenError {
     /// Signals cannot be caught.
     #[error("cannot catch SIGTERM and SIGINT: {0}")]
     Signals(std::io::Error),
+    /// No thread.
+    #[error("cannot start the watchdog thread: {0}")]
+    Watchdog(std::io::Error),
 }
 
 /// Why a wait ended without what was waited for. A stop of the run is not among them: waits return `None` then.
@@ -132,9 +133,10 @@ pub(crate) enum Waited<T> {
 /// What one process has of the run; shared by its ports.
 pub(crate) struct Shared {
     pub(crate) manifest: Manifest,
-    pub(crate) board: Board,
+    pub(crate) board: Arc<Board>,
     pub(crate) node: Node<ipc::Service>,
     me: usize,
+    stops_at: Stop,
     /// Its place in [`HOPS`], if it has one.
     hop: Option<usize>,
     signalled: Arc<AtomicBool>,
@@ -166,8 +168,7 @@ impl Shared {
     }
 
     pub(crate) fn is_stopping(&self) -> bool {
-        let stop_at = if self.manifest.processes[self.me].polled { Stop::Everything } else { Stop::Chain };
-        self.board.stop() >= stop_at || self.signalled.load(Ordering::Relaxed)
+        self.board.stop() >= self.stops_at || self.signalled.load(Ordering::Relaxed)
     }
 
     pub(crate) fn topic_bit(&self, topic: &str) -> u32 {
@@ -211,14 +212,11 @@ impl Shared {
         if self.is_stopping() {
             return Ok(Waited::Stopped);
         }
-        if let Some(found) = look()? {
-            return Ok(Waited::Ready(found));
-        }
         let bell = self.line().bell();
-        let began_ns = now_ns();
-        let limit_ns = began_ns.saturating_add(self.manifest.wait_limit.as_nanos() as u64);
-        let mut now = began_ns;
+        let limit_ns = self.manifest.wait_limit.as_nanos() as u64;
+        let (mut is_first_look, mut began_ns) = (true, None);
         loop {
+            // Armed before the look: whoever brings it after the look rings.
             let seen = bell.rings();
             bell.arm(bits);
             let found = look();
@@ -226,21 +224,25 @@ impl Shared {
                 bell.disarm();
                 return Ok(found?.map_or(Waited::Stopped, Waited::Ready));
             }
-            let until_ns = deadline_ns.unwrap_or(u64::MAX).min(limit_ns).min(now + SLICE_NS);
-            bell.sleep(seen, until_ns.saturating_sub(now));
-            bell.disarm();
-            if let Some(found) = look()? {
-                return Ok(Waited::Ready(found));
+            let mut sleep_ns = None;
+            // Without a deadline the clock is only read when the first sleep was in vain: the usual hop does without it.
+            if deadline_ns.is_some() || !is_first_look {
+                let now = now_ns();
+                let waited_ns = now - *began_ns.get_or_insert(now);
+                if deadline_ns.is_some_and(|deadline| now >= deadline) {
+                    bell.disarm();
+                    return Ok(Waited::Late);
+                }
+                if waited_ns >= limit_ns {
+                    bell.disarm();
+                    let Wait { what, from } = describe();
+                    let waited = Duration::from_nanos(waited_ns);
+                    return Err(Interrupted::TimedOut { process: self.name().to_owned(), what, from, waited });
+                }
+                sleep_ns = deadline_ns.map(|deadline| deadline - now);
             }
-            now = now_ns();
-            if deadline_ns.is_some_and(|deadline| now >= deadline) {
-                return Ok(Waited::Late);
-            }
-            if now >= limit_ns {
-                let Wait { what, from } = describe();
-                let waited = Duration::from_nanos(now - began_ns);
-                return Err(Interrupted::TimedOut { process: self.name().to_owned(), what, from, waited });
-            }
+            is_first_look = false;
+            bell.sleep(seen, sleep_ns);
         }
     }
 
@@ -350,12 +352,15 @@ impl Shell {
         for signal in [libc::SIGTERM, libc::SIGINT] {
             signal_hook::flag::register(signal, Arc::clone(&signalled)).map_err(OpenError::Signals)?;
         }
+        let board = Arc::new(Board::open(&run)?);
+        // Before the process is pinned: the watchdog may run on any core.
+        Watchdog::start(&board, me).map_err(OpenError::Watchdog)?;
         settle(&manifest, me);
-        let board = Board::open(&run)?;
         let node = topics::join(&run, process, false)?;
+        let stops_at = if manifest.processes[me].polled { Stop::Everything } else { Stop::Chain };
         let hop = HOPS.iter().position(|&hop| hop == process);
         let (started, input, ports) = (Cell::new(false), Cell::new(Input::default()), RefCell::default());
-        let shared = Rc::new(Shared { manifest, board, node, me, hop, signalled, started, ports, input });
+        let shared = Rc::new(Shared { manifest, board, node, me, stops_at, hop, signalled, started, ports, input });
         Ok(Self { shared, round: Cell::new(Round::Before) })
     }
 
@@ -411,8 +416,10 @@ impl Shell {
         match self.round.get() {
             Round::Last => return Ok(false),
             Round::From(ticks) => {
-                shared.line().set_ticks(ticks);
-                self.each_other(|line| line.bell().ring(PROGRESS));
+                if ticks > shared.line().ticks() {
+                    shared.line().set_ticks(ticks);
+                    self.each_other(|line| line.bell().ring(PROGRESS));
+                }
             }
             Round::Before => {
                 if matches!(shared.start()?, Waited::Stopped) {
@@ -428,7 +435,7 @@ impl Shell {
             let seen = bell.rings();
             bell.arm(ANYTHING);
             if !shared.is_stopping() {
-                bell.sleep(seen, every.as_nanos() as u64);
+                bell.sleep(seen, Some(every.as_nanos() as u64));
             }
             bell.disarm();
         }
