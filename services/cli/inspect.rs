@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use model::{Model, Robot, with_dof};
+use model::{Model, Refused, Robot, with_dof};
 use nalgebra::{DMatrix, SVector};
 use serde_json::{Value, json};
 use shared_types::scenario::{Scenario, Segment, Start};
@@ -19,9 +19,8 @@ pub(crate) fn inspect(args: &InspectArgs, as_json: bool) -> Result<ExitCode, Fai
     if qdot.len() != q.len() || qdot.iter().any(|rate| !rate.is_finite()) {
         return Err(Failure::Input(format!("--qdot has {} values; {} has {} joints", qdot.len(), robot.name, q.len())));
     }
-    let numbers = with_dof!(robot.dof(), N => evaluate::<N>(&robot, args.frame.as_deref(), &q, &qdot)).unwrap_or_else(|| {
-        Err(Failure::Input(format!("{} has {} joints; armplane is built for arms of {:?}", robot.name, robot.dof(), model::SUPPORTED_DOF)))
-    })?;
+    let numbers = with_dof!(robot.dof(), N => evaluate::<N>(&robot, args.frame.as_deref(), &q, &qdot))
+        .unwrap_or_else(|| Err(Failure::input(Refused::size(&robot))))?;
     if as_json {
         println!("{}", numbers.json(&robot));
     } else {
@@ -86,7 +85,7 @@ fn evaluate<const N: usize>(robot: &Robot, frame: Option<&str>, q: &[f64], qdot:
     let (q_vector, qdot_vector) = (SVector::<f64, N>::from_column_slice(q), SVector::<f64, N>::from_column_slice(qdot));
     let terms = model.evaluate(&q_vector, &qdot_vector);
     let start = Start { q_rad: Some(q.to_vec()), ..Start::default() };
-    let mut analyzer = analyzer::Cycle::<N>::new(robot, &start_only(robot, frame, start)).map_err(Failure::input)?;
+    let mut analyzer = analyzer::cycle(robot, &start_only(robot, frame, start)).map_err(Failure::input)?;
     let mut estimate = StateEstimate::default();
     estimate.q[..N].copy_from_slice(q);
     estimate.qdot[..N].copy_from_slice(qdot);

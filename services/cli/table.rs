@@ -5,7 +5,7 @@ use comfy_table::{Cell, CellAlignment, ContentArrangement, Table, presets};
 /// A table with these headings, fitted to the terminal.
 pub(crate) fn table(headings: &[&str]) -> Table {
     let mut table = Table::new();
-    table.load_style(presets::UTF8_HORIZONTAL_ONLY).set_content_arrangement(ContentArrangement::Dynamic);
+    table.load_style(presets::ASCII_MARKDOWN).set_content_arrangement(ContentArrangement::Dynamic);
     table.set_header(headings.iter().map(|heading| Cell::new(heading)));
     table
 }
@@ -22,6 +22,7 @@ pub(crate) fn digits(value: f64) -> String {
         size if size < 1e-3 => format!("{value:.1e}"),
         size if size < 10.0 => format!("{value:.3}"),
         size if size < 1e3 => format!("{value:.1}"),
-        _ => format!("{value:.0}"),
+        size if size < 1e6 => format!("{value:.0}"),
+        _ => format!("{value:.1e}"),
     }
 }

@@ -113,6 +113,9 @@ pub struct Segment {
     /// Turn a singular direction by null-space motion, end-effector held.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reorient: Option<Reorient>,
+    /// Posture that the null space of a redundant arm is driven to meanwhile (the start posture where absent); degrees (mm for prismatic joints).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub posture_deg: Option<Vec<f64>>,
     /// Shape of the path between start and goal.
     #[serde(default)]
     pub path: Path,

@@ -122,7 +122,7 @@ pub struct SingularitySummary {
     pub inside_ticks: u64,
     /// Times it was entered.
     pub entries: u64,
-    /// Angle through which ζ turned while inside, in all; degrees.
+    /// Largest angle between ζ and what it was when the neighbourhood was entered; degrees.
     pub zeta_turned_deg: f64,
 }
 

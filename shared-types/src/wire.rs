@@ -107,7 +107,8 @@ impl Part for Header {
 }
 impl<T: Part, const N: usize> Part for [T; N] {
     fn is_finite(&self) -> bool {
-        self.iter().all(Part::is_finite)
+        // Without an early exit, so that the compiler makes vectors of it: this runs for every message.
+        self.iter().fold(true, |finite, part| finite & part.is_finite())
     }
     fn hash_parts(hash: &mut Fnv) {
         T::hash_parts(hash);

@@ -3,23 +3,45 @@
 
 mod cycle;
 
-use model::{Robot, with_dof};
+use model::{Refused, Robot, with_dof};
 use runtime::{ProcessError, Shell};
 use shared_types::scenario::Scenario;
 use shared_types::{SingularityReport, StateEstimate};
 
 pub use cycle::Cycle;
 
+/// The pure step, whatever the number of joints; compiled once per number, here.
+pub trait Step {
+    /// The report for an estimate, at its tick.
+    fn step(&mut self, estimate: &StateEstimate) -> SingularityReport;
+    /// Takes up the state that `last` carries.
+    fn resume(&mut self, last: &SingularityReport);
+}
+
+impl<const N: usize> Step for Cycle<N> {
+    fn step(&mut self, estimate: &StateEstimate) -> SingularityReport {
+        self.step(estimate)
+    }
+    fn resume(&mut self, last: &SingularityReport) {
+        self.resume(last);
+    }
+}
+
+/// The step for an arm of as many joints as `robot` has.
+///
+/// # Errors
+/// [`Refused`] where robot and scenario do not fit, or the program is not built for that number of joints.
+pub fn cycle(robot: &Robot, scenario: &Scenario) -> Result<Box<dyn Step>, Refused> {
+    with_dof!(robot.dof(), N => Cycle::<N>::new(robot, scenario).map(|cycle| Box::new(cycle) as Box<dyn Step>).map_err(Refused::because))
+        .unwrap_or_else(|| Err(Refused::size(robot)))
+}
+
 /// Analyses until the run stops.
 ///
 /// # Errors
-/// [`ProcessError`] where the analyzer cannot be built or the graph breaks.
+/// [`ProcessError`] where the step cannot be built or the graph breaks.
 pub fn run(shell: &Shell, robot: &Robot, scenario: &Scenario) -> Result<(), ProcessError> {
-    with_dof!(robot.dof(), N => analyse::<N>(shell, robot, scenario)).unwrap_or_else(|| Err(ProcessError::setup("unsupported number of joints")))
-}
-
-fn analyse<const N: usize>(shell: &Shell, robot: &Robot, scenario: &Scenario) -> Result<(), ProcessError> {
-    let mut cycle = Cycle::<N>::new(robot, scenario).map_err(ProcessError::setup)?;
+    let mut cycle = cycle(robot, scenario).map_err(ProcessError::setup)?;
     let mut estimates = shell.reader::<StateEstimate>()?;
     let mut reports = shell.writer::<SingularityReport>()?;
     while let Some(estimate) = estimates.next()? {

@@ -2,7 +2,7 @@
 //! Tests, comparisons and sweeps use it, and `armplane run` tries its first tick here before it starts anything.
 #![allow(non_snake_case)]
 
-use model::{Robot, with_dof};
+use model::{Refused, Robot};
 use shared_types::codes::PHASE_REFUSED;
 use shared_types::scenario::Scenario;
 use shared_types::{PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
@@ -22,39 +22,26 @@ pub struct Tick {
     pub command: TorqueCommand,
 }
 
-/// The chain for an arm of `N` joints.
-pub struct Chain<const N: usize> {
-    plant: plant::Cycle<N>,
-    estimator: estimator::Cycle<N>,
-    analyzer: analyzer::Cycle<N>,
-    controller: controller::Cycle<N>,
+/// The five cycles but the recorder's, hand in hand.
+pub struct Chain {
+    plant: Box<dyn plant::Step>,
+    estimator: Box<dyn estimator::Step>,
+    analyzer: Box<dyn analyzer::Step>,
+    controller: Box<dyn controller::Step>,
     tick: u64,
 }
 
-/// Why a chain cannot be built: one of its cycles does not accept the robot or the scenario.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{process}: {reason}")]
-pub struct ChainError {
-    /// Which one.
-    pub process: &'static str,
-    /// Why.
-    pub reason: String,
-}
-
-impl<const N: usize> Chain<N> {
+impl Chain {
     /// All cycles at tick 0.
     ///
     /// # Errors
-    /// [`ChainError`] with the first cycle that refuses.
-    pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, ChainError> {
-        fn refused<E: std::fmt::Display>(process: &'static str) -> impl Fn(E) -> ChainError {
-            move |error| ChainError { process, reason: error.to_string() }
-        }
+    /// [`Refused`] by the first cycle that does not accept the robot or the scenario.
+    pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
         Ok(Self {
-            plant: plant::Cycle::new(robot, scenario).map_err(refused("plant"))?,
-            estimator: estimator::Cycle::new(robot, scenario).map_err(refused("estimator"))?,
-            analyzer: analyzer::Cycle::new(robot, scenario).map_err(refused("analyzer"))?,
-            controller: controller::Cycle::new(robot, scenario).map_err(refused("controller"))?,
+            plant: plant::cycle(robot, scenario)?,
+            estimator: estimator::cycle(robot, scenario)?,
+            analyzer: analyzer::cycle(robot, scenario)?,
+            controller: controller::cycle(robot, scenario)?,
             tick: 0,
         })
     }
@@ -84,38 +71,23 @@ impl<const N: usize> Chain<N> {
 /// Runs a scenario to its end, handing each tick to `each`.
 ///
 /// # Errors
-/// [`ChainError`] where a cycle refuses the robot or the scenario.
-pub fn run(robot: &Robot, scenario: &Scenario, mut each: impl FnMut(&Tick)) -> Result<(), ChainError> {
-    with_dof!(robot.dof(), N => {
-        let mut chain = Chain::<N>::new(robot, scenario)?;
-        while !chain.is_over() {
-            each(&chain.step());
-        }
-        Ok(())
-    })
-    .unwrap_or_else(|| Err(unsupported(robot)))
+/// [`Refused`] where a cycle does not accept the robot or the scenario.
+pub fn run(robot: &Robot, scenario: &Scenario, mut each: impl FnMut(&Tick)) -> Result<(), Refused> {
+    let mut chain = Chain::new(robot, scenario)?;
+    while !chain.is_over() {
+        each(&chain.step());
+    }
+    Ok(())
 }
 
 /// Tries a scenario's first tick: what the control law refuses at once is refused before any process starts.
 ///
 /// # Errors
-/// [`ChainError`] where a cycle refuses the robot or the scenario, or the controller refuses the first tick.
-pub fn try_first_tick(robot: &Robot, scenario: &Scenario) -> Result<(), ChainError> {
-    let mut first = None;
-    with_dof!(robot.dof(), N => {
-        first = Some(Chain::<N>::new(robot, scenario)?.step());
-        Ok(())
-    })
-    .unwrap_or_else(|| Err(unsupported(robot)))?;
-    match first.map(|tick| tick.command.phase) {
-        Some(PHASE_REFUSED) => Err(ChainError { process: "controller", reason: "the control law refuses the start posture".to_owned() }),
+/// [`Refused`] where a cycle does not accept the robot or the scenario, or the control law refuses the first tick.
+pub fn try_first_tick(robot: &Robot, scenario: &Scenario) -> Result<(), Refused> {
+    let first = Chain::new(robot, scenario)?.step();
+    match first.command.phase {
+        PHASE_REFUSED => Err(Refused::because("the control law refuses the start posture")),
         _ => Ok(()),
-    }
-}
-
-fn unsupported(robot: &Robot) -> ChainError {
-    ChainError {
-        process: "model",
-        reason: format!("{} has {} joints; this program is built for arms of {:?} joints", robot.name, robot.dof(), model::SUPPORTED_DOF),
     }
 }

@@ -1,7 +1,27 @@
 //! From a number of joints that is known at run time to one that is in the type.
 
+use crate::robot::Robot;
+
 /// Numbers of joints for which the program is built. One more is one more arm below, and the time to compile it.
 pub const SUPPORTED_DOF: [usize; 3] = [3, 6, 7];
+
+/// Why something cannot be built for a robot, in one sentence.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct Refused(String);
+
+impl Refused {
+    /// For a reason that somebody else found.
+    pub fn because(reason: impl std::fmt::Display) -> Self {
+        Self(reason.to_string())
+    }
+
+    /// For a number of joints that the program is not built for.
+    #[must_use]
+    pub fn size(robot: &Robot) -> Self {
+        Self(format!("{} has {} joints; armplane is built for arms of {SUPPORTED_DOF:?} joints", robot.name, robot.dof()))
+    }
+}
 
 /// Evaluates an expression with the robot's number of joints as a constant; `None` for a number the program is not built for.
 ///

@@ -36,7 +36,7 @@ mod start;
 mod tests;
 mod urdf;
 
-pub use dispatch::SUPPORTED_DOF;
+pub use dispatch::{Refused, SUPPORTED_DOF};
 pub use dynamics::{Model, ModelError, Terms};
 pub use pose::Pose;
 pub use robot::{

@@ -55,7 +55,7 @@ impl<const N: usize> Cycle<N> {
         // The drives' model is the description's, without the simulated deviation from it.
         let known = Model::new(robot, (!scenario.frame.is_empty()).then_some(scenario.frame.as_str()))?;
         let start = SVector::from_column_slice(&start);
-        let ticks = |seconds: f64| (seconds * f64::from(scenario.rate_hz)).ceil() as u64;
+        let ticks = |seconds: f64| (seconds * f64::from(scenario.rate_hz)).round() as u64;
         Ok(Self {
             plant: Plant::new(robot, &scenario.frame, options, scenario.rate_hz, &start)?,
             drive: Drive::new(known, scenario.rate_hz, options.hold_ticks, &start),
@@ -142,6 +142,7 @@ mod tests {
     use shared_types::codes::{DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_HOLDING, DRIVE_REFUSED, DRIVE_STOPPING};
     use shared_types::scenario::{Segment, Start};
     use shared_types::wire::Part;
+    use std::sync::LazyLock;
 
     fn scenario() -> Scenario {
         let name = "fig5-wrist-rotation";
@@ -156,9 +157,7 @@ mod tests {
         Cycle::new(&Robot::builtin("puma560").unwrap(), scenario).unwrap()
     }
 
-    fn arm() -> Model<6> {
-        Model::new(&Robot::builtin("puma560").unwrap(), None).unwrap()
-    }
+    static ARM: LazyLock<Model<6>> = LazyLock::new(|| Model::new(&Robot::builtin("puma560").unwrap(), None).unwrap());
 
     fn joints(values: &[f64; MAX_DOF]) -> SVector<f64, 6> {
         SVector::from_column_slice(&values[..6])
@@ -167,7 +166,7 @@ mod tests {
     /// Gravity compensation plus `extra`.
     fn command(truth: &PlantState, extra: [f64; 6]) -> TorqueCommand {
         let (q, qdot) = (joints(&truth.q), joints(&truth.qdot));
-        let tau = arm().bias(&q, &qdot) + SVector::from(extra);
+        let tau = ARM.bias(&q, &qdot) + SVector::from(extra);
         TorqueCommand { header: truth.header, tau: padded(&tau), ..TorqueCommand::default() }
     }
 
@@ -193,7 +192,7 @@ mod tests {
             let mean = 0.5 * (truth.V_BE[i] + next.V_BE[i]);
             assert!(((next.p_BE[i] - truth.p_BE[i]) * 1000.0 - mean).abs() < 1e-5);
         }
-        let mechanical = arm().kinetic_energy(&joints(&next.q), &joints(&next.qdot)) + arm().potential_energy(&joints(&next.q));
+        let mechanical = ARM.kinetic_energy(&joints(&next.q), &joints(&next.qdot)) + ARM.potential_energy(&joints(&next.q));
         assert!((next.energy_j - mechanical).abs() < 1e-12);
         assert!(truth.q[6..].iter().chain(&truth.tau[6..]).all(|x| *x == 0.0));
     }
@@ -219,7 +218,7 @@ mod tests {
     #[test]
     fn without_torque_the_arm_holds_stops_brakes_and_comes_back() {
         let mut cycle = cycle(&scenario());
-        let limits = arm();
+        let limits = &*ARM;
         let mut tick = 0;
         let mut last = cycle.sample(0).1;
         let mut next = |cycle: &mut Cycle<6>, command: Option<TorqueCommand>| {
@@ -296,7 +295,7 @@ mod tests {
         assert_eq!(ticks(PHASE_DONE, 10), Some(1));
         assert_eq!(ticks(PHASE_REFUSED, 3000), Some(2001));
         let planned = scenario().duration_s();
-        assert_eq!(ticks(PHASE_RUNNING, 4000), Some((LONGEST * planned * 1000.0) as u64));
+        assert_eq!(ticks(PHASE_RUNNING, 4000), Some((LONGEST * planned * 1000.0).round() as u64));
     }
 
     #[test]

@@ -3,23 +3,50 @@
 
 mod cycle;
 
-use model::{Robot, with_dof};
+use model::{Refused, Robot, with_dof};
 use runtime::{ProcessError, Shell};
 use shared_types::scenario::Scenario;
 use shared_types::{PlantState, SensorSample, TorqueCommand};
 
 pub use cycle::Cycle;
 
+/// The pure step, whatever the number of joints; compiled once per number, here.
+pub trait Step {
+    /// What the sensors say at `tick`, and the truth.
+    fn sample(&self, tick: u64) -> (SensorSample, PlantState);
+    /// Moves the arm to the next tick under `command` (`None`: none came).
+    fn step(&mut self, command: Option<&TorqueCommand>);
+    /// Whether the task is over.
+    fn is_over(&self) -> bool;
+}
+
+impl<const N: usize> Step for Cycle<N> {
+    fn sample(&self, tick: u64) -> (SensorSample, PlantState) {
+        self.sample(tick)
+    }
+    fn step(&mut self, command: Option<&TorqueCommand>) {
+        self.step(command);
+    }
+    fn is_over(&self) -> bool {
+        self.is_over()
+    }
+}
+
+/// The step for an arm of as many joints as `robot` has.
+///
+/// # Errors
+/// [`Refused`] where robot and scenario do not fit, or the program is not built for that number of joints.
+pub fn cycle(robot: &Robot, scenario: &Scenario) -> Result<Box<dyn Step>, Refused> {
+    with_dof!(robot.dof(), N => Cycle::<N>::new(robot, scenario).map(|cycle| Box::new(cycle) as Box<dyn Step>).map_err(Refused::because))
+        .unwrap_or_else(|| Err(Refused::size(robot)))
+}
+
 /// Simulates `robot` until the task is over or the run stops.
 ///
 /// # Errors
-/// [`ProcessError`] where the plant cannot be built or the graph breaks.
+/// [`ProcessError`] where the step cannot be built or the graph breaks.
 pub fn run(shell: &Shell, robot: &Robot, scenario: &Scenario) -> Result<(), ProcessError> {
-    with_dof!(robot.dof(), N => simulate::<N>(shell, robot, scenario)).unwrap_or_else(|| Err(ProcessError::setup("unsupported number of joints")))
-}
-
-fn simulate<const N: usize>(shell: &Shell, robot: &Robot, scenario: &Scenario) -> Result<(), ProcessError> {
-    let mut cycle = Cycle::<N>::new(robot, scenario).map_err(ProcessError::setup)?;
+    let mut cycle = cycle(robot, scenario).map_err(ProcessError::setup)?;
     let mut sensors = shell.writer::<SensorSample>()?;
     let mut truths = shell.writer::<PlantState>()?;
     let mut torques = shell.reader::<TorqueCommand>()?;

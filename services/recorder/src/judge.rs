@@ -61,7 +61,8 @@ struct Watched {
     summary: SingularitySummary,
     mode: u32,
     inside: bool,
-    last_zeta: Option<Vector3<f64>>,
+    /// ζ when the neighbourhood was entered last.
+    zeta_at_entry: Vector3<f64>,
 }
 
 /// The judge's findings.
@@ -184,7 +185,7 @@ impl Judge {
             if self.singularities.len() <= i {
                 let name = codes::singularity_name(singularity.kind, i);
                 let summary = SingularitySummary { name, s_min: f64::INFINITY, ..SingularitySummary::default() };
-                self.singularities.push(Watched { summary, mode: MODE_REGULAR, inside: false, last_zeta: None });
+                self.singularities.push(Watched { summary, mode: MODE_REGULAR, inside: false, zeta_at_entry: Vector3::zeros() });
             }
             let watched = &mut self.singularities[i];
             let summary = &mut watched.summary;
@@ -196,10 +197,14 @@ impl Judge {
             summary.entries += u64::from(inside && !watched.inside);
             let (linear, angular) = halves(&singularity.zeta_B);
             let zeta = if singularity.angular != 0 { angular } else { linear };
-            if let (Some(last), true) = (watched.last_zeta, inside) {
-                summary.zeta_turned_deg += last.cross(&zeta).norm().atan2(last.dot(&zeta)).to_degrees();
+            if inside && !watched.inside {
+                watched.zeta_at_entry = zeta;
             }
-            watched.last_zeta = Some(zeta);
+            if inside {
+                let entry = watched.zeta_at_entry;
+                let turned = entry.cross(&zeta).norm().atan2(entry.dot(&zeta)).to_degrees();
+                summary.zeta_turned_deg = summary.zeta_turned_deg.max(turned);
+            }
             watched.inside = inside;
             let mode = tick.command.mode[i];
             if mode != watched.mode {
@@ -363,7 +368,7 @@ mod tests {
     }
 
     #[test]
-    fn the_turned_angle_adds_up() {
+    fn the_angle_through_which_zeta_turns_is_measured_from_the_entry() {
         let verdict = judged(91, |k, _, _, report, _| {
             report.count = 1;
             let angle = (k as f64).to_radians();
