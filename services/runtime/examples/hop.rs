@@ -3,6 +3,7 @@
 //! `cargo run --release -p runtime --example hop` prints one line per placement and mechanism; both alternate within one run, so that they
 //! see the same machine. The message is a whole `TorqueCommand`, written and read in full both ways.
 
+use std::alloc::{GlobalAlloc, Layout, System};
 use std::fs::OpenOptions;
 use std::path::Path;
 use std::process::Command;
@@ -19,6 +20,27 @@ const TRIPS: usize = 1_000;
 /// Trips at the beginning of each block that wake caches and are not counted; the same for both mechanisms.
 const WARM: usize = 50;
 const PRIORITY: u8 = 80;
+
+/// The system's allocator, counting. iceoryx2 0.10 allocates one small record for each loan; nothing else may.
+struct Counting;
+
+static ALLOCATIONS: AtomicU32 = AtomicU32::new(0);
+
+// SAFETY: everything is the system allocator's.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
+        // SAFETY: as required of our caller.
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: as required of our caller.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -65,8 +87,12 @@ fn measure(placement: &str, ours: usize, theirs: usize) -> Result<(), Failure> {
     }
     board.begin(Phase::Work);
     settle(ours);
-    let (mut by_topic, mut by_futex) = (Vec::new(), Vec::new());
+    let (mut by_topic, mut by_futex) = (Vec::with_capacity(ROUNDS * TRIPS), Vec::with_capacity(ROUNDS * TRIPS));
+    let mut allocations_before = 0;
     for round in 0..ROUNDS {
+        if round == 1 {
+            allocations_before = ALLOCATIONS.load(Ordering::Relaxed);
+        }
         for trip in 0..TRIPS {
             let began = now_ns();
             let mut command = TorqueCommand::default();
@@ -87,6 +113,8 @@ fn measure(placement: &str, ours: usize, theirs: usize) -> Result<(), Failure> {
             }
         }
     }
+    let allocations = ALLOCATIONS.load(Ordering::Relaxed) - allocations_before;
+    assert_eq!(allocations as usize, (ROUNDS - 1) * TRIPS, "one allocation for each message sent, and no other");
     child.wait()?;
     let floor_p50 = row(placement, "futex + copy", &mut by_futex, None);
     row(placement, "topic + doorbell", &mut by_topic, Some(floor_p50));

@@ -23,6 +23,8 @@ pub const RECORDER_DEPTH: usize = 1024;
 const MAX_READERS: usize = 8;
 /// The living writer, and the dead one until it has been cleaned up.
 const MAX_WRITERS: usize = 2;
+/// Dead writers whose last messages a reader can still have to read.
+const MAX_DEAD_WRITERS: usize = 8;
 const WIRE_ATTRIBUTE: &str = "armplane.wire";
 
 /// A message as iceoryx2 takes it: the same bytes under the message's own versioned type name.
@@ -101,6 +103,8 @@ fn config(run: &RunDir, is_launcher: bool) -> Result<Config, TopicError> {
     config.global.node.cleanup_dead_nodes_on_creation = is_launcher;
     config.global.node.cleanup_dead_nodes_on_destruction = is_launcher;
     config.global.service.cleanup_dead_nodes_on_open = is_launcher;
+    // Every look into an empty buffer walks over the places for connections to dead writers: 128 by default, a tenth of a hop.
+    config.defaults.publish_subscribe.subscriber_expired_connection_buffer = MAX_DEAD_WRITERS;
     Ok(config)
 }
 
