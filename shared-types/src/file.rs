@@ -183,7 +183,7 @@ fn span_of(text: &str, path: &str) -> Option<Range<usize>> {
     for key in path.split('.') {
         let value = match (table, array) {
             (Some(table), _) => table.get(key),
-            (_, Some(items)) => key.parse::<usize>().ok().and_then(|index| items.iter().nth(index)),
+            (_, Some(items)) => key.parse::<usize>().ok().and_then(|index| items.get(index)),
             _ => None,
         };
         let Some(value) = value else { break };

@@ -52,13 +52,20 @@ pub enum Restart {
     Always,
 }
 
-/// The processes this version can run, with the topics each must have.
-const KNOWN: &[(&str, &[&str], &[&str], &[&str])] = &[
-    ("plant", &[], &["torque"], &["sensor", "plant_state"]),
-    ("estimator", &["sensor"], &[], &["estimate"]),
-    ("analyzer", &["estimate"], &[], &["singularity"]),
-    ("controller", &["estimate", "singularity"], &[], &["torque"]),
-    ("recorder", &["sensor", "plant_state", "estimate", "singularity", "torque"], &[], &[]),
+/// A process that this version can run, with the topics it must have.
+struct Known {
+    name: &'static str,
+    reads: &'static [&'static str],
+    feedback: &'static [&'static str],
+    writes: &'static [&'static str],
+}
+
+const KNOWN: [Known; 5] = [
+    Known { name: "plant", reads: &[], feedback: &["torque"], writes: &["sensor", "plant_state"] },
+    Known { name: "estimator", reads: &["sensor"], feedback: &[], writes: &["estimate"] },
+    Known { name: "analyzer", reads: &["estimate"], feedback: &[], writes: &["singularity"] },
+    Known { name: "controller", reads: &["estimate", "singularity"], feedback: &[], writes: &["torque"] },
+    Known { name: "recorder", reads: &TOPICS, feedback: &[], writes: &[] },
 ];
 
 /// All topics of the wire.
@@ -96,8 +103,8 @@ impl Graph {
     fn check(&self) -> Result<(), Complaint> {
         for (i, process) in self.process.iter().enumerate() {
             let at = |key: &str| format!("process.{i}.{key}");
-            let Some((_, reads, feedback, writes)) = KNOWN.iter().find(|known| known.0 == process.name) else {
-                let names: Vec<_> = KNOWN.iter().map(|known| known.0).collect();
+            let Some(known) = KNOWN.iter().find(|known| known.name == process.name) else {
+                let names: Vec<_> = KNOWN.iter().map(|known| known.name).collect();
                 return Err(Complaint::new(
                     at("name"),
                     format!("there is no process `{}`", process.name),
@@ -107,9 +114,11 @@ impl Graph {
             if self.process[..i].iter().any(|earlier| earlier.name == process.name) {
                 return Err(Complaint::new(at("name"), format!("`{}` is listed twice", process.name), "one process of each name"));
             }
-            for (key, topics, needed) in
-                [("reads", &process.reads, *reads), ("feedback", &process.feedback, *feedback), ("writes", &process.writes, *writes)]
-            {
+            for (key, topics, needed) in [
+                ("reads", &process.reads, known.reads),
+                ("feedback", &process.feedback, known.feedback),
+                ("writes", &process.writes, known.writes),
+            ] {
                 for (j, topic) in topics.iter().enumerate() {
                     let place = format!("process.{i}.{key}.{j}");
                     if !TOPICS.contains(&topic.as_str()) {
@@ -144,7 +153,7 @@ impl Graph {
                 ));
             }
         }
-        if let Some((name, ..)) = KNOWN.iter().find(|known| self.process(known.0).is_none()) {
+        if let Some(Known { name, .. }) = KNOWN.iter().find(|known| self.process(known.name).is_none()) {
             return Err(Complaint::new(
                 "process",
                 format!("the graph has no `{name}`"),

@@ -5,5 +5,6 @@ mod command;
 mod determinism;
 mod inspect;
 mod life;
+mod paper;
 mod run;
 mod structure;
