@@ -10,6 +10,10 @@ use sim::{Drive, Encoders, Plant};
 
 type Joints = SVector<f64, 6>;
 
+/// Counts allocations: none where rapier3d is not asked.
+#[global_allocator]
+static ALLOCATIONS: divan::AllocProfiler = divan::AllocProfiler::system();
+
 fn main() {
     divan::main();
 }

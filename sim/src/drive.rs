@@ -211,31 +211,31 @@ impl<const N: usize> Drive<N> {
 mod tests {
     use super::*;
     use model::Robot;
+    use std::sync::LazyLock;
 
     type Joints = SVector<f64, 6>;
 
-    fn arm() -> Model<6> {
-        Model::new(&Robot::builtin("puma560").unwrap(), None).unwrap()
-    }
+    static ROBOT: LazyLock<Robot> = LazyLock::new(|| Robot::builtin("puma560").unwrap());
+    static ARM: LazyLock<Model<6>> = LazyLock::new(|| Model::new(&ROBOT, None).unwrap());
 
     fn start() -> Joints {
-        Joints::from_column_slice(&Robot::builtin("puma560").unwrap().postures["nominal"])
+        Joints::from_column_slice(&ROBOT.postures["nominal"])
     }
 
     fn drive() -> Drive<6> {
-        Drive::new(arm(), 1000, 3, &start())
+        Drive::new(ARM.clone(), 1000, 3, &start())
     }
 
     const REST: Joints = Joints::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
 
     /// Largest change of torque as a fraction of the effort limit.
     fn step_ratio(before: &Joints, after: &Joints) -> f64 {
-        (after - before).component_div(arm().effort()).amax()
+        (after - before).component_div(ARM.effort()).amax()
     }
 
     #[test]
     fn a_fresh_torque_within_the_limits_passes_untouched() {
-        let tau = arm().gravity(&start()) * 1.1;
+        let tau = ARM.gravity(&start()) * 1.1;
         let mut drive = drive();
         let applied = *drive.step(&start(), &REST, Some(&tau));
         assert_eq!((applied.tau, applied.drive, applied.flags, applied.saturation_mask), (tau, DRIVE_ACTIVE, 0, 0));
@@ -264,8 +264,8 @@ mod tests {
             drive.step(&start(), &REST, Some(&tau));
         }
         let applied = drive.applied();
-        assert_eq!(applied.tau[1], arm().effort()[1]);
-        assert_eq!(applied.tau[5], -arm().effort()[5]);
+        assert_eq!(applied.tau[1], ARM.effort()[1]);
+        assert_eq!(applied.tau[5], -ARM.effort()[5]);
         assert_eq!((applied.flags, applied.saturation_mask), (DRIVE_EFFORT, 0b10_0010));
     }
 
@@ -274,8 +274,8 @@ mod tests {
         let mut drive = drive();
         let before = drive.applied().tau;
         let mut tau = before;
-        tau[3] = arm().effort()[3];
-        tau[0] = before[0] - 0.4 * arm().effort()[0];
+        tau[3] = ARM.effort()[3];
+        tau[0] = before[0] - 0.4 * ARM.effort()[0];
         let applied = *drive.step(&start(), &REST, Some(&tau));
         assert!((step_ratio(&before, &applied.tau) - TORQUE_RATE * 1e-3).abs() < 1e-12);
         assert_eq!((applied.flags, applied.saturation_mask), (DRIVE_RATE, 0b1000), "joint 1 is within the bound");
@@ -283,8 +283,8 @@ mod tests {
 
     #[test]
     fn beyond_its_speed_limit_a_joint_is_not_driven_on() {
-        let limit = arm().velocity()[0];
-        let tau = |torque: f64| Joints::new(torque, 0.0, 0.0, 0.0, 0.0, 0.0) + arm().gravity(&start());
+        let limit = ARM.velocity()[0];
+        let tau = |torque: f64| Joints::new(torque, 0.0, 0.0, 0.0, 0.0, 0.0) + ARM.gravity(&start());
         let after = |speed: f64, torque: f64| {
             let mut drive = drive();
             *drive.step(&start(), &Joints::new(speed, 0.0, 0.0, 0.0, 0.0, 0.0), Some(&tau(torque)))
@@ -301,7 +301,7 @@ mod tests {
     #[test]
     fn stale_torque_is_held_then_stopped_then_braked_and_comes_back_without_a_jump() {
         let mut drive = drive();
-        let command = arm().gravity(&start()) + Joints::new(30.0, -40.0, 20.0, 5.0, 4.0, 3.0);
+        let command = ARM.gravity(&start()) + Joints::new(30.0, -40.0, 20.0, 5.0, 4.0, 3.0);
         let moving = Joints::new(0.5, -0.4, 0.3, 1.0, -1.0, 1.0);
         let mut last = drive.step(&start(), &moving, Some(&command)).tau;
         assert_eq!(last, command);
@@ -315,8 +315,8 @@ mod tests {
             assert!(step_ratio(&last, &stopping.tau) <= TORQUE_RATE * 1e-3 + 1e-12);
             last = stopping.tau;
         }
-        let expected = arm().gravity(&start()) - arm().mass_matrix(&start()).diagonal().component_mul(&moving) * STOP_GAIN;
-        assert!((last - expected.zip_map(arm().effort(), |t, e| t.clamp(-e, e))).amax() < 1e-12, "the stop law");
+        let expected = ARM.gravity(&start()) - ARM.mass_matrix(&start()).diagonal().component_mul(&moving) * STOP_GAIN;
+        assert!((last - expected.zip_map(ARM.effort(), |t, e| t.clamp(-e, e))).amax() < 1e-12, "the stop law");
         let mut braked = *drive.step(&start(), &REST, None);
         assert!(braked.braked && braked.drive == DRIVE_BRAKED);
         for _ in 0..20 {
@@ -324,7 +324,7 @@ mod tests {
         }
         assert_eq!(braked.tau, REST, "the brakes carry the arm");
 
-        let heavy = arm().gravity(&start()) + Joints::new(0.0, -60.0, 0.0, 0.0, 0.0, 0.0);
+        let heavy = ARM.gravity(&start()) + Joints::new(0.0, -60.0, 0.0, 0.0, 0.0, 0.0);
         let mut ticks = 0;
         last = braked.tau;
         while drive.applied().braked {
@@ -346,7 +346,7 @@ mod tests {
             drive.step(&start(), &moving, None);
         }
         let before = drive.applied().tau;
-        let command = before + arm().effort() * 0.35;
+        let command = before + ARM.effort() * 0.35;
         let applied = *drive.step(&start(), &moving, Some(&command));
         assert_eq!(applied.drive, DRIVE_ACTIVE);
         assert!((step_ratio(&before, &applied.tau) - 0.1).abs() < 1e-12, "{}", step_ratio(&before, &applied.tau));
@@ -363,7 +363,7 @@ mod tests {
 
     #[test]
     fn without_hold_ticks_the_arm_is_stopped_at_once() {
-        let mut drive = Drive::new(arm(), 1000, 0, &start());
+        let mut drive = Drive::new(ARM.clone(), 1000, 0, &start());
         assert_eq!(drive.step(&start(), &Joints::repeat(1.0), None).drive, DRIVE_STOPPING);
     }
 
@@ -377,7 +377,7 @@ mod tests {
             for command in commands {
                 let before = drive.applied().tau;
                 let applied = *drive.step(&start(), &qdot, command.map(Joints::from).as_ref());
-                proptest::prop_assert!(applied.tau.iter().zip(arm().effort().iter()).all(|(t, e)| t.abs() <= *e));
+                proptest::prop_assert!(applied.tau.iter().zip(ARM.effort().iter()).all(|(t, e)| t.abs() <= *e));
                 proptest::prop_assert!(step_ratio(&before, &applied.tau) <= TORQUE_RATE * 1e-3 + 1e-12);
             }
         }

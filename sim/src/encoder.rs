@@ -49,9 +49,12 @@ impl<const N: usize> Encoders<N> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::LazyLock;
+
+    static ROBOT: LazyLock<Robot> = LazyLock::new(|| Robot::builtin("puma560").unwrap());
 
     fn encoders(bits: u32, noise_counts: f64) -> Encoders<6> {
-        Encoders::new(&Robot::builtin("puma560").unwrap(), bits, noise_counts, 11)
+        Encoders::new(&ROBOT, bits, noise_counts, 11)
     }
 
     #[test]

@@ -6,13 +6,15 @@ use crate::{Plant, PlantError};
 use model::{JointKind, Model, Robot};
 use nalgebra::{SVector, Vector3};
 use shared_types::scenario::{self, PlantModel};
+use std::sync::LazyLock;
 
 type Joints = SVector<f64, 6>;
 
 const RATE: u32 = 1000;
 
 fn puma() -> Robot {
-    Robot::builtin("puma560").unwrap()
+    static PUMA: LazyLock<Robot> = LazyLock::new(|| Robot::builtin("puma560").unwrap());
+    PUMA.clone()
 }
 
 /// The PUMA without joint limits: its motion is free wherever it goes.
@@ -25,7 +27,8 @@ fn free_puma() -> Robot {
 }
 
 fn nominal() -> Joints {
-    Joints::from_column_slice(&puma().postures["nominal"])
+    static NOMINAL: LazyLock<Joints> = LazyLock::new(|| Joints::from_column_slice(&puma().postures["nominal"]));
+    *NOMINAL
 }
 
 fn options(model: PlantModel) -> scenario::Plant {
@@ -128,18 +131,18 @@ fn where_rapier_is_not_asked_it_would_have_had_nothing_to_say() {
     let bouncing = |plant: &Plant<6>, tick: u32| {
         let x = plant.state();
         let lift = plant.model().bias(&x.q, &x.qdot) + (nominal() - x.q) * 60.0 - x.qdot * 20.0;
-        if tick % 1600 < 800 { -x.qdot } else { lift }
+        if tick % 1200 < 600 { -x.qdot } else { lift }
     };
     let mut touched = false;
     let mut apart = false;
     let mut sparing = plant(&puma(), &world, &nominal());
-    for tick in 0..4800 {
+    for tick in 0..2400 {
         sparing.step(&bouncing(&sparing, tick)).unwrap();
         touched |= sparing.touch().contacts > 0 || sparing.touch().limits != 0;
         apart |= touched && sparing.touch().contacts == 0 && sparing.touch().limits == 0;
     }
     assert!(touched && apart, "the scenario has contact and leaves it");
-    agrees_with_always_asking(&puma(), &world, State::at_rest(nominal()), 4800, bouncing);
+    agrees_with_always_asking(&puma(), &world, State::at_rest(nominal()), 2400, bouncing);
 }
 
 #[test]
@@ -217,7 +220,7 @@ fn a_pushed_arm_presses_back_with_the_push() {
     let world = scenario::Plant { floor_m: Some(floor), ..options(PlantModel::Rapier) };
     let mut arm = plant(&puma(), &world, &nominal());
     let mut extra = Joints::zeros();
-    for _ in 0..6 * RATE {
+    for _ in 0..4 * RATE {
         let x = *arm.state();
         let posture = (nominal() - x.q) * 300.0 - x.qdot * 40.0;
         extra = Joints::from_fn(|i, _| if i == 1 { press - 40.0 * x.qdot[1] } else { posture[i] });
