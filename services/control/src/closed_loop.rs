@@ -60,6 +60,7 @@ fn explore() {
         (scenario_text!("fig4-elbow-and-wrist"), &[]),
         (scenario_text!("overhead-pass"), &[]),
         (scenario_text!("straight-up"), &[]),
+        (scenario_text!("wrist-near-miss"), &[]),
     ] {
         let scenario = scenario(text, settings);
         println!("== {}", scenario.name);
@@ -84,6 +85,51 @@ fn explore() {
 }
 
 #[test]
+fn explore_3r() {
+    for text in [scenario_text!("fig1-pseudo-inverse"), scenario_text!("fig2-dynamically-consistent")] {
+        let scenario = scenario(text, &[]);
+        let mut worst = 0.0_f64;
+        let mut q_end = nalgebra::Vector3::zeros();
+        let figures = run::<3>(&scenario, Plant::default(), |_, tick| {
+            worst = worst.max(tick.error.fixed_rows::<2>(0).norm() * 1e3);
+            q_end = tick.q;
+        });
+        println!("{} tip {worst} mm; q_end {:?} {figures:?}", scenario.name, q_end.map(f64::to_degrees).as_slice());
+    }
+}
+
+#[test]
+fn explore_compare() {
+    let template = scenario(scenario_text!("fig5-wrist-rotation"), &[]);
+    let lines = crate::sweep::lines(crate::testing::robot("puma560"), &template, 11, 45, 0.28);
+    use shared_types::scenario::Strategy::*;
+    for strategy in [Blended, ChangKhatib, OperationalSpace, DampedLeastSquares, TruncatedSvd, HoldAndBlend, JointPd] {
+        let (mut s1n, mut s2n, mut endn, mut limn) = (0, 0, 0, 0);
+        let (mut step, mut across) = (0.0_f64, vec![]);
+        for line in &lines {
+            let mut sc = line.scenario.clone();
+            sc.control.strategy = strategy;
+            let f = run::<6>(&sc, Plant::default(), |_, _| {});
+            let ends = f.final_mm < 1.0 && f.final_deg < 0.5;
+            let limits = f.speed <= 1.0 && f.torque <= 1.0 && f.saturated_ticks <= 10 && !f.limit_violated && !f.refused;
+            let s1 = ends && limits && f.across_mm < 1.0 && f.across_deg < 0.5;
+            let s2 = ends && limits && f.across_mm < 1.0 && f.across_deg < 3.0 && f.along_mm < 10.0 && f.along_deg < 5.0;
+            s1n += usize::from(s1);
+            s2n += usize::from(s2);
+            endn += usize::from(ends);
+            limn += usize::from(limits);
+            step = step.max(f.torque_step);
+            across.push(f.across_mm);
+        }
+        across.sort_by(f64::total_cmp);
+        println!(
+            "{strategy:?}: ends {endn} limits {limn} S1 {s1n} S2 {s2n} of 45; torque step max {step:.2}; across median {:.3} mm",
+            across[22]
+        );
+    }
+}
+
+#[test]
 fn explore_sweep() {
     let speed: f64 = std::env::var("SPEED").map_or(0.28, |s| s.parse().unwrap());
     let template = scenario(scenario_text!("fig5-wrist-rotation"), &[]);
@@ -92,7 +138,11 @@ fn explore_sweep() {
     let mut stretch = vec![];
     let mut steps = vec![];
     for line in &lines {
-        let f = run::<6>(&line.scenario, Plant::default(), |_, _| {});
+        let plant = Plant {
+            encoder_bits: std::env::var("BITS").map_or(0, |b| b.parse().unwrap()),
+            mass_factor: std::env::var("MASS").map_or(0.0, |b| b.parse().unwrap()),
+        };
+        let f = run::<6>(&line.scenario, plant, |_, _| {});
         stretch.push(f.stretch);
         steps.push(f.torque_step_p95);
         let ends = f.final_mm < 1.0 && f.final_deg < 0.5;
@@ -146,7 +196,7 @@ fn explore_line() {
         run::<6>(&line.scenario, Plant::default(), |k, tick| {
             let step = (tick.command.tau - tau).component_div(&nalgebra::vector![97.6, 186.4, 89.4, 24.2, 20.1, 21.3]).amax();
             tau = tick.command.tau;
-            if (k % 25 == 0 && tick.command.mode != [Mode::Regular; 4]) || last != tick.command.mode || (k > 0 && step > 0.2) {
+            if (k % 60 == 0 && tick.command.mode != [Mode::Regular; 4]) || last != tick.command.mode || (k > 0 && step > 0.2) {
                 let s: Vec<f64> = tick.report.meant().iter().map(|s| (s.s * 1e3).round() / 1e3).collect();
                 let (al, ac) = tick.split();
                 println!(
@@ -161,7 +211,7 @@ fn explore_line() {
                     &tick.command.aux_rate_d[..3],
                     tick.report.meant().iter().map(|s| s.aux_rate).collect::<Vec<_>>(),
                     tick.command.time_scale,
-                    &tick.q.as_slice()[3..]
+                    tick.q.as_slice()
                 );
                 last = tick.command.mode;
             }

@@ -2,18 +2,19 @@
 
 use crate::MAX_SINGULARITIES;
 use crate::auxiliary::{Demand, Gains, Loop};
-use crate::centre::AtCentre;
+use crate::centre::{AtCentre, PoseMotion};
 use crate::governor::{Governor, Load};
-use crate::law::{Active, Actives, LawError, Torques, Wanted, blended, chang_khatib};
+use crate::law::baselines::{self, JointMemory};
+use crate::law::{Active, Actives, LawError, Torques, Wanted, blended, chang_khatib, null_space};
 use crate::linear::{angular, clamp_norm, linear, rotation_log, stack};
 use crate::reference::{Charts, Foresight, Memory, Situation, Target};
 use crate::saturation::limit;
 use crate::singular::{Analyzer, PumaFactors};
 use crate::trajectory::{FORESEEN_STEP_S, Foreseen, Path, PathError, Progress};
 use crate::types::{Command, Kind, Mode, Phase, Report, Singularity};
-use model::{Factors, Model, ModelError, Pose, Robot, Terms};
+use model::{Factors, Model, ModelError, Pose, Robot, StartError, Terms};
 use nalgebra::{Matrix3, SVector, Vector3, Vector6};
-use shared_types::scenario::{Control, Scenario, Strategy};
+use shared_types::scenario::{Control, Scenario, Start, Strategy};
 
 /// Largest position error that feedback answers to, m: the goal may be farther away than the arm can be asked to hurry.
 const POSITION_ERROR_MAX: f64 = 0.05;
@@ -32,66 +33,26 @@ pub enum SetupError {
     #[error(transparent)]
     Path(#[from] PathError),
     /// The start posture does not fit the arm.
-    #[error("the start posture has {actual} joints, robot '{robot}' has {expected}")]
-    StartLength {
-        /// The robot's name.
-        robot: String,
-        /// Its number of joints.
-        expected: usize,
-        /// The posture's.
-        actual: usize,
-    },
-    /// The start posture has no such name.
-    #[error("robot '{robot}' has no posture '{posture}'; it knows {known}")]
-    UnknownPosture {
-        /// The robot's name.
-        robot: String,
-        /// The name asked for.
-        posture: String,
-        /// The names there are.
-        known: String,
-    },
-    /// The start posture lies outside the joint limits.
-    #[error("joint {joint} starts at {value:.4} rad, outside its limits {lower:.4} to {upper:.4} rad: choose a posture within them")]
-    StartLimit {
-        /// Number of the joint, from 1.
-        joint: usize,
-        /// Where it starts, rad.
-        value: f64,
-        /// Lower limit, rad.
-        lower: f64,
-        /// Upper limit, rad.
-        upper: f64,
+    #[error(transparent)]
+    Start(#[from] StartError),
+    /// A posture goal does not fit the arm.
+    #[error("segment {segment}: {error}")]
+    Posture {
+        /// Index of the segment.
+        segment: usize,
+        /// What is wrong with it.
+        error: StartError,
     },
 }
 
 /// The start posture of a scenario, rad.
 ///
 /// # Errors
-/// [`SetupError`] if it does not fit the robot or lies outside its limits.
+/// [`SetupError::Start`] if it does not fit the robot or lies outside its limits.
 pub fn start_posture<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<SVector<f64, N>, SetupError> {
-    let start = &scenario.start;
-    let values: Vec<f64> = if let Some(q) = &start.q_rad {
-        q.clone()
-    } else if let Some(q) = &start.q_deg {
-        q.iter().map(|q| q.to_radians()).collect()
-    } else {
-        let posture = start.posture.clone().unwrap_or_default();
-        robot.postures.get(&posture).cloned().ok_or_else(|| SetupError::UnknownPosture {
-            robot: robot.name.clone(),
-            posture,
-            known: robot.postures.keys().cloned().collect::<Vec<_>>().join(", "),
-        })?
-    };
-    if values.len() != N {
-        return Err(SetupError::StartLength { robot: robot.name.clone(), expected: N, actual: values.len() });
-    }
-    for (i, (value, joint)) in values.iter().zip(&robot.joints).enumerate() {
-        if !(*value >= joint.lower && *value <= joint.upper) {
-            return Err(SetupError::StartLimit { joint: i + 1, value: *value, lower: joint.lower, upper: joint.upper });
-        }
-    }
-    Ok(SVector::from_column_slice(&values))
+    let q = robot.start_posture(&scenario.start)?;
+    // `Model::new` refuses a robot of another size, so the lengths agree wherever a controller can exist.
+    Ok(SVector::from_fn(|i, _| q.get(i).copied().unwrap_or_default()))
 }
 
 /// A null-space turn of ζ that is under way.
@@ -107,13 +68,14 @@ struct Turn {
 
 /// What the controller remembers from tick to tick: all of it travels in `resume`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct State {
+struct State<const N: usize> {
     progress: Progress,
     governor: Governor,
     loops: [Loop; MAX_SINGULARITIES],
     turn: Turn,
     refused: bool,
     path_time_s: f64,
+    joint_memory: JointMemory<N>,
 }
 
 /// The control law of one arm and one task.
@@ -128,7 +90,9 @@ pub struct Controller<const N: usize> {
     dt: f64,
     settle_s: f64,
     q_start: SVector<f64, N>,
-    state: State,
+    /// Posture goal of each leg.
+    postures: Vec<SVector<f64, N>>,
+    state: State<N>,
 }
 
 impl<const N: usize> Controller<N> {
@@ -139,6 +103,17 @@ impl<const N: usize> Controller<N> {
     pub fn new(model: Model<N>, robot: &Robot, scenario: &Scenario, q_start: SVector<f64, N>) -> Result<Self, SetupError> {
         let rest = model.evaluate(&q_start, &SVector::zeros());
         let report = Analyzer::new(robot, &scenario.analysis).step(&q_start, &SVector::zeros(), &rest);
+        let mut postures = Vec::with_capacity(scenario.segment.len());
+        for (segment, goal) in scenario.segment.iter().enumerate() {
+            postures.push(match &goal.posture_deg {
+                None => q_start,
+                Some(q) => {
+                    let start = Start { q_deg: Some(q.clone()), ..Start::default() };
+                    let q = robot.start_posture(&start).map_err(|error| SetupError::Posture { segment, error })?;
+                    SVector::from_fn(|i, _| q.get(i).copied().unwrap_or_default())
+                }
+            });
+        }
         let charts = match robot.factors {
             Factors::Puma { a2, a3, d4 } if !scenario.analysis.numeric => Charts::Puma(PumaFactors::new(a2, a3, d4)),
             _ => Charts::Numeric,
@@ -152,6 +127,7 @@ impl<const N: usize> Controller<N> {
             dt: scenario.dt_s(),
             settle_s: scenario.settle_s,
             q_start,
+            postures,
             state: State {
                 progress: Progress::at(rest.X_BE),
                 governor: Governor::default(),
@@ -159,6 +135,7 @@ impl<const N: usize> Controller<N> {
                 turn: Turn::default(),
                 refused: false,
                 path_time_s: 0.0,
+                joint_memory: JointMemory::at(q_start),
             },
             model,
         })
@@ -203,7 +180,7 @@ impl<const N: usize> Controller<N> {
 
     fn tick(
         &self,
-        state: &mut State,
+        state: &mut State<N>,
         q: &SVector<f64, N>,
         qdot: &SVector<f64, N>,
         terms: &Terms<N>,
@@ -282,12 +259,13 @@ impl<const N: usize> Controller<N> {
             at: &at,
             task: self.task,
             a,
+            p_EC: &p_EC,
             a_path: self.along_path(&nominal.V, &a),
             V: nominal.V,
             a_feed: steady.a,
-            posture: (self.q_start - q) * (0.25 * self.control.k_p) - qdot * self.control.k_v,
+            posture: (self.posture(state) - q) * (0.25 * self.control.k_p) - qdot * self.control.k_v,
         };
-        let torques = self.torques(&wanted, &actives)?;
+        let torques = self.torques(state, q, qdot, &desired, &error, &wanted, &actives)?;
         let mut bias = terms.bias();
         if self.control.compensate_disturbance {
             bias -= tau_disturbance;
@@ -339,17 +317,50 @@ impl<const N: usize> Controller<N> {
         Ok(command)
     }
 
-    fn torques(&self, wanted: &Wanted<'_, N>, actives: &Actives<N>) -> Result<Torques<N>, LawError> {
+    #[allow(clippy::too_many_arguments, reason = "the inputs of a tick; a struct for one call would only rename them")]
+    fn torques(
+        &self,
+        state: &mut State<N>,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        desired: &PoseMotion,
+        error: &Vector6<f64>,
+        wanted: &Wanted<'_, N>,
+        actives: &Actives<N>,
+    ) -> Result<Torques<N>, LawError> {
+        let arm = baselines::Arm { q, qdot, desired, error, k_p: self.control.k_p, k_v: self.control.k_v, length_m: self.length_m };
         match self.control.strategy {
-            Strategy::ChangKhatib if !actives.is_empty() => chang_khatib::torques(wanted, actives),
-            _ => blended::torques(wanted, actives),
+            Strategy::Blended => blended::torques(wanted, actives),
+            Strategy::ChangKhatib if actives.is_empty() => blended::torques(wanted, actives),
+            Strategy::ChangKhatib => chang_khatib::torques(wanted, actives),
+            Strategy::OperationalSpace => blended::torques(wanted, &Actives::none()),
+            Strategy::PseudoInverse => null_space::torques(wanted, null_space::Projector::PseudoInverse),
+            Strategy::DynamicallyConsistent => null_space::torques(wanted, null_space::Projector::DynamicallyConsistent),
+            Strategy::DampedLeastSquares => baselines::resolved(&arm, wanted, baselines::Inverse::Damped),
+            Strategy::TruncatedSvd => baselines::resolved(&arm, wanted, baselines::Inverse::Truncated),
+            Strategy::HoldAndBlend => baselines::hold_and_blend(&arm, wanted, &mut state.joint_memory, self.model.effort()),
+            Strategy::JointPd => {
+                let at = |q: &SVector<f64, N>| (self.model.forward_kinematics(q), self.model.jacobian(q));
+                baselines::joint_pd(&arm, wanted, &mut state.joint_memory, self.dt, at)
+            }
         }
     }
 
+    /// The posture that the null space is driven to, reached by the leg's own time law.
+    fn posture(&self, state: &State<N>) -> SVector<f64, N> {
+        let Some(goal) = self.postures.get(state.progress.leg) else {
+            return *self.postures.last().unwrap_or(&self.q_start);
+        };
+        let from = state.progress.leg.checked_sub(1).map_or(&self.q_start, |i| &self.postures[i]);
+        from + (goal - from) * self.path.fraction(&state.progress)[0]
+    }
+
     /// What the path ahead takes of the arm.
-    fn foresee(&self, state: &State, q: &SVector<f64, N>, terms: &Terms<N>, report: &Report<N>, p_EC: &Vector3<f64>) -> Foreseen {
+    fn foresee(&self, state: &State<N>, q: &SVector<f64, N>, terms: &Terms<N>, report: &Report<N>, p_EC: &Vector3<f64>) -> Foreseen {
         let mut foreseen = Foreseen::default();
-        if self.path.leg(state.progress.leg).is_none_or(|leg| leg.reorient.is_some()) {
+        // Foresight comes from the singularities' formulas: part of the paper's laws here, not of what others do.
+        let ours = matches!(self.control.strategy, Strategy::Blended | Strategy::ChangKhatib);
+        if !ours || self.path.leg(state.progress.leg).is_none_or(|leg| leg.reorient.is_some()) {
             return foreseen;
         }
         let at = Foresight {
@@ -375,7 +386,7 @@ impl<const N: usize> Controller<N> {
     }
 
     /// Turning ζ by a commanded profile; the other way round where joint limits force it and the goal is the same line.
-    fn reorient(&self, state: &mut State, s: &Singularity<N>, q: &SVector<f64, N>, angle: f64) -> Target {
+    fn reorient(&self, state: &mut State<N>, s: &Singularity<N>, q: &SVector<f64, N>, angle: f64) -> Target {
         if !state.turn.begun {
             let fits = |angle: f64| self.turn_fits(s.kind, q, angle);
             let other = angle - std::f64::consts::PI.copysign(angle);
@@ -456,7 +467,7 @@ impl<const N: usize> Controller<N> {
     #[must_use]
     pub fn state(&self) -> [f64; 64] {
         let mut out = Packer { values: [0.0; 64], at: 0 };
-        let State { progress, governor, loops, turn, refused, path_time_s } = &self.state;
+        let State { progress, governor, loops, turn, refused, path_time_s, joint_memory } = &self.state;
         out.put(progress.leg as f64);
         out.put(progress.time_s);
         out.put(flag(progress.begun));
@@ -470,6 +481,8 @@ impl<const N: usize> Controller<N> {
         out.put(flag(turn.begun));
         out.put(flag(*refused));
         out.put(*path_time_s);
+        out.put(flag(joint_memory.holding));
+        joint_memory.q.iter().for_each(|x| out.put(*x));
         for one in loops {
             let flags = flag(one.memory.passing) + 2.0 * flag(one.memory.holding) + 4.0 * (one.memory.side + 1.0);
             out.put(f64::from(one.mode.code()) + 32.0 * flags);
@@ -494,6 +507,7 @@ impl<const N: usize> Controller<N> {
         self.state.turn = Turn { from: Vector3::from_fn(|_, _| get()), angle: get(), begun: get() != 0.0 };
         self.state.refused = get() != 0.0;
         self.state.path_time_s = get();
+        self.state.joint_memory = JointMemory { holding: get() != 0.0, q: SVector::from_fn(|_, _| get()) };
         for one in &mut self.state.loops {
             let packed = get() as u32;
             let flags = packed / 32;

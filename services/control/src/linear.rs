@@ -141,6 +141,44 @@ pub fn singular_values<const R: usize, const C: usize>(M: &SMatrix<f64, R, C>) -
     (sigma, R.min(C).min(6))
 }
 
+/// Eigenvalues and eigenvectors (columns, in the same order) of a symmetric matrix.
+///
+/// Cyclic Jacobi rotations [Golub & Van Loan, *Matrix Computations*, §8.5], at most [`SWEEPS`] sweeps whatever the matrix. No allocation.
+#[must_use]
+pub fn symmetric_eigen<const M: usize>(S: &SMatrix<f64, M, M>) -> (SVector<f64, M>, SMatrix<f64, M, M>) {
+    let (mut D, mut V) = (*S, SMatrix::<f64, M, M>::identity());
+    for _ in 0..SWEEPS {
+        let mut rotated = false;
+        for i in 0..M {
+            for j in i + 1..M {
+                let c = D[(i, j)];
+                if c.abs() <= 1e-17 * (D[(i, i)] * D[(j, j)]).abs().sqrt() || c == 0.0 {
+                    continue;
+                }
+                rotated = true;
+                let tau = (D[(j, j)] - D[(i, i)]) / (2.0 * c);
+                let t = if tau < 0.0 { -1.0 } else { 1.0 } / (tau.abs() + (1.0 + tau * tau).sqrt());
+                let cos = 1.0 / (1.0 + t * t).sqrt();
+                let sin = cos * t;
+                for k in 0..M {
+                    let (a, b) = (D[(k, i)], D[(k, j)]);
+                    (D[(k, i)], D[(k, j)]) = (cos * a - sin * b, sin * a + cos * b);
+                }
+                for k in 0..M {
+                    let (a, b) = (D[(i, k)], D[(j, k)]);
+                    (D[(i, k)], D[(j, k)]) = (cos * a - sin * b, sin * a + cos * b);
+                    let (a, b) = (V[(k, i)], V[(k, j)]);
+                    (V[(k, i)], V[(k, j)]) = (cos * a - sin * b, sin * a + cos * b);
+                }
+            }
+        }
+        if !rotated {
+            break;
+        }
+    }
+    (D.diagonal(), V)
+}
+
 /// Most Jacobi sweeps: quadratic convergence needs five or six for 6×6.
 pub const SWEEPS: usize = 8;
 
@@ -255,6 +293,14 @@ mod tests {
             for (a, b) in sigma.iter().zip(expected) {
                 prop_assert!((a - b).abs() < 1e-13);
             }
+        }
+
+        #[test]
+        fn eigenvectors_diagonalise(M in matrix6()) {
+            let S = M + M.transpose();
+            let (values, V) = symmetric_eigen(&S);
+            prop_assert!((V.transpose() * V - Matrix6::identity()).amax() < 1e-13);
+            prop_assert!((V * Matrix6::from_diagonal(&values) * V.transpose() - S).amax() < 1e-12);
         }
 
         #[test]

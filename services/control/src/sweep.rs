@@ -75,21 +75,23 @@ fn line(inverse: &Inverse<'_>, kind: Kind, random: &mut Uniform, template: &Scen
     let length = random.within(0.2, 0.4);
     let mut along = random.direction();
     let turn = random.direction() * random.within(0.0, 0.8);
+    // A third of the lines go through the lock itself, a third within 0.02 of it, the rest within 0.15.
+    let depth = [0.0, 0.02, 0.15][(random.within(0.0, 3.0) as usize).min(2)];
+    let near = random.within(-depth, depth);
     // Where on the line the lock is: at an end for the elbow, whose lock is the edge of the reachable space, else in the middle.
     let mut share = random.within(0.35, 0.65);
     match kind {
         Kind::Elbow => {
-            q[2] = inverse.factors.q3_stretched + random.within(-0.15, 0.15);
+            q[2] = inverse.factors.q3_stretched + near;
             share = if random.within(0.0, 1.0) < 0.5 { 0.0 } else { 1.0 };
             let outwards = model.forward_kinematics(&q).p;
             if along.dot(&outwards) * (share - 0.5) < 0.0 {
                 along = -along;
             }
         }
-        Kind::Wrist => q[4] = random.within(-0.1, 0.1),
+        Kind::Wrist => q[4] = near,
         _ => {
-            let R = random.within(-0.08, 0.08);
-            q[1] = inverse.shoulder_for(q[1], q[2], R)?;
+            q[1] = inverse.shoulder_for(q[1], q[2], near * (inverse.factors.a2 + inverse.factors.L3))?;
         }
     }
     let at = model.forward_kinematics(&q);
@@ -152,11 +154,13 @@ impl Inverse<'_> {
         let (r2, d) = (X.p.x * X.p.x + X.p.y * X.p.y, self.offset);
         let (a2, L3) = (self.factors.a2, self.factors.L3);
         let cos = (r2 - d * d + X.p.z * X.p.z - a2 * a2 - L3 * L3) / (2.0 * a2 * L3);
-        let reachable = r2 >= d * d && cos.abs() <= 1.0;
+        // A line may end exactly on the edge: rounding there is not out of reach.
+        let reachable = r2 >= d * d - 1e-12 && cos.abs() <= 1.0 + 1e-12;
+        let cos = cos.clamp(-1.0, 1.0);
         let sides = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)];
         sides.into_iter().filter(move |_| reachable).flat_map(move |(elbow, shoulder)| {
             let theta = elbow * libm::acos(cos);
-            let R = shoulder * (r2 - d * d).sqrt();
+            let R = shoulder * (r2 - d * d).max(0.0).sqrt();
             let mut q = SVector::<f64, 6>::zeros();
             q[0] = libm::atan2(X.p.y, X.p.x) - libm::atan2(d, R);
             q[2] = inverse.factors.q3_stretched + theta;

@@ -2,9 +2,13 @@
 //!
 //! * [`blended`] (default): the paper's law as one solve that is continuous everywhere.
 //! * [`chang_khatib`]: the paper's own form, reduced Jacobian and null-space torque, switched at η.
+//! * [`null_space`]: a redundant arm's posture in the null space of the pseudo-inverse, or of the dynamically consistent inverse (Figures 1, 2).
+//! * [`baselines`]: what others do.
 
+pub mod baselines;
 pub mod blended;
 pub mod chang_khatib;
+pub mod null_space;
 mod rows;
 
 pub use rows::kept_rows;
@@ -13,7 +17,7 @@ use crate::MAX_SINGULARITIES;
 use crate::centre::AtCentre;
 use crate::linear::SolveError;
 use crate::operational::OperationalError;
-use nalgebra::{SMatrix, SVector, Vector6};
+use nalgebra::{SMatrix, SVector, Vector3, Vector6};
 
 /// Why a law gives no torque.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -58,6 +62,8 @@ pub struct Wanted<'a, const N: usize> {
     pub A: &'a SMatrix<f64, N, N>,
     /// Kinematics at C.
     pub at: &'a AtCentre<N>,
+    /// C in the end-effector's axes, m.
+    pub p_EC: &'a Vector3<f64>,
     /// Which of the six task axes count.
     pub task: [bool; 6],
     /// Operational acceleration a*, base axes at C.

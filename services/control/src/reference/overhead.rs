@@ -14,6 +14,9 @@ const PASS: f64 = 3e-4;
 /// In-plane radius beyond which the arm is where it is, whatever was meant, m.
 const FREE: f64 = 0.1;
 
+/// Time over which turning is weighed against following, s.
+const SETTLE: f64 = 0.2;
+
 /// Distance from the waist axis below which the desired place says little about the waist, m.
 const NEAR: f64 = 0.03;
 
@@ -41,15 +44,22 @@ pub(super) fn target<const N: usize>(_puma: &PumaFactors, at: &Situation<'_, N>,
         let q1 = at.q[0] + turn;
         q1 > at.lower[0] && q1 < at.upper[0]
     };
-    // The side of the waist axis on which the wrist centre shall be: the one it is on, but the nearer one where going straight on costs little.
-    let nearer = if one.abs() <= two.abs() { 1.0 } else { -1.0 };
+    let r2 = along * along + across * across;
+    let weight = r2 / (r2 + NEAR * NEAR);
+    let (v_along, v_across) = (v.dot(&x), v.dot(&z2));
+    let around = (along * v_across - across * v_along) / r2.max(1e-9);
+    let fold = d / r2.max(1e-9) * (along * v_along + across * v_across) * R / (R * R + MU * MU);
+    let rate_on = |side: f64| if clipped { around } else { around + side * fold };
+    // The side of the waist axis on which the wrist centre shall be: the one it is on, but where going straight on costs little, the one that the
+    // waist reaches and follows with less motion.
+    let motion = |turn: f64, side: f64| turn.abs() + SETTLE * rate_on(side).abs();
+    let easier = if motion(one, 1.0) <= motion(two, -1.0) { 1.0 } else { -1.0 };
     let present = if (at.at.p - S).dot(&x) < 0.0 { -1.0 } else { 1.0 };
     if memory.side == 0.0 {
         memory.side = present;
     }
-    let miss = p_d.norm_squared() - p_d.dot(&z1) * p_d.dot(&z1);
-    if miss.sqrt() - d.abs() < PASS || (R > 2.0 * FREE && present != memory.side) {
-        memory.side = nearer;
+    if r2.sqrt() - d.abs() < PASS || (R > 2.0 * FREE && present != memory.side) {
+        memory.side = easier;
     }
     let side = match (fits(one), fits(two)) {
         (true, false) => 1.0,
@@ -57,12 +67,7 @@ pub(super) fn target<const N: usize>(_puma: &PumaFactors, at: &Situation<'_, N>,
         _ => memory.side,
     };
     let error = if side > 0.0 { one } else { two };
-    let r2 = along * along + across * across;
-    let weight = r2 / (r2 + NEAR * NEAR);
-    let (v_along, v_across) = (v.dot(&x), v.dot(&z2));
-    let around = (along * v_across - across * v_along) / r2.max(1e-9);
-    let R_rate = side * (along * v_along + across * v_across) * R / (R * R + MU * MU);
-    let rate = if clipped { around } else { around + d * R_rate / r2.max(1e-9) } * weight;
+    let rate = rate_on(side) * weight;
     memory.holding = weight < if memory.holding { 0.5 } else { 0.3 };
     let mode = match (clipped, memory.holding) {
         (true, _) => Mode::Slide,

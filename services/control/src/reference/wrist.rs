@@ -16,6 +16,9 @@ pub(super) const PASS: f64 = 0.004;
 /// Sine of the desired wrist angle below which passing through may begin.
 const NEAR: f64 = 0.22;
 
+/// Speed of the desired direction below which it is not going anywhere, rad/s.
+const MOVING: f64 = 0.01;
+
 /// Without a governor: predicted rate over the largest one above which the lock is passed through.
 const PASS_RATIO: f64 = 1.8;
 
@@ -43,7 +46,7 @@ pub(super) fn target<const N: usize>(puma: &PumaFactors, wrist: &Singularity<N>,
     let w_rate = rate_of(angular(&at.desired.V));
     let approaching = w.dot(&w_rate) < 0.0;
     let turning = z4.dot(&w.cross(&w_rate));
-    if !memory.passing && approaching && size < NEAR * NEAR && wrist.s.abs() < wrist.eta_out {
+    if !memory.passing && approaching && w_rate.norm() > MOVING && size < NEAR * NEAR && wrist.s.abs() < wrist.eta_out {
         let outlook = Outlook::new(puma, at, &z6_E);
         let worst = rate_of(angular(at.V_nominal)).norm() / outlook.miss.max(1e-9);
         let hasty = !at.governed && worst > PASS_RATIO * at.rate_max;
@@ -51,7 +54,7 @@ pub(super) fn target<const N: usize>(puma: &PumaFactors, wrist: &Singularity<N>,
         let room = q4 + outlook.lowest > at.lower[3] + MARGIN && q4 + outlook.highest < at.upper[3] - MARGIN;
         memory.passing = outlook.miss < PASS || hasty || !room;
         memory.passage = at.q[3] + tracked + outlook.crossing;
-    } else if memory.passing && (!approaching && turning.abs() < 0.7 * at.rate_max * size || w_rate.norm() < 1e-3) {
+    } else if memory.passing && (!approaching && turning.abs() < 0.7 * at.rate_max * size || w_rate.norm() < 0.3 * MOVING) {
         memory.passing = false;
     }
     memory.holding = size < MU * MU * if memory.holding { 4.0 } else { 1.0 };
