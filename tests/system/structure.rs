@@ -20,7 +20,11 @@ fn rust_files(folder: &Path, found: &mut Vec<PathBuf>) {
 /// All code of a crate: its files' texts, comments and unit tests left out.
 fn code_of(folder: &str) -> Vec<(PathBuf, String)> {
     let mut files = Vec::new();
-    rust_files(&root().join(folder).join("src"), &mut files);
+    let src = root().join(folder).join("src");
+    rust_files(&src, &mut files);
+    let lib = std::fs::read_to_string(src.join("lib.rs")).unwrap();
+    let test_modules: Vec<&str> = lib.split("#[cfg(test)]\nmod ").skip(1).filter_map(|rest| rest.split(';').next()).collect();
+    files.retain(|file| file.iter().all(|part| !test_modules.iter().any(|module| part.to_str().is_some_and(|part| part.trim_end_matches(".rs") == *module))));
     let code = |text: String| {
         let before_tests = text.split("#[cfg(test)]").next().unwrap_or_default().to_owned();
         before_tests.lines().filter(|line| !line.trim_start().starts_with("//")).collect::<Vec<_>>().join("\n")
