@@ -9,7 +9,8 @@ use super::failure::Failure;
 pub(crate) fn clean(as_json: bool) -> Result<ExitCode, Failure> {
     let removed = launcher::clean().map_err(Failure::work)?;
     if as_json {
-        let removed: Vec<_> = removed.iter().map(|run| json!({"run": run.name, "launcher_pid": run.launcher_pid, "bytes": run.bytes})).collect();
+        let removed: Vec<_> =
+            removed.iter().map(|run| json!({"run": run.name, "launcher_pid": run.launcher_pid, "bytes": run.bytes})).collect();
         println!("{}", json!({"removed": removed}));
     } else if removed.is_empty() {
         println!("nothing to clean: no dead run has left anything in {}", runtime::SHM);

@@ -29,7 +29,11 @@ pub(crate) fn doctor(as_json: bool) -> Result<ExitCode, Failure> {
             .iter()
             .map(|check| json!({"check": check.what, "good": check.good, "optional": check.optional, "finding": check.finding, "remedy": if check.good { "" } else { check.remedy }}))
             .collect();
-        let runs: Vec<_> = health.runs.iter().map(|run| json!({"run": run.name, "launcher_pid": run.launcher_pid, "alive": run.alive, "bytes": run.bytes})).collect();
+        let runs: Vec<_> = health
+            .runs
+            .iter()
+            .map(|run| json!({"run": run.name, "launcher_pid": run.launcher_pid, "alive": run.alive, "bytes": run.bytes}))
+            .collect();
         println!("{}", json!({"sound": sound, "checks": list, "runs": runs}));
     } else {
         for check in &checks {
@@ -54,7 +58,12 @@ fn checks(health: &Health) -> Vec<Check> {
         None => (false, "there is no /dev/shm".to_owned()),
         Some(shm) => (
             shm.writable && shm.free_bytes >= SHM_NEEDED,
-            format!("{}, {} MB free of {}", if shm.writable { "writable" } else { "not writable" }, mb(shm.free_bytes), mb(shm.total_bytes)),
+            format!(
+                "{}, {} MB free of {}",
+                if shm.writable { "writable" } else { "not writable" },
+                mb(shm.free_bytes),
+                mb(shm.total_bytes)
+            ),
         ),
     };
     let (used, period) = health.realtime_budget.unwrap_or((1, 1));
@@ -77,14 +86,22 @@ fn checks(health: &Health) -> Vec<Check> {
             what: "FIFO scheduling",
             optional: true,
             good: health.rights.fifo(),
-            finding: if health.rights.fifo() { "allowed".to_owned() } else { format!("not allowed (RLIMIT_RTPRIO {:?})", health.rights.rtprio_limit) },
+            finding: if health.rights.fifo() {
+                "allowed".to_owned()
+            } else {
+                format!("not allowed (RLIMIT_RTPRIO {:?})", health.rights.rtprio_limit)
+            },
             remedy: "for --mode realtime: ulimit -r 90, or `@realtime - rtprio 90` in /etc/security/limits.conf",
         },
         Check {
             what: "locked memory",
             optional: true,
             good: health.rights.lock_memory(),
-            finding: if health.rights.lock_memory() { "allowed".to_owned() } else { format!("limited to {:?} bytes", health.rights.memlock_limit) },
+            finding: if health.rights.lock_memory() {
+                "allowed".to_owned()
+            } else {
+                format!("limited to {:?} bytes", health.rights.memlock_limit)
+            },
             remedy: "for --mode realtime: ulimit -l unlimited",
         },
         Check {

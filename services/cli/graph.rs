@@ -25,7 +25,13 @@ fn print_text(graph: &Graph) {
         let feedback = process.feedback.iter().map(|topic| format!("{topic} (to reach the next tick)"));
         let reads: Vec<_> = process.reads.iter().cloned().chain(feedback).collect();
         let priority = if process.priority == 0 { "ordinary".to_owned() } else { format!("FIFO {}", process.priority) };
-        rows.add_row([process.name.clone().into(), reads.join("\n").into(), process.writes.join("\n").into(), number(process.core), number(priority)]);
+        rows.add_row([
+            process.name.clone().into(),
+            reads.join("\n").into(),
+            process.writes.join("\n").into(),
+            number(process.core),
+            number(priority),
+        ]);
     }
     println!("{rows}");
 }

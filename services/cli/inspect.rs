@@ -122,7 +122,10 @@ fn rows(matrix: &DMatrix<f64>) -> Vec<Vec<f64>> {
 impl Numbers {
     fn singularities(&self) -> impl Iterator<Item = (String, &shared_types::SingularityState)> {
         let count = (self.report.count as usize).min(self.report.singularities.len());
-        self.report.singularities[..count].iter().enumerate().map(|(i, singularity)| (codes::singularity_name(singularity.kind, i), singularity))
+        self.report.singularities[..count]
+            .iter()
+            .enumerate()
+            .map(|(i, singularity)| (codes::singularity_name(singularity.kind, i), singularity))
     }
 
     fn json(&self, robot: &Robot) -> Value {
@@ -171,7 +174,12 @@ impl Numbers {
         }
         println!("singular values  {}", list(&self.singular_values));
         println!("unit-scaled      {}  (lengths / {} m, at the wrist centre)", list(&self.report.sigma), self.report.length_m);
-        println!("rank {}, condition {}, manipulability {}\n", self.report.rank, digits(self.report.condition), digits(self.report.manipulability));
+        println!(
+            "rank {}, condition {}, manipulability {}\n",
+            self.report.rank,
+            digits(self.report.condition),
+            digits(self.report.manipulability)
+        );
         let mut found = table(&["singularity", "s", "η in/out", "inside", "type", "κ₁", "κ₂", "ζ (base axes)"]);
         for (name, s) in self.singularities() {
             let half = if s.angular != 0 { &s.zeta_B[3..] } else { &s.zeta_B[..3] };

@@ -28,7 +28,12 @@ pub(crate) fn list(as_json: bool) -> Result<ExitCode, Failure> {
     }
     let mut rows = table(&["scenario", "robot", "s", "what it shows"]);
     for scenario in &scenarios {
-        rows.add_row([scenario.name.clone().into(), scenario.robot.clone().into(), number(format!("{:.1}", scenario.duration_s())), scenario.title.clone().into()]);
+        rows.add_row([
+            scenario.name.clone().into(),
+            scenario.robot.clone().into(),
+            number(format!("{:.1}", scenario.duration_s())),
+            scenario.title.clone().into(),
+        ]);
     }
     println!("{rows}");
     let mut rows = table(&["robot", "joints", "postures", "frames"]);

@@ -29,7 +29,12 @@ pub(crate) fn scenario(name: &str, settings: &[String], seed: Option<u64>) -> Re
         None => {
             let path = Path::new(name);
             if !name.ends_with(".toml") && !path.exists() {
-                return Err(Failure::Input(unknown("scenario", name, scenarios::names(), "or give the path of a scenario file (.toml); see `armplane list`")));
+                return Err(Failure::Input(unknown(
+                    "scenario",
+                    name,
+                    scenarios::names(),
+                    "or give the path of a scenario file (.toml); see `armplane list`",
+                )));
             }
             (name.to_owned(), read(path)?, path.parent().map(Path::to_owned))
         }
@@ -59,7 +64,8 @@ pub(crate) fn robot(name: &str, folder: Option<&Path>) -> Result<Robot, Failure>
     let beside = path.with_extension("toml");
     let description = if beside.exists() { read(&beside)? } else { String::new() };
     let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    Robot::from_source(&RobotSource { name: stem, description, urdf }).map_err(|error| Failure::Input(format!("{}: {error}", path.display())))
+    Robot::from_source(&RobotSource { name: stem, description, urdf })
+        .map_err(|error| Failure::Input(format!("{}: {error}", path.display())))
 }
 
 /// The texts a robot was made of, for the manifest.

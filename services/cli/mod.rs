@@ -43,7 +43,9 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     /// Run a scenario in its processes and save a recording.
-    #[command(after_help = "Examples:\n  armplane run\n  armplane run fig5-wrist-rotation --out /tmp/fig5 --seed 3\n  armplane run my.toml --set control.k_p=900 --set plant.friction=true")]
+    #[command(
+        after_help = "Examples:\n  armplane run\n  armplane run fig5-wrist-rotation --out /tmp/fig5 --seed 3\n  armplane run my.toml --set control.k_p=900 --set plant.friction=true"
+    )]
     Run(RunArgs),
     /// List the built-in scenarios and robots.
     #[command(after_help = "Example:\n  armplane list --json")]

@@ -65,6 +65,6 @@ fn work(name: &str, args: &JobArgs) -> Result<(), ProcessError> {
         "estimator" => estimator::run(&shell, &robot, &job.scenario),
         "analyzer" => analyzer::run(&shell, &robot, &job.scenario),
         "controller" => controller::run(&shell, &robot, &job.scenario),
-        _ => recorder::run(&shell, &robot, &job),
+        _ => recorder::run(&shell, &robot, &job, &args.run),
     }
 }

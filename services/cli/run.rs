@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use launcher::{Child, End, Event, LaunchError, Launcher, Limits, Outcome, Plan, Restart};
+use launcher::{Child, End, Event, Launcher, Limits, Outcome, Plan, Restart};
 use runtime::realtime::allowed_cores;
 use shared_types::graph::{self, Graph};
 use shared_types::job::{Job, Mode};
@@ -35,9 +35,9 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
         graph,
     };
     let planned_ticks = (job.scenario.duration_s() * f64::from(job.scenario.rate_hz)).round() as u64;
-    let outcome = launch(&job, planned_ticks)?;
-    let summary = summarise(&job, &outcome)?;
-    results.keep(&job, &summary)?;
+    let (outcome, account) = launch(&job, planned_ticks)?;
+    let summary = summarise(&job, &outcome, account);
+    let kept = results.keep(&job, &summary);
     if as_json {
         println!("{}", serde_json::to_string_pretty(&summary).map_err(Failure::work)?);
     } else {
@@ -46,32 +46,30 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
     if let End::Failed(failure) = &outcome.end {
         return Err(Failure::Work(failure.to_string()));
     }
+    kept?;
     Ok(if summary.outcome == "goal reached" { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
-/// Runs the processes to the end of the task, or of one of them.
-fn launch(job: &Job, planned_ticks: u64) -> Result<Outcome, Failure> {
+/// Runs the processes to the end of the task, or of one of them. Returns what became of them, and the recorder's account.
+fn launch(job: &Job, planned_ticks: u64) -> Result<(Outcome, Option<Summary>), Failure> {
     let launcher = Launcher::prepare(plan(job)).map_err(Failure::work)?;
     let job = Job { run: launcher.run_dir().file_name().unwrap_or_default().to_string_lossy().into_owned(), ..job.clone() };
-    let path = launcher.run_dir().join(JOB);
+    let (path, account_path) = (launcher.run_dir().join(JOB), launcher.run_dir().join(recorder::SUMMARY));
     let text = serde_json::to_vec(&job).map_err(Failure::work)?;
     std::fs::write(&path, text).map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))?;
     let bar = progress_bar(planned_ticks, &job);
+    let mut account = None;
     let outcome = launcher.run(&launcher::reexec, &mut |event| match event {
         Event::Progress { ticks } => bar.set_position(ticks),
         Event::Line { process, line } => bar.suspend(|| eprintln!("{process}: {line}")),
         Event::Restarted { process, exit, pid, incarnation } => {
             bar.suspend(|| eprintln!("{process} ended with {exit} and was started again (start {incarnation}, process {pid})"));
         }
+        Event::Stopped => account = std::fs::read(&account_path).ok().and_then(|text| serde_json::from_slice(&text).ok()),
         Event::Go | Event::Stopping => {}
-        #[allow(unreachable_patterns, reason = "further events are of no interest here")]
-        _ => {}
     });
     bar.finish_and_clear();
-    outcome.map_err(|error| match error {
-        LaunchError::Interrupted { .. } => Failure::Work(error.to_string()),
-        error => Failure::work(error),
-    })
+    Ok((outcome.map_err(Failure::work)?, account))
 }
 
 /// A bar on a terminal, nothing elsewhere.
@@ -113,10 +111,8 @@ fn plan(job: &Job) -> Plan {
 }
 
 /// The recorder's part, completed by what only the launcher knows.
-fn summarise(job: &Job, outcome: &Outcome) -> Result<Summary, Failure> {
-    let path = job.out.join(SUMMARY);
-    let part = std::fs::read(&path).ok().and_then(|text| serde_json::from_slice::<Summary>(&text).ok());
-    let mut summary = part.unwrap_or_else(|| Summary {
+fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summary {
+    let mut summary = account.unwrap_or_else(|| Summary {
         version: job.version.clone(),
         scenario: job.scenario.name.clone(),
         robot: job.robot.name.clone(),
@@ -140,7 +136,12 @@ fn summarise(job: &Job, outcome: &Outcome) -> Result<Summary, Failure> {
             let first = sentence.lines().next().unwrap_or_default().trim_end_matches("; it said:").to_owned();
             summary.completed = false;
             summary.outcome = "failed".to_owned();
-            summary.faults.push(FaultSummary { tick: outcome.ticks, process: named_in(&job.graph, &first), kind: "exit".to_owned(), detail: first.clone() });
+            summary.faults.push(FaultSummary {
+                tick: outcome.ticks,
+                process: named_in(&job.graph, &first),
+                kind: "exit".to_owned(),
+                detail: first.clone(),
+            });
             summary.reason = first;
         }
     }
@@ -148,9 +149,14 @@ fn summarise(job: &Job, outcome: &Outcome) -> Result<Summary, Failure> {
     summary.processes = outcome
         .processes
         .iter()
-        .map(|process| ProcessSummary { name: process.name.clone(), pid: process.pid, restarts: process.restarts, exit: process.exit.to_string() })
+        .map(|process| ProcessSummary {
+            name: process.name.clone(),
+            pid: process.pid,
+            restarts: process.restarts,
+            exit: process.exit.to_string(),
+        })
         .collect();
-    Ok(summary)
+    summary
 }
 
 fn named_in(graph: &Graph, sentence: &str) -> String {
@@ -197,11 +203,6 @@ impl Results {
         let made = !folder.exists();
         std::fs::create_dir_all(&folder).map_err(|error| cannot(&folder, error))?;
         let folder = folder.canonicalize().map_err(|error| cannot(&folder, error))?;
-        let stale = folder.join(SUMMARY);
-        match std::fs::remove_file(&stale) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(cannot(&stale, error)),
-            _ => {}
-        }
         let results = Self { folder, made };
         let probe = results.folder.join(".armplane");
         std::fs::write(&probe, b"").and_then(|()| std::fs::remove_file(&probe)).map_err(|error| cannot(&results.folder, error))?;
@@ -210,11 +211,18 @@ impl Results {
 
     /// Writes what makes the run repeatable and readable.
     fn keep(&self, job: &Job, summary: &Summary) -> Result<(), Failure> {
-        let cannot = |name: &str, error: std::io::Error| Failure::Work(format!("cannot write {}: {error}", self.folder.join(name).display()));
+        let cannot =
+            |name: &str, error: std::io::Error| Failure::Work(format!("cannot write {}: {error}", self.folder.join(name).display()));
         let summary = serde_json::to_vec_pretty(summary).map_err(Failure::work)?;
         let job = serde_json::to_vec_pretty(job).map_err(Failure::work)?;
         for (name, text) in [(SUMMARY, summary), (JOB, job)] {
-            std::fs::write(self.folder.join(name), text).map_err(|error| cannot(name, error))?;
+            // Whole or not at all: a full disk leaves no half file.
+            let (draft, path) = (self.folder.join(format!(".{name}")), self.folder.join(name));
+            let written = std::fs::write(&draft, text).and_then(|()| std::fs::rename(&draft, &path));
+            written.map_err(|error| {
+                let _ = std::fs::remove_file(&draft);
+                cannot(name, error)
+            })?;
         }
         Ok(())
     }
@@ -276,7 +284,10 @@ fn tell(summary: &Summary, folder: &Path) {
         summary.mode
     );
     if let Some(chain) = summary.latency_us.get("chain") {
-        println!("latency    sensor to torque p50 {:.1} µs, p99 {:.1}, p99.9 {:.1}, max {:.1}", chain.p50, chain.p99, chain.p999, chain.max);
+        println!(
+            "latency    sensor to torque p50 {:.1} µs, p99 {:.1}, p99.9 {:.1}, max {:.1}",
+            chain.p50, chain.p99, chain.p999, chain.max
+        );
     }
     if summary.deadlines.total > 0 {
         println!("deadlines  {} missed of {}", summary.deadlines.missed, summary.deadlines.total);
@@ -290,6 +301,11 @@ fn tell(summary: &Summary, folder: &Path) {
     println!("\n{}", folder.display());
     println!("  {SUMMARY}  all of this and more, for machines");
     if !summary.recorder.file.is_empty() {
-        println!("  {}       {:.1} MB; open it with: rerun {}", summary.recorder.file, summary.recorder.bytes as f64 / 1e6, folder.join(&summary.recorder.file).display());
+        println!(
+            "  {}       {:.1} MB; open it with: rerun {}",
+            summary.recorder.file,
+            summary.recorder.bytes as f64 / 1e6,
+            folder.join(&summary.recorder.file).display()
+        );
     }
 }

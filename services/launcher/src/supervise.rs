@@ -107,6 +107,8 @@ pub enum Event<'a> {
     },
     /// The processes are asked to stop.
     Stopping,
+    /// All processes have ended; the run's directory is about to be removed: the last moment to read what they left there.
+    Stopped,
 }
 
 /// Why a run could not be prepared; nothing of it is left.
@@ -339,6 +341,7 @@ impl Launcher {
         let end = self.watch(commands, &mut signals, report);
         report(Event::Stopping);
         let late_failure = self.stop(&mut signals, report);
+        report(Event::Stopped);
         let end = match (end, late_failure) {
             (End::Completed, Some(failure)) => End::Failed(failure),
             (end, _) => end,

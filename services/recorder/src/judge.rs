@@ -8,7 +8,9 @@ use shared_types::codes::{self, MODE_REGULAR};
 use shared_types::scenario::Goal;
 use shared_types::summary::{JointSummary, Latency, ModeChange, SingularitySummary, TaskSummary};
 use shared_types::wire::HOPS;
-use shared_types::{MAX_SINGULARITIES, Message, PlantState, SensorSample, SingularityReport, SingularityState, StateEstimate, TorqueCommand};
+use shared_types::{
+    MAX_SINGULARITIES, Message, PlantState, SensorSample, SingularityReport, SingularityState, StateEstimate, TorqueCommand,
+};
 
 /// One tick, whole: what each process said about it.
 #[derive(Clone, Copy, Debug)]

@@ -5,6 +5,7 @@ mod assemble;
 mod judge;
 
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::time::Duration;
 
 use model::{Robot, with_dof};
@@ -20,7 +21,7 @@ pub use judge::{Judge, Limits, Tick, Verdict};
 /// Name of the recording in the results folder.
 pub const RECORDING: &str = "run.rrd";
 
-/// Name of the recorder's part of the summary in the results folder.
+/// Name of the recorder's part of the summary in the run's directory.
 pub const SUMMARY: &str = "summary.json";
 
 /// Pause between two rounds; the buffers hold a second.
@@ -29,14 +30,15 @@ const POLL: Duration = Duration::from_micros(500);
 /// Ticks for which an incomplete row waits for its missing messages.
 const PATIENCE: usize = 256;
 
-/// Records and judges until the run has stopped and everything on the way has arrived, then leaves its part of the summary in the results folder.
+/// Records and judges until the run has stopped and everything on the way has arrived, then leaves its part of the summary in `run_dir`.
 ///
 /// # Errors
 /// [`ProcessError`] where the recorder cannot begin, the graph breaks, or the summary cannot be written. A recording that fails
 /// (a full disk) does not end the run: it is said in the summary.
-pub fn run(shell: &Shell, robot: &Robot, job: &Job) -> Result<(), ProcessError> {
-    let summary = with_dof!(robot.dof(), N => record::<N>(shell, robot, job)).unwrap_or_else(|| Err(ProcessError::setup("unsupported number of joints")))?;
-    let path = job.out.join(SUMMARY);
+pub fn run(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<(), ProcessError> {
+    let summary = with_dof!(robot.dof(), N => record::<N>(shell, robot, job))
+        .unwrap_or_else(|| Err(ProcessError::setup("unsupported number of joints")))?;
+    let path = run_dir.join(SUMMARY);
     serde_json::to_vec(&summary)
         .map_err(std::io::Error::from)
         .and_then(|text| std::fs::write(&path, text))
@@ -61,7 +63,10 @@ fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job) -> Result<Sum
 }
 
 fn take<const N: usize>(row: &Row, judge: &mut Judge, tape: &mut Tape<N>) {
-    if let Row { sensor: Some(sensor), truth: Some(truth), estimate: Some(estimate), report: Some(report), command: Some(command), .. } = row {
+    if let Row {
+        sensor: Some(sensor), truth: Some(truth), estimate: Some(estimate), report: Some(report), command: Some(command), ..
+    } = row
+    {
         judge.tick(Tick { sensor, truth, estimate, report, command });
     }
     tape.tick(row);
