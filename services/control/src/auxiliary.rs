@@ -12,13 +12,13 @@ const FEED_FORWARD_LAG: f64 = 0.008;
 const TRUST_RATE: f64 = 30.0;
 
 /// Beyond η_out by this factor the singularity is left, once the error it caused is gone.
-const LEFT: f64 = 1.05;
+pub const LEFT: f64 = 1.05;
 
 /// Beyond η_out by this factor it is left whatever the error: another cause must have made it.
 const FAR: f64 = 1.5;
 
 /// Error along ζ that counts as gone, m or rad.
-const GONE: f64 = 1e-5;
+const GONE: f64 = 5e-6;
 
 /// Gains and bounds of one auxiliary loop.
 #[derive(Clone, Copy, Debug, PartialEq)]

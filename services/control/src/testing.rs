@@ -47,6 +47,14 @@ pub(crate) struct Plant {
     pub(crate) encoder_bits: u32,
     /// Factor on every mass and inertia of the true arm; 0: none.
     pub(crate) mass_factor: f64,
+    /// Viscous friction of the true arm, as a share of its description's, unknown to the controller.
+    pub(crate) viscous: f64,
+    /// Whether a disturbance observer (50 rad/s) feeds the controller.
+    pub(crate) observer: bool,
+    /// Ticks by which torques are late.
+    pub(crate) delay: usize,
+    /// Share of torques that never arrive: the last one is held.
+    pub(crate) dropped: f64,
 }
 
 /// What happened at one tick.
@@ -117,6 +125,9 @@ pub(crate) fn run<const N: usize>(scenario: &Scenario, plant: Plant, mut each: i
     let mut last: Option<Command<N>> = None;
     let mut steps = vec![];
     let dt = scenario.dt_s();
+    let mut disturbance = SVector::<f64, N>::zeros();
+    let mut late = std::collections::VecDeque::new();
+    let mut applied = model.gravity(&q_start);
     let mut k = 0;
     loop {
         let (q_seen, qdot_seen) = if plant.encoder_bits > 0 {
@@ -128,7 +139,7 @@ pub(crate) fn run<const N: usize>(scenario: &Scenario, plant: Plant, mut each: i
             (q, qdot)
         };
         let report = analyzer.step(&q_seen, &qdot_seen, &model.evaluate(&q_seen, &qdot_seen));
-        let command = controller.step(&q_seen, &qdot_seen, &SVector::zeros(), &report);
+        let command = controller.step(&q_seen, &qdot_seen, &disturbance, &report);
         tau = command.tau;
         let X = model.forward_kinematics(&q);
         let error = stack(&(command.p_BE_d - X.p), &crate::linear::rotation_log(&(command.R_BE_d * X.R.transpose())));
@@ -161,7 +172,20 @@ pub(crate) fn run<const N: usize>(scenario: &Scenario, plant: Plant, mut each: i
         if matches!(command.phase, Phase::Done | Phase::Refused) || k as f64 * dt > 3.0 * scenario.duration_s() {
             break;
         }
-        (q, qdot) = rk4(&truth, &q, &qdot, &tau, dt);
+        late.push_back(tau);
+        if late.len() > plant.delay && noise.uniform() >= plant.dropped {
+            applied = late.pop_front().unwrap();
+        }
+        while late.len() > plant.delay {
+            late.pop_front();
+        }
+        let friction = truth.viscous_friction().component_mul(&qdot) * plant.viscous;
+        let expected = qdot + model.forward_dynamics(&q, &qdot, &(applied + disturbance)) * dt;
+        let A = model.mass_matrix(&q);
+        (q, qdot) = rk4(&truth, &q, &qdot, &(applied - friction), dt);
+        if plant.observer {
+            disturbance += A * (qdot - expected) * ((1.0 - libm::exp(-50.0 * dt)) / dt);
+        }
         k += 1;
     }
     steps.sort_by(f64::total_cmp);

@@ -175,7 +175,7 @@ pub fn hold_and_blend<const N: usize>(
     let A_inv = nalgebra::Cholesky::new(*wanted.A).ok_or(crate::operational::OperationalError::MassMatrix)?;
     let relative = wanted.a - wanted.at.Jdot_qdot;
     // Dropped directions keep a one on the diagonal and zero rows, so one size serves every rank.
-    let part = |used: &dyn Fn(usize) -> bool| -> Result<(SMatrix<f64, 6, N>, Vector6<f64>, SMatrix<f64, N, 6>), LawError> {
+    let part = |used: &dyn Fn(usize) -> bool| {
         let T = Matrix6::from_fn(|i, j| if i < axes && used(i) { U[(j, order[i])] } else { 0.0 });
         let J = T * J;
         let Ainv_Jt = A_inv.solve(&J.transpose());
@@ -185,8 +185,8 @@ pub fn hold_and_blend<const N: usize>(
                 inverse[(i, i)] = 1.0;
             }
         }
-        let Lambda = nalgebra::Cholesky::new(inverse).map(|c| c.inverse()).unwrap_or_else(Matrix6::zeros);
-        Ok((J, Lambda * (T * relative), Ainv_Jt * Lambda))
+        let Lambda = nalgebra::Cholesky::new(inverse).ok_or(crate::operational::OperationalError::RankDeficient { rows: axes })?.inverse();
+        Ok::<_, LawError>((J, Lambda * (T * relative), Ainv_Jt * Lambda))
     };
     let (J_ns, F_ns, Jbar_ns) = part(&|i| i < regular)?;
     let mut torque = J_ns.transpose() * F_ns;

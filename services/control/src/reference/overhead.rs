@@ -6,7 +6,7 @@ use crate::singular::PumaFactors;
 use crate::types::Mode;
 
 /// Damping on the in-plane radius, m: only desired quantities are divided by it, so it need not cover noise.
-const MU: f64 = 0.005;
+const MU: f64 = 3e-5;
 
 /// What going straight past the waist axis, instead of around it, may cost, m.
 const PASS: f64 = 3e-4;
