@@ -9,12 +9,12 @@ use re_log_types::{ApplicationId, StoreId, StoreKind};
 use re_sdk_types::AsComponents;
 use re_sdk_types::archetypes::SeriesLines;
 use re_sdk_types::blueprint::archetypes::{
-    ActiveVisualizers, ContainerBlueprint, EyeControls3D, LineGrid3D, PanelBlueprint, PlotLegend, ScalarAxis, TextLogColumns, TimeAxis,
-    TimePanelBlueprint, ViewBlueprint, ViewContents, ViewportBlueprint, VisibleTimeRanges, VisualizerInstruction,
+    ActiveVisualizers, Background, ContainerBlueprint, EyeControls3D, LineGrid3D, PanelBlueprint, PlotLegend, ScalarAxis, TextLogColumns,
+    TimeAxis, TimePanelBlueprint, ViewBlueprint, ViewContents, ViewportBlueprint, VisibleTimeRanges, VisualizerInstruction,
 };
 use re_sdk_types::blueprint::components::{
-    ActiveTab, ColumnShare, ContainerKind, Corner2D, IncludedContent, LinkAxis, LockRangeDuringZoom, PanelState, RootContainer, RowShare,
-    TextLogColumn, TimelineName, VisibleTimeRange, VisualizerComponentMapping, VisualizerInstructionId,
+    ActiveTab, BackgroundKind, ColumnShare, ContainerKind, Corner2D, IncludedContent, LinkAxis, LockRangeDuringZoom, PanelState,
+    RootContainer, RowShare, TextLogColumn, TimelineName, VisibleTimeRange, VisualizerComponentMapping, VisualizerInstructionId,
 };
 use re_sdk_types::blueprint::datatypes::{ComponentSourceKind, TextLogColumnKind, VisualizerComponentMapping as Mapping};
 use re_sdk_types::components::{Color, Name, Plane3D, Range1D, StrokeWidth, Visible};
@@ -40,7 +40,7 @@ pub(crate) const JOINTS: [Rgba; 8] = [
 ];
 const ACROSS: Rgba = [110, 215, 150, 255];
 const ALONG: Rgba = [250, 150, 210, 255];
-const LIMIT: Rgba = [225, 70, 70, 160];
+const LIMITS: Option<[f64; 2]> = Some([-1.1, 1.1]);
 
 /// What a blueprint needs to know of its run.
 #[derive(Clone, Debug, Default)]
@@ -194,22 +194,25 @@ impl Sheet {
         path
     }
 
-    fn states(&mut self, name: &str, contents: &[String]) -> EntityPath {
-        let (_, path) = self.view("StateTimeline", name, "/", contents);
+    fn states(&mut self, name: &str, lanes: &[&str]) -> EntityPath {
+        let contents: Vec<String> = lanes.iter().map(|lane| format!("$origin/{lane}")).collect();
+        let (_, path) = self.view("StateTimeline", name, entity::STATE, &contents);
         self.log(path.join(&"TimeAxis".into()), &TimeAxis::new().with_link(LinkAxis::LinkToGlobal));
         path
     }
 
     fn world(&mut self, subject: &Subject) -> EntityPath {
-        let (_, path) =
+        let (id, path) =
             self.view("3D", "Arm: the coloured mark is the direction ζ it has lost", entity::WORLD, &[format!("{}/**", entity::WORLD)]);
         let eye = EyeControls3D::new()
             .with_position(subject.eye.to_array())
             .with_look_target(subject.look_at.to_array())
             .with_eye_up([0.0, 0.0, 1.0]);
         self.log(path.join(&"EyeControls3D".into()), &eye);
+        let background = Background::new(BackgroundKind::SolidColor).with_color(Color::from_rgb(24, 28, 36));
+        self.log(path.join(&"Background".into()), &background);
         let floor = Plane3D::new([0.0, 0.0, 1.0], subject.floor_m);
-        let grid = LineGrid3D::new().with_plane(floor).with_spacing(0.25).with_color(Color::from_unmultiplied_rgba(150, 165, 185, 70));
+        let grid = LineGrid3D::new().with_plane(floor).with_spacing(0.25).with_color(Color::from_unmultiplied_rgba(150, 165, 185, 45));
         self.log(path.join(&"LineGrid3D".into()), &grid);
         // Paths are drawn in short pieces: all up to the cursor are shown, and the last seconds of ζ's turning.
         let mut span = |of: &str, start: TimeRangeBoundary| {
@@ -220,7 +223,7 @@ impl Sheet {
                 TimeRangeBoundary::CursorRelative(ns) => TimeRangeBoundary::CursorRelative(TimeInt(ns.0 / 1_000_000)),
                 other => other,
             };
-            let at = path.join(&"ViewContents/overrides".into()).join(&of.into());
+            let at = ViewContents::blueprint_base_visualizer_path_for_entity(id, &of.into());
             self.log(at, &VisibleTimeRanges::new([range("t", start), range("tick", in_ticks)]));
         };
         span(entity::PATH_ACTUAL, TimeRangeBoundary::Infinite);
@@ -247,99 +250,135 @@ fn layout(subject: &Subject, layout: Layout) -> Vec<ChunkResult<Chunk>> {
     sheet.chunks
 }
 
-fn arrange(sheet: &mut Sheet, subject: &Subject, layout: Layout) -> EntityPath {
-    let joints = || subject.joints.clone();
-    let (names, colours): (Vec<String>, Vec<Rgba>) = subject.singularities.iter().cloned().unzip();
-    let per_singularity =
-        |signal, prefix: &str| Lines::of(signal, names.iter().map(|name| format!("{prefix}{name}")).collect(), colours.iter().copied());
-    let per_joint = |signal| Lines::of(signal, joints(), JOINTS);
-    let limit = || Lines::guide("guide:limit", "limit", 2, LIMIT);
-
-    let world = sheet.world(subject);
-    let now = sheet.text("TextDocument", "What is happening", entity::NOW);
-    let log = sheet.text("TextLog", "Log", entity::LOG);
-    let states = sheet.states("States", &["/state/**".into()]);
-    let mut bands = Lines::guide("guide:eta_in", "η: singular inside", 2 * subject.bands, [255, 120, 120, 170]);
-    bands.width = 1.0;
-    let outer = Lines::guide("guide:eta_out", "η: regular outside", 2 * subject.bands, [170, 175, 185, 110]);
-    let measure = sheet.plot(
-        "How near: s_i(q), 0 is singular",
-        vec![bands, outer, per_singularity(Signal::Measure, "")],
-        None,
-        Some(Corner2D::RightTop),
-    );
-    let error_lines = |unit: &str| vec![format!("across ζ, {unit}"), format!("along ζ, {unit}")];
-    let errors = [
-        sheet.plot(
-            "Position error",
-            vec![Lines::of(Signal::PositionError, error_lines("mm"), [ACROSS, ALONG])],
-            None,
-            Some(Corner2D::RightTop),
-        ),
-        sheet.plot(
-            "Orientation error",
-            vec![Lines::of(Signal::OrientationError, error_lines("°"), [ACROSS, ALONG])],
-            None,
-            Some(Corner2D::RightTop),
-        ),
-    ];
-    let torque_task = sheet.plot("Torque on the hand / limit", vec![limit(), per_joint(Signal::TorqueTaskRatio)], Some([-1.1, 1.1]), None);
-    let torque_null = sheet.plot("Torque in the null space / limit", vec![limit(), per_joint(Signal::TorqueNullRatio)], None, None);
-    let range =
-        sheet.plot("Joints between limits", vec![limit(), per_joint(Signal::PositionInRange)], Some([-1.1, 1.1]), Some(Corner2D::LeftTop));
-    let speed = sheet.plot("Joint speeds / limit", vec![limit(), per_joint(Signal::SpeedRatio)], Some([-1.1, 1.1]), None);
-    let scale = vec!["time".into(), "task torque".into(), "null torque".into()];
-    let governor = sheet.plot(
-        "β: 1 hand, 0 null space; and scales of the governor",
-        vec![
-            Lines::of(Signal::Scale, scale, [[120, 190, 250, 255], [110, 215, 150, 255], [200, 200, 120, 255]]),
-            per_singularity(Signal::Beta, "β "),
-        ],
-        Some([-0.05, 1.05]),
-        Some(Corner2D::RightBottom),
-    );
-    let mut reference = per_singularity(Signal::AuxiliaryReference, "reference ");
-    reference.colours.iter_mut().for_each(|colour| colour[3] = 120);
-    let auxiliary =
-        sheet.plot("Auxiliary coordinates, rad", vec![reference, per_singularity(Signal::Auxiliary, "")], None, Some(Corner2D::RightTop));
-    let sigma = sheet.plot(
-        "Singular values of the Jacobian",
-        vec![Lines::of(Signal::SingularValues, (1..=subject.joints.len().min(6)).map(|i| format!("σ{i}")).collect(), JOINTS)],
-        None,
-        Some(Corner2D::RightTop),
-    );
-    let latency = sheet.plot(
-        "Latency per hop, µs",
-        vec![Lines::of(Signal::Latency, HOP_NAMES.map(str::to_owned).to_vec(), JOINTS)],
-        None,
-        Some(Corner2D::RightTop),
-    );
-
+fn arrange(sheet: &mut Sheet, subject: &Subject, layout: Layout) {
+    let mut desk = Desk { sheet, subject };
     match layout {
         Layout::Control => {
-            let left = sheet.column(vec![(3.4, world), (1.0, now)]);
-            let row_errors = sheet.row(vec![(1.0, errors[0].clone()), (1.0, errors[1].clone())]);
-            let row_torque = sheet.row(vec![(1.0, torque_task), (1.0, torque_null)]);
-            let row_joints = sheet.row(vec![(1.0, range), (1.0, speed)]);
-            let more = sheet.tabs(vec![states, log, governor, auxiliary, sigma, latency]);
-            let right = sheet.column(vec![(1.25, measure), (1.0, row_errors), (1.0, row_torque), (1.0, row_joints), (1.15, more)]);
-            sheet.row(vec![(1.0, left), (1.0, right)])
+            let left = [(3.6, desk.world()), (1.0, desk.now())];
+            let errors = desk.errors();
+            let torques = desk.torques();
+            let joints = desk.joints();
+            let more = [desk.modes(), desk.log(), desk.governor(), desk.auxiliary(), desk.singular_values(), desk.latency()];
+            let more = desk.sheet.tabs(more.into());
+            let right = [(1.3, desk.measure()), (0.85, errors), (0.9, torques), (1.35, joints), (1.3, more)];
+            let cells = vec![(1.0, desk.sheet.column(left.into())), (1.0, desk.sheet.column(right.into()))];
+            desk.sheet.row(cells);
         }
         Layout::Timing => {
-            let [position, _] = errors;
-            let upper = sheet.row(vec![(2.2, latency), (1.0, world)]);
-            let lower = sheet.row(vec![(1.0, states), (1.0, log)]);
-            let middle = sheet.row(vec![(1.0, position), (1.0, governor)]);
-            sheet.column(vec![(2.0, upper), (1.2, lower), (1.0, middle)])
+            let upper = [(2.2, desk.latency()), (1.0, desk.world())];
+            let middle = [(1.2, desk.states()), (1.0, desk.log())];
+            let lower = [(1.0, desk.errors()), (1.0, desk.governor())];
+            let cells =
+                vec![(2.0, desk.sheet.row(upper.into())), (1.4, desk.sheet.row(middle.into())), (1.0, desk.sheet.row(lower.into()))];
+            desk.sheet.column(cells);
         }
         Layout::Faults => {
-            let left = sheet.column(vec![(1.6, world), (1.0, log)]);
-            let row_torque = sheet.row(vec![(1.0, torque_task), (1.0, torque_null)]);
-            let row_more = sheet.row(vec![(1.0, speed), (1.0, errors[0].clone())]);
-            let tail = sheet.tabs(vec![latency, measure, now]);
-            let right = sheet.column(vec![(1.5, states), (1.0, row_torque), (1.0, row_more), (1.0, tail)]);
-            sheet.row(vec![(1.0, left), (1.25, right)])
+            let left = [(1.7, desk.world()), (0.6, desk.now()), (1.0, desk.log())];
+            let tail = [desk.latency(), desk.measure(), desk.governor()];
+            let tail = desk.sheet.tabs(tail.into());
+            let right = [(1.9, desk.states()), (1.0, desk.torques()), (1.0, desk.joints()), (0.9, desk.errors()), (0.9, tail)];
+            let cells = vec![(1.0, desk.sheet.column(left.into())), (1.2, desk.sheet.column(right.into()))];
+            desk.sheet.row(cells);
         }
+    }
+}
+
+/// The panes that layouts are made of.
+struct Desk<'a> {
+    sheet: &'a mut Sheet,
+    subject: &'a Subject,
+}
+
+impl Desk<'_> {
+    fn per_joint(&self, signal: Signal) -> Vec<Lines> {
+        vec![Lines::of(signal, self.subject.joints.clone(), JOINTS)]
+    }
+
+    fn per_singularity(&self, signal: Signal, prefix: &str) -> Lines {
+        let names = self.subject.singularities.iter().map(|(name, _)| format!("{prefix}{name}")).collect();
+        Lines::of(signal, names, self.subject.singularities.iter().map(|(_, colour)| *colour))
+    }
+
+    fn world(&mut self) -> EntityPath {
+        self.sheet.world(self.subject)
+    }
+
+    fn now(&mut self) -> EntityPath {
+        self.sheet.text("TextDocument", "What is happening", entity::NOW)
+    }
+
+    fn log(&mut self) -> EntityPath {
+        self.sheet.text("TextLog", "Log", entity::LOG)
+    }
+
+    fn modes(&mut self) -> EntityPath {
+        self.sheet.states("Modes", &["mode/**", "phase"])
+    }
+
+    fn states(&mut self) -> EntityPath {
+        self.sheet.states("States", &["process/**", "drive", "phase", "mode/**"])
+    }
+
+    /// s_i(q) between its thresholds.
+    fn measure(&mut self) -> EntityPath {
+        let inner = Lines::guide("guide:eta_in", "η in", 2 * self.subject.bands, [255, 110, 110, 200]);
+        let outer = Lines::guide("guide:eta_out", "η out", 2 * self.subject.bands, [170, 175, 185, 110]);
+        let mut measures = self.per_singularity(Signal::Measure, "");
+        measures.width = 2.5;
+        self.sheet.plot(
+            "How near: s_i(q); 0 is singular, within ± η it is treated so",
+            vec![inner, outer, measures],
+            None,
+            Some(Corner2D::RightTop),
+        )
+    }
+
+    fn errors(&mut self) -> EntityPath {
+        let pane = |sheet: &mut Sheet, name, signal, unit: &str| {
+            let names = vec![format!("across ζ, {unit}"), format!("along ζ, {unit}")];
+            sheet.plot(name, vec![Lines::of(signal, names, [ACROSS, ALONG])], None, Some(Corner2D::RightTop))
+        };
+        let position = pane(self.sheet, "Position error", Signal::PositionError, "mm");
+        let orientation = pane(self.sheet, "Orientation error", Signal::OrientationError, "°");
+        self.sheet.row(vec![(1.0, position), (1.0, orientation)])
+    }
+
+    fn torques(&mut self) -> EntityPath {
+        let task = self.sheet.plot("Torque on the hand / limit", self.per_joint(Signal::TorqueTaskRatio), LIMITS, None);
+        let null = self.sheet.plot("Torque in the null space / limit", self.per_joint(Signal::TorqueNullRatio), LIMITS, None);
+        self.sheet.row(vec![(1.0, task), (1.0, null)])
+    }
+
+    fn joints(&mut self) -> EntityPath {
+        let range = self.per_joint(Signal::PositionInRange);
+        let range = self.sheet.plot("Joints between limits ±1", range, LIMITS, Some(Corner2D::LeftBottom));
+        let speed = self.sheet.plot("Joint speeds / limit", self.per_joint(Signal::SpeedRatio), LIMITS, None);
+        self.sheet.row(vec![(1.0, range), (1.0, speed)])
+    }
+
+    /// Who controls what, and how fast.
+    fn governor(&mut self) -> EntityPath {
+        let names = ["time", "task torque", "null torque"].map(str::to_owned).to_vec();
+        let scales = Lines::of(Signal::Scale, names, [[120, 190, 250, 255], [110, 215, 150, 255], [200, 200, 120, 255]]);
+        let beta = self.per_singularity(Signal::Beta, "β ");
+        self.sheet.plot("β (1: hand, 0: null space) and governor", vec![scales, beta], Some([-0.05, 1.05]), Some(Corner2D::RightBottom))
+    }
+
+    fn auxiliary(&mut self) -> EntityPath {
+        let mut reference = self.per_singularity(Signal::AuxiliaryReference, "reference ");
+        reference.colours.iter_mut().for_each(|colour| colour[3] = 120);
+        let actual = self.per_singularity(Signal::Auxiliary, "");
+        self.sheet.plot("Auxiliary coordinates, rad", vec![reference, actual], None, Some(Corner2D::RightTop))
+    }
+
+    fn singular_values(&mut self) -> EntityPath {
+        let names = (1..=self.subject.joints.len().min(6)).map(|i| format!("σ{i}")).collect();
+        self.sheet.plot("Singular values", vec![Lines::of(Signal::SingularValues, names, JOINTS)], None, Some(Corner2D::RightTop))
+    }
+
+    fn latency(&mut self) -> EntityPath {
+        let hops = Lines::of(Signal::Latency, HOP_NAMES.map(str::to_owned).to_vec(), JOINTS);
+        self.sheet.plot("Latency per hop, µs", vec![hops], None, Some(Corner2D::RightTop))
     }
 }
 

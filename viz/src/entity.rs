@@ -43,7 +43,15 @@ pub(crate) fn fan(name: &str) -> String {
     format!("/world/zeta/{name}")
 }
 
+/// The mark's words, above it.
+pub(crate) fn label(name: &str) -> String {
+    format!("/world/label/{name}")
+}
+
+/// Lanes of the state timeline.
+pub(crate) const STATE: &str = "/state";
+
 /// A lane of the state timeline.
 pub(crate) fn state(lane: &str) -> String {
-    format!("/state/{lane}")
+    format!("{STATE}/{lane}")
 }

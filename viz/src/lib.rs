@@ -18,6 +18,8 @@ mod signals;
 mod sink;
 mod solid;
 mod story;
+#[cfg(test)]
+mod synthetic;
 
 pub use recording::{Level, Options, Recording, RunInfo};
 pub use signals::{HOP_NAMES, Signal, TickRow};

@@ -103,6 +103,8 @@ pub struct Recording<const N: usize, W: Storage = File> {
     /// ζ and C of each singularity as last drawn into its fan.
     fans: [Option<Vec3>; MAX_SINGULARITIES],
     motion: NullMotion,
+    /// How many ghosts each link has.
+    ghosts: [usize; N],
     situation: Option<Situation>,
     lanes: Lanes,
     incarnations: [u32; PROCESSES.len()],
@@ -160,7 +162,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             last: None,
             signals: Table::default(),
             signal_rows: every(options.signal_chunk_s) as usize,
-            picture: Picture::new(N),
+            picture: Picture::default(),
             picture_every: every(1.0 / options.picture_hz) as u64,
             picture_rows: (options.picture_chunk_s * options.picture_hz).round().max(1.0) as usize,
             thresholds: Vec::new(),
@@ -168,6 +170,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             marks: Default::default(),
             fans: Default::default(),
             motion: NullMotion::new(robot.length_m),
+            ghosts: [0; N],
             situation: None,
             lanes: Lanes::default(),
             incarnations: Default::default(),
@@ -352,7 +355,6 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         let columns = [
             (custom("guide:eta_in", None), both(self.thresholds.iter().map(|(eta_in, _)| *eta_in).collect())),
             (custom("guide:eta_out", None), both(self.thresholds.iter().map(|(_, eta_out)| *eta_out).collect())),
-            (custom("guide:limit", None), both(vec![1.0])),
         ];
         let chunk = Chunk::builder(entity::GUIDES).with_row(RowId::new(), self.at(tick), columns).build();
         self.sink.chunk(&self.store, chunk);
@@ -436,17 +438,18 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         if self.motion.update(row) {
             self.write_ghosts(row.tick);
         }
-        self.picture.push(row.tick, &links, &hand, desired.as_ref(), &marks);
+        let unit = self.mark_size();
+        self.picture.push(row.tick, &links, &hand, desired.as_ref(), &marks, unit);
     }
 
     /// Marks change their looks rarely; their places go with the picture.
     fn write_marks(&mut self, tick: u64, singularities: &[SingularityState], marks: &[Mark]) {
         for (i, (one, mark)) in singularities.iter().zip(marks).enumerate() {
             let Some((name, _)) = self.subject.singularities.get(i) else { return };
-            let (path, fan) = (entity::singularity(name), entity::fan(name));
+            let (name, fan) = (name.clone(), entity::fan(name));
             if self.marks[i] != mark.look {
                 self.marks[i] = mark.look;
-                self.write_look(tick, &path, mark.look, &story::label(one, i));
+                self.write_look(tick, &name, mark.look, &story::label(one, i));
             }
             let inside = mark.look.presence == Presence::Inside;
             let zeta = mark.zeta();
@@ -456,45 +459,36 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             } else if turned {
                 // Every 4° a line where ζ is: null-space motion that turns it sweeps a fan.
                 self.fans[i] = Some(zeta);
-                let reach = zeta * (0.95 * self.mark_size());
+                let reach = zeta * self.mark_size();
                 let (from, to) = (mark.X_BS.p - reach, mark.X_BS.p + reach);
                 let [r, g, b, _] = story::colour_of_type(mark.look.class);
                 let line = LineStrips3D::new([[from.to_array(), to.to_array()]])
-                    .with_colors([Color::from_unmultiplied_rgba(r, g, b, 120)])
-                    .with_radii([0.0025 * self.figure.reach]);
+                    .with_colors([Color::from_unmultiplied_rgba(r, g, b, 150)])
+                    .with_radii([0.002 * self.figure.reach]);
                 self.log(tick, fan, &line);
             }
         }
     }
 
-    fn write_look(&mut self, tick: u64, path: &str, look: Look, label: &str) {
-        let [solid, axes, words] = ["glyph", "axes", "label"].map(|part| format!("{path}/{part}"));
+    /// The mark's solid and, inside, the other axes of the singular frame and the words.
+    fn write_look(&mut self, tick: u64, name: &str, look: Look, words: &str) {
+        let mark = entity::singularity(name);
+        let [solid, axes, label] = [format!("{mark}/glyph"), format!("{mark}/axes"), entity::label(name)];
+        let [r, g, b, _] = story::colour_of_type(look.class);
         if look.presence == Presence::Hidden {
-            for part in [solid, axes, words] {
-                self.log(tick, part, &Clear::flat());
-            }
-            return;
+            self.log(tick, solid, &Clear::flat());
+        } else {
+            let opacity = if look.presence == Presence::Inside { 255 } else { 70 };
+            self.log(tick, solid, &mesh3d(&glyph(look.angular, [r, g, b, 255]), Some([255, 255, 255, opacity])));
         }
-        let colour = story::colour_of_type(look.class);
-        self.log(
-            tick,
-            solid,
-            &mesh3d(&glyph(look, colour), Some([255, 255, 255, if look.presence == Presence::Inside { 255 } else { 90 }])),
-        );
         if look.presence == Presence::Inside {
-            let frame =
-                Arrows3D::from_vectors([[0.0, 0.5, 0.0], [0.0, 0.0, 0.5]]).with_colors([0xc8d0dcffu32, 0xc8d0dcff]).with_radii([0.012]);
-            self.log(tick, axes, &frame);
-            let [r, g, b, _] = colour;
-            let label = Points3D::new([[1.12, 0.0, 0.0]])
-                .with_radii([Radius::new_ui_points(0.5)])
-                .with_colors([Color::from_rgb(r, g, b)])
-                .with_labels([label])
-                .with_show_labels(true);
-            self.log(tick, words, &label);
+            let frame = Arrows3D::from_vectors([[0.0, 0.5, 0.0], [0.0, 0.0, 0.5]]);
+            self.log(tick, axes, &frame.with_colors([0xc8d0dcff_u32]).with_radii([0.012]));
+            let point = Points3D::new([[0.0; 3]]).with_radii([Radius::new_ui_points(0.5)]).with_colors([Color::from_rgb(r, g, b)]);
+            self.log(tick, label, &point.with_labels([words]).with_show_labels(true));
         } else {
             self.log(tick, axes, &Clear::flat());
-            self.log(tick, words, &Clear::flat());
+            self.log(tick, label, &Clear::flat());
         }
     }
 
@@ -509,16 +503,17 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         for i in 0..N {
             let places: Vec<&Placement> =
                 before.iter().map(|links| &links[i]).filter(|link| now.is_some_and(|now| differs(link, &now[i]))).collect();
-            // No instances would mean the mesh itself, at the origin: one too small to see instead.
-            let scales = if places.is_empty() { vec![[1e-6; 3]] } else { vec![[0.985; 3]; places.len()] };
-            let poses = InstancePoses3D::new()
-                .with_translations(if places.is_empty() { vec![[0.0; 3]] } else { places.iter().map(|link| link.p.to_array()).collect() })
-                .with_quaternions(if places.is_empty() {
-                    vec![Quaternion::IDENTITY]
-                } else {
-                    places.iter().map(|link| quaternion(link)).collect()
-                })
-                .with_scales(scales);
+            let none_before = std::mem::replace(&mut self.ghosts[i], places.len()) == 0;
+            let poses = InstancePoses3D::new();
+            let poses = match places.is_empty() {
+                true if none_before && tick > 0 => continue,
+                // No instances would mean the mesh itself, at the origin: one too small to see instead.
+                true => poses.with_translations([[0.0; 3]]).with_scales([[1e-6; 3]]),
+                false => poses
+                    .with_translations(places.iter().map(|link| link.p.to_array()))
+                    .with_quaternions(places.iter().map(|link| quaternion(link)))
+                    .with_scales(vec![[0.985; 3]; places.len()]),
+            };
             self.log(tick, entity::ghost(i), &poses);
         }
         let trail = |i: usize| -> Vec<[f32; 3]> { postures.iter().map(|links| links[i].p.to_array()).collect() };
@@ -535,25 +530,21 @@ impl<const N: usize, W: Storage> Recording<N, W> {
 
     fn write_picture(&mut self) {
         let Some(picture) = self.picture.take() else { return };
-        let paths = (0..N).map(entity::link).chain([entity::HAND.to_owned()]);
-        for (path, track) in paths.zip(picture.links) {
-            let chunk = self.chunk_of(&path, &picture.ticks, track.columns(None));
-            self.sink.chunk(&self.store, chunk);
+        let mut tracks: Vec<(String, Track)> = Vec::new();
+        tracks.extend((0..N).map(entity::link).zip(picture.links));
+        tracks.extend([(entity::HAND.to_owned(), picture.hand), (entity::TARGET.to_owned(), picture.target)]);
+        for ((name, _), (mark, label)) in self.subject.singularities.iter().zip(picture.marks) {
+            tracks.extend([(entity::singularity(name), mark), (entity::label(name), label)]);
         }
-        if let Some((ticks, track)) = picture.target {
-            let chunk = self.chunk_of(entity::TARGET, &ticks, track.columns(None));
-            self.sink.chunk(&self.store, chunk);
+        for (path, track) in tracks {
+            if !track.ticks.is_empty() {
+                let ticks = track.ticks.clone();
+                let chunk = self.chunk_of(&path, &ticks, track.columns());
+                self.sink.chunk(&self.store, chunk);
+            }
         }
-        let size = self.mark_size();
-        for (i, track) in picture.marks.into_iter().enumerate() {
-            let Some((name, _)) = self.subject.singularities.get(i) else { break };
-            let path = entity::singularity(name);
-            let chunk = self.chunk_of(&path, &track.0, track.1.columns(Some(size)));
-            self.sink.chunk(&self.store, chunk);
-        }
-        let actual = picture.paths.actual;
-        self.write_path(entity::PATH_ACTUAL, &actual, [240, 240, 245, 255], 0.0035);
-        self.write_path(entity::PATH_DESIRED, &picture.paths.desired, [110, 235, 150, 255], 0.006);
+        self.write_path(entity::PATH_ACTUAL, &picture.actual, [240, 240, 245, 255], 0.0035);
+        self.write_path(entity::PATH_DESIRED, &picture.desired, [110, 235, 150, 255], 0.006);
     }
 
     /// A path in pieces of a tenth of a second, each a row, so that it grows with the cursor.
@@ -580,7 +571,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
     }
 
     fn mark_size(&self) -> f32 {
-        0.15 * self.figure.reach
+        0.2 * self.figure.reach
     }
 
     // Chunks.
@@ -659,8 +650,8 @@ fn mesh3d(mesh: &Mesh, tint: Option<Rgba>) -> Mesh3D {
 fn eye(hand: Vec3, reach: f32, floor_m: f32) -> (Vec3, Vec3) {
     let heading = hand.with_z(0.0).normalize_or(Vec3::X);
     let side = Vec3::new(heading.y, -heading.x, 0.0);
-    let look_at = heading * (0.25 * reach) + Vec3::Z * (0.3 * floor_m.min(0.0) + 0.25 * hand.z);
-    let eye = look_at + (heading * 0.75 + side * 1.0 + Vec3::Z * 0.45).normalize() * (1.55 * reach);
+    let look_at = heading * (0.3 * reach) + Vec3::Z * (0.25 * floor_m.min(0.0) + 0.3 * hand.z);
+    let eye = look_at + (heading * 0.8 + side + Vec3::Z * 0.4).normalize() * (1.6 * reach);
     (eye, look_at)
 }
 
@@ -739,88 +730,78 @@ impl Column {
 /// Places over time.
 #[derive(Default)]
 struct Track {
+    ticks: Vec<u64>,
     translations: Vec<[f32; 3]>,
     quaternions: Vec<[f32; 4]>,
+    /// Empty for what never changes its size.
     sizes: Vec<f32>,
 }
 
 impl Track {
-    fn push(&mut self, at: &Placement, size: f32) {
+    fn push(&mut self, tick: u64, at: &Placement) {
+        self.ticks.push(tick);
         self.translations.push(at.p.to_array());
         self.quaternions.push(rotation(at).to_array());
-        self.sizes.push(size);
     }
 
-    /// Transform columns; `unit`: the size of a mark of size 1.
-    fn columns(self, unit: Option<f32>) -> Vec<SerializedComponentColumn> {
-        let mut transform = Transform3D::update_fields()
-            .with_many_translation(self.translations)
-            .with_many_quaternion(self.quaternions.into_iter().map(Quaternion::from_xyzw));
-        if let Some(unit) = unit {
-            transform = transform.with_many_scale(self.sizes.iter().map(|size| [size * unit; 3]));
+    fn columns(self) -> Vec<SerializedComponentColumn> {
+        let quaternions = self.quaternions.into_iter().map(Quaternion::from_xyzw);
+        let mut transform = Transform3D::update_fields().with_many_translation(self.translations).with_many_quaternion(quaternions);
+        if !self.sizes.is_empty() {
+            transform = transform.with_many_scale(self.sizes.iter().map(|size| [*size; 3]));
         }
         transform.columns_of_unit_batches().map(Iterator::collect).unwrap_or_default()
     }
 }
 
 /// What was seen since the last chunk.
-struct Picture {
-    ticks: Vec<u64>,
-    /// Links, then the hand.
-    links: Vec<Track>,
-    target: Option<(Vec<u64>, Track)>,
-    marks: Vec<(Vec<u64>, Track)>,
-    paths: Paths,
-}
-
-/// Points of the paths; the last of a chunk is the first of the next.
 #[derive(Default)]
-struct Paths {
+struct Picture {
+    links: Vec<Track>,
+    hand: Track,
+    target: Track,
+    /// Of each singularity its mark and the words above it.
+    marks: Vec<(Track, Track)>,
+    /// The paths' points; the last of a chunk is the first of the next.
     actual: Vec<(u64, Vec3)>,
     desired: Vec<(u64, Vec3)>,
 }
 
 impl Picture {
-    fn new(links: usize) -> Self {
-        Self {
-            ticks: Vec::new(),
-            links: (0..=links).map(|_| Track::default()).collect(),
-            target: None,
-            marks: Vec::new(),
-            paths: Paths::default(),
-        }
-    }
-
     fn rows(&self) -> usize {
-        self.ticks.len()
+        self.hand.ticks.len()
     }
 
-    fn push(&mut self, tick: u64, links: &[Placement], hand: &Placement, desired: Option<&Placement>, marks: &[Mark]) {
-        self.ticks.push(tick);
-        for (track, at) in self.links.iter_mut().zip(links.iter().chain([hand])) {
-            track.push(at, 1.0);
+    /// `unit`: the size of the mark of a singularity the arm is in; m.
+    fn push(&mut self, tick: u64, links: &[Placement], hand: &Placement, desired: Option<&Placement>, marks: &[Mark], unit: f32) {
+        self.links.resize_with(links.len(), Track::default);
+        for (track, at) in self.links.iter_mut().zip(links) {
+            track.push(tick, at);
         }
-        self.paths.actual.push((tick, hand.p));
+        self.hand.push(tick, hand);
+        self.actual.push((tick, hand.p));
         if let Some(desired) = desired {
-            let (ticks, track) = self.target.get_or_insert_default();
-            ticks.push(tick);
-            track.push(desired, 1.0);
-            self.paths.desired.push((tick, desired.p));
+            self.target.push(tick, desired);
+            self.desired.push((tick, desired.p));
         }
         self.marks.resize_with(self.marks.len().max(marks.len()), Default::default);
-        for ((ticks, track), mark) in self.marks.iter_mut().zip(marks) {
-            ticks.push(tick);
-            track.push(&mark.X_BS, mark.size);
+        for ((track, label), mark) in self.marks.iter_mut().zip(marks) {
+            let size = unit * mark.size;
+            track.push(tick, &mark.X_BS);
+            track.sizes.push(size);
+            if mark.look.presence == Presence::Inside {
+                label.push(tick, &Placement { p: mark.X_BS.p + Vec3::Z * (1.25 * size), ..Placement::IDENTITY });
+            }
         }
     }
 
     fn take(&mut self) -> Option<Self> {
-        if self.ticks.is_empty() {
+        if self.rows() == 0 {
             return None;
         }
-        let mut next = Self::new(self.links.len() - 1);
-        next.paths.actual.extend(self.paths.actual.last());
-        next.paths.desired.extend(self.paths.desired.last());
+        let mut next = Self::default();
+        next.actual.extend(self.actual.last());
+        next.desired.extend(self.desired.last());
         Some(std::mem::replace(self, next))
     }
 }

@@ -67,11 +67,9 @@ impl Mark {
 }
 
 /// The lost direction as a solid of unit size along x: a turning arc for a rotation, a blocked double arrow for a translation.
-pub(crate) fn glyph(look: Look, colour: Rgba) -> Mesh {
-    let [r, g, b, _] = colour;
-    let colour = [r, g, b, if look.presence == Presence::Inside { 255 } else { 110 }];
+pub(crate) fn glyph(angular: bool, colour: Rgba) -> Mesh {
     let mut mesh = Mesh::default();
-    if look.angular {
+    if angular {
         // Three quarters of a turn in the plane across ζ, an arrow head at each end, and the axis itself.
         let radius = 0.72;
         let point = |turn: f32| {
@@ -205,7 +203,7 @@ mod tests {
         let mut motion = NullMotion::new(0.43);
         let identity = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
         let mut state = PlantState { R_BE: identity, ..PlantState::default() };
-        let mut update =
+        let update =
             |motion: &mut NullMotion, state: &PlantState| motion.update(&TickRow { plant_state: Some(state), ..TickRow::default() });
         // Rest, then joints 4 and 6 against each other with the hand still.
         assert!(!update(&mut motion, &state));

@@ -50,17 +50,15 @@ const FACETS: usize = 40;
 impl Mesh {
     /// The convex hull of discs, extruded from `z0` to `z1` with edges rounded by `bevel`: a cylinder, a slab, a tapered arm.
     pub(crate) fn add_extrusion(&mut self, at: Placement, discs: &[Disc], z0: f32, z1: f32, bevel: f32, colour: Rgba) {
-        const STEPS: usize = 4;
-        let quarter = |k: usize| std::f32::consts::FRAC_PI_2 * k as f32 / STEPS as f32;
+        // A fine edge needs few facets, a ball many.
+        let steps = if bevel > 0.03 { 10 } else { 3 };
+        // Up the rounding: how far below the end, how far in, and the normal's slope.
+        let edge = (0..=steps).map(|k| (std::f32::consts::FRAC_PI_2 * k as f32 / steps as f32).sin_cos());
+        let edge: Vec<_> = edge.map(|(sin, cos)| (bevel * (1.0 - sin), bevel * (1.0 - cos), sin)).collect();
         // (z, inset of the outline, slope of the normal): bottom cap, rounding, side, rounding, top cap.
         let mut profile = vec![(z0, bevel, -1.0)];
-        profile.extend(
-            (0..=STEPS)
-                .map(|k| (z0 + bevel * (1.0 - quarter(k).sin()), bevel * (1.0 - quarter(k).cos()), -quarter(k).sin()))
-                .rev()
-                .map(|(z, inset, slope)| (z, inset, slope)),
-        );
-        profile.extend((0..=STEPS).map(|k| (z1 - bevel * (1.0 - quarter(k).sin()), bevel * (1.0 - quarter(k).cos()), quarter(k).sin())));
+        profile.extend(edge.iter().rev().map(|(below, inset, slope)| (z0 + below, *inset, -slope)));
+        profile.extend(edge.iter().map(|(below, inset, slope)| (z1 - below, *inset, *slope)));
         profile.push((z1, bevel, 1.0));
         self.add_profile(at, discs, &profile, colour);
     }

@@ -8,7 +8,7 @@ use shared_types::messages::{PlantState, SensorSample, SingularityReport, Singul
 use shared_types::wire::Stamps;
 
 /// What a scenario would say of it.
-pub const SCENARIO: &str = r#"
+pub(crate) const SCENARIO: &str = r#"
 name = "synthetic"
 title = "Wrist lock, then elbow lock (moved kinematically)"
 robot = "puma560"
@@ -20,21 +20,21 @@ duration_s = 9.0
 
 /// The five messages of a tick.
 #[derive(Clone, Debug, Default)]
-pub struct Messages {
+pub(crate) struct Messages {
     /// See the message.
-    pub sensor: SensorSample,
+    pub(crate) sensor: SensorSample,
     /// See the message.
-    pub plant_state: PlantState,
+    pub(crate) plant_state: PlantState,
     /// See the message.
-    pub estimate: StateEstimate,
+    pub(crate) estimate: StateEstimate,
     /// See the message.
-    pub report: SingularityReport,
+    pub(crate) report: SingularityReport,
     /// See the message.
-    pub command: TorqueCommand,
+    pub(crate) command: TorqueCommand,
 }
 
 /// The moving arm.
-pub struct Run {
+pub(crate) struct Run {
     arm: Model<6>,
     effort: SVector<f64, 6>,
     lengths: [f64; 3],
@@ -64,13 +64,13 @@ fn noise(tick: u64, channel: u64) -> f64 {
 
 impl Run {
     /// How long it takes; s.
-    pub const DURATION_S: f64 = 9.0;
+    pub(crate) const DURATION_S: f64 = 9.0;
 
     /// At its start.
     ///
     /// # Panics
     /// For a robot that is no PUMA.
-    pub fn new(robot: &Robot) -> Self {
+    pub(crate) fn new(robot: &Robot) -> Self {
         let Factors::Puma { a2, a3, d4 } = robot.factors else { panic!("the synthetic run is a PUMA's") };
         let arm = Model::<6>::new(robot, None).expect("six joints");
         let effort = *arm.effort();
@@ -99,7 +99,7 @@ impl Run {
     }
 
     /// The next tick's messages.
-    pub fn step(&mut self) -> Messages {
+    pub(crate) fn step(&mut self) -> Messages {
         let tick = self.tick;
         self.tick += 1;
         let t = tick as f64 * 1e-3;

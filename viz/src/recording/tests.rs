@@ -1,1 +1,329 @@
+use std::io::{self, BufReader, Write};
+use std::sync::{Arc, Mutex};
+
+use re_chunk::external::arrow::array::{Array, AsArray};
+use re_chunk::external::arrow::datatypes::{ArrowPrimitiveType, Float32Type, Float64Type};
+use re_log_encoding::DecoderApp;
+use re_log_types::{LogMsg, StoreKind};
+
 use super::*;
+use crate::synthetic::{Messages, Run, SCENARIO};
+
+/// A volume with so much room, which fills up in the middle of a write as real ones do.
+#[derive(Clone)]
+struct Volume {
+    bytes: Arc<Mutex<Vec<u8>>>,
+    room: usize,
+}
+
+impl Volume {
+    fn new(room: usize) -> Self {
+        Self { bytes: Arc::default(), room }
+    }
+
+    fn content(&self) -> Vec<u8> {
+        self.bytes.lock().expect("one thread").clone()
+    }
+}
+
+impl Write for Volume {
+    fn write(&mut self, buffer: &[u8]) -> io::Result<usize> {
+        let mut bytes = self.bytes.lock().expect("one thread");
+        let fits = buffer.len().min(self.room - bytes.len());
+        bytes.extend(&buffer[..fits]);
+        if fits == 0 { Err(io::ErrorKind::StorageFull.into()) } else { Ok(fits) }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Storage for Volume {
+    fn cut(&mut self, bytes: u64) -> io::Result<()> {
+        self.bytes.lock().expect("one thread").truncate(bytes as usize);
+        Ok(())
+    }
+
+    fn sync(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+fn puma() -> Robot {
+    Robot::builtin("puma560").expect("built in")
+}
+
+fn begin(volume: &Volume, robot: &Robot) -> Result<Recording<6, Volume>, RecordError> {
+    let scenario = Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid");
+    let run = RunInfo { scenario: &scenario, robot, run: "test", version: "0", seed: 1 };
+    Recording::with_storage(volume.clone(), &run, Options::default())
+}
+
+fn row(tick: u64, m: &Messages) -> TickRow<'_> {
+    TickRow {
+        tick,
+        sensor: Some(&m.sensor),
+        plant_state: Some(&m.plant_state),
+        estimate: Some(&m.estimate),
+        report: Some(&m.report),
+        command: Some(&m.command),
+    }
+}
+
+/// Whole messages, and whether the stream ended well.
+fn read(bytes: &[u8]) -> (Vec<LogMsg>, bool) {
+    let mut messages = Vec::new();
+    for message in DecoderApp::decode_lazy(BufReader::new(bytes)) {
+        match message {
+            Ok(message) => messages.push(message),
+            Err(_) => return (messages, false),
+        }
+    }
+    (messages, true)
+}
+
+fn chunks(messages: &[LogMsg]) -> Vec<Chunk> {
+    let data = |message: &LogMsg| match message {
+        LogMsg::ArrowMsg(store, arrow) if store.kind() == StoreKind::Recording => Some(Chunk::from_arrow_msg(arrow).expect("a chunk")),
+        _ => None,
+    };
+    messages.iter().filter_map(data).collect()
+}
+
+fn of<'a>(chunks: &'a [Chunk], path: &str) -> Vec<&'a Chunk> {
+    let path = EntityPath::from(path);
+    chunks.iter().filter(|chunk| *chunk.entity_path() == path && !chunk.is_static()).collect()
+}
+
+fn times(chunks: &[&Chunk], timeline: &'static str) -> Vec<i64> {
+    chunks.iter().flat_map(|chunk| chunk.timelines()[&timeline.into()].times_raw().to_vec()).collect()
+}
+
+/// The rows of a component; a row that is missing is `None`.
+fn rows<T: ArrowPrimitiveType>(chunks: &[&Chunk], component: &'static str) -> Vec<Option<Vec<T::Native>>> {
+    let lists = |chunk: &&Chunk| match chunk.components().get(component.into()) {
+        Some(column) => (0..column.list_array.len())
+            .map(|i| column.list_array.is_valid(i).then(|| column.list_array.value(i).as_primitive::<T>().values().to_vec()))
+            .collect::<Vec<_>>(),
+        None => vec![None; chunk.num_rows()],
+    };
+    chunks.iter().flat_map(lists).collect()
+}
+
+fn texts(chunks: &[&Chunk], component: &'static str) -> Vec<String> {
+    let text = |chunk: &&Chunk| {
+        let column = chunk.components().get(component.into()).expect("its component");
+        (0..column.list_array.len()).map(|i| column.list_array.value(i).as_string::<i32>().value(0).to_owned()).collect::<Vec<_>>()
+    };
+    chunks.iter().flat_map(text).collect()
+}
+
+#[test]
+fn every_number_is_read_back() {
+    let (volume, robot) = (Volume::new(usize::MAX), puma());
+    let mut recording = begin(&volume, &robot).expect("room");
+    let mut run = Run::new(&robot);
+    let sent: Vec<Messages> = (0..1230).map(|_| run.step()).collect();
+    for (tick, m) in sent.iter().enumerate() {
+        recording.tick(&row(tick as u64, m)).expect("room");
+    }
+    let info = recording.finish().expect("room");
+    assert_eq!((info.bytes, info.ticks), (volume.content().len() as u64, 1230));
+
+    let (messages, whole) = read(&volume.content());
+    assert!(whole);
+    let data = chunks(&messages);
+    let signals = of(&data, entity::SIGNALS);
+    assert_eq!(signals.len(), 25, "a chunk every 50 ms and the rest");
+    assert_eq!(times(&signals, "tick"), (0..1230).collect::<Vec<i64>>());
+    assert_eq!(times(&signals, "t"), (0..1230).map(|tick| tick * 1_000_000).collect::<Vec<i64>>());
+    let q = rows::<Float64Type>(&signals, Signal::Position.name());
+    let s = rows::<Float32Type>(&signals, Signal::Measure.name());
+    let torque = rows::<Float32Type>(&signals, Signal::TorqueNull.name());
+    for (tick, m) in sent.iter().enumerate() {
+        assert_eq!(q[tick].as_deref(), Some(&m.plant_state.q[..6]), "tick {tick}");
+        assert_eq!(s[tick], Some(m.report.singularities[..3].iter().map(|one| one.s as f32).collect()), "tick {tick}");
+        assert_eq!(torque[tick], Some(m.command.tau_null[..6].iter().map(|tau| *tau as f32).collect()), "tick {tick}");
+    }
+}
+
+#[test]
+fn a_recording_shows_what_happened() {
+    let (volume, robot) = (Volume::new(usize::MAX), puma());
+    let mut recording = begin(&volume, &robot).expect("room");
+    let mut run = Run::new(&robot);
+    let ticks = (Run::DURATION_S * 1e3) as u64;
+    for tick in 0..ticks {
+        recording.tick(&row(tick, &run.step())).expect("room");
+    }
+    recording.event(ticks, Level::Info, "the end");
+    recording.finish().expect("room");
+    let (messages, whole) = read(&volume.content());
+    assert!(whole);
+
+    // The blueprint is complete before the first number, so that a viewer that follows the file shows it from the start.
+    let first = |find: &dyn Fn(&LogMsg) -> bool| messages.iter().position(find).expect("there is one");
+    let activated = first(&|message| matches!(message, LogMsg::BlueprintActivationCommand(_)));
+    let blueprint = first(&|message| message.store_id().kind() == StoreKind::Blueprint);
+    let number = first(
+        &|message| matches!(message, LogMsg::ArrowMsg(_, arrow) if Chunk::from_arrow_msg(arrow).is_ok_and(|chunk| *chunk.entity_path() == EntityPath::from(entity::SIGNALS) && !chunk.is_static())),
+    );
+    assert!(blueprint < activated && activated < number);
+
+    let data = chunks(&messages);
+    let wrist = texts(&of(&data, "/state/mode/wrist"), "StateChange:state");
+    assert_eq!(wrist, ["reorient", "hold", "blend", "regular"]);
+    let elbow = texts(&of(&data, "/state/mode/elbow"), "StateChange:state");
+    assert_eq!(elbow, ["regular", "track", "blend", "regular"]);
+    let log = texts(&of(&data, entity::LOG), "TextLog:text");
+    assert!(log.contains(&"wrist: reorient → hold".to_owned()) && log.last().is_some_and(|last| last == "the end"), "{log:?}");
+    let words = texts(&of(&data, entity::NOW), "TextDocument:text");
+    assert!(words.iter().any(|text| text.contains("wrist singularity")) && words.iter().any(|text| text.contains("elbow singularity")));
+
+    // The wrist links have ghosts, the upper arm has none; they are gone at the end.
+    let instances = |link: usize| -> Vec<usize> {
+        of(&data, &entity::ghost(link))
+            .iter()
+            .map(|chunk| chunk.components()[&"InstancePoses3D:translations".into()].list_array.value(0).len())
+            .collect()
+    };
+    assert!(instances(3).iter().max() >= Some(&3), "{:?}", instances(3));
+    assert_eq!(instances(1), [1], "the upper arm stood still");
+    assert_eq!(instances(3).last(), Some(&1), "one, too small to see");
+
+    // The picture runs at 50 Hz, and the flange is where the model says.
+    let flange = of(&data, &entity::link(5));
+    let expected: Vec<i64> = (0..ticks as i64).step_by(20).collect();
+    assert_eq!(times(&flange, "tick"), expected);
+    let mut again = Run::new(&robot);
+    let arm = Model::<6>::new(&robot, None).expect("six joints");
+    let places = flange.iter().flat_map(|chunk| {
+        let list = &chunk.components()[&"Transform3D:translation".into()].list_array;
+        (0..list.len())
+            .map(|i| list.value(i).as_fixed_size_list().value(0).as_primitive::<Float32Type>().values().to_vec())
+            .collect::<Vec<_>>()
+    });
+    let mut tick = 0;
+    for (want, place) in expected.iter().zip(places) {
+        let mut m = again.step();
+        while tick < *want {
+            m = again.step();
+            tick += 1;
+        }
+        tick += 1;
+        let p = arm.link_poses(&SVector::from_column_slice(&m.plant_state.q[..6]))[5].p;
+        assert!(p.iter().zip(&place).all(|(a, b)| (*a as f32 - b).abs() < 1e-6), "{p} {place:?}");
+    }
+    // Inside the wrist singularity ζ has been turned by 90°: a line every 4°.
+    let fan = of(&data, &entity::fan("wrist")).len();
+    assert!((20..=30).contains(&fan), "{fan} lines");
+}
+
+#[test]
+fn a_full_volume_ends_the_recording_at_a_whole_message() {
+    let robot = puma();
+    let mut run = Run::new(&robot);
+    let sent: Vec<Messages> = (0..400).map(|_| run.step()).collect();
+    let mut refused_at_once = 0;
+    for room in (0..24).map(|k| 40_000 * k + 7_919) {
+        let volume = Volume::new(room);
+        let mut errors = Vec::new();
+        match begin(&volume, &robot) {
+            Err(error) => {
+                refused_at_once += 1;
+                errors.push(error);
+            }
+            Ok(mut recording) => {
+                errors.extend(sent.iter().enumerate().filter_map(|(tick, m)| recording.tick(&row(tick as u64, m)).err()));
+                errors.extend(recording.finish().err());
+            }
+        }
+        assert_eq!(errors.len(), 1, "one error, once: {errors:?}");
+        let RecordError::Write { bytes, source } = &errors[0] else { panic!("{:?}", errors[0]) };
+        assert_eq!(source.kind(), io::ErrorKind::StorageFull);
+        assert!(*bytes <= room as u64 && errors[0].to_string().contains("--no-record"), "{}", errors[0]);
+        let content = volume.content();
+        assert!(content.len() >= *bytes as usize && content.len() <= room, "{} bytes of {room}", content.len());
+        let (messages, whole) = read(&content);
+        assert!(whole || content.is_empty(), "room {room}: the end is not a whole message");
+        let data = chunks(&messages);
+        let ticks = times(&of(&data, entity::SIGNALS), "tick");
+        assert_eq!(ticks, (0..ticks.len() as i64).collect::<Vec<i64>>(), "what is kept is kept whole");
+    }
+    assert!((1..24).contains(&refused_at_once), "both cases are met: {refused_at_once}");
+}
+
+#[test]
+fn a_killed_recorder_loses_at_most_a_chunk() {
+    let (volume, robot) = (Volume::new(usize::MAX), puma());
+    let mut recording = begin(&volume, &robot).expect("room");
+    let mut run = Run::new(&robot);
+    for tick in 0..777 {
+        recording.tick(&row(tick, &run.step())).expect("room");
+    }
+    // What a kill leaves: no footer, and at worst a message cut in two.
+    let content = volume.content();
+    let kept = |bytes: &[u8]| times(&of(&chunks(&read(bytes).0), entity::SIGNALS), "tick").len();
+    assert_eq!(kept(&content), 750, "all but the last, unfinished 50 ms");
+    assert!(kept(&content[..content.len() - 3]) >= 700);
+}
+
+#[test]
+fn missing_messages_leave_gaps_and_are_told() {
+    let (volume, robot) = (Volume::new(usize::MAX), puma());
+    let mut recording = begin(&volume, &robot).expect("room");
+    let mut run = Run::new(&robot);
+    for tick in 0..100 {
+        let mut m = run.step();
+        if tick >= 60 {
+            m.report.header.incarnation = 2;
+        }
+        let mut row = row(tick, &m);
+        if (20..60).contains(&tick) {
+            (row.report, row.command) = (None, None);
+        }
+        recording.tick(&row).expect("room");
+    }
+    recording.finish().expect("room");
+    let (messages, _) = read(&volume.content());
+    let data = chunks(&messages);
+    let signals = of(&data, entity::SIGNALS);
+    let present: Vec<bool> = rows::<Float32Type>(&signals, Signal::Measure.name()).iter().map(Option::is_some).collect();
+    assert_eq!(present, (0..100).map(|tick| !(20..60).contains(&tick)).collect::<Vec<bool>>());
+    assert!(rows::<Float64Type>(&signals, Signal::Position.name()).iter().all(Option::is_some));
+    assert_eq!(texts(&of(&data, "/state/process/analyzer"), "StateChange:state"), ["up", "silent", "restarted"]);
+    assert_eq!(texts(&of(&data, "/state/process/estimator"), "StateChange:state"), ["up"]);
+    assert!(texts(&of(&data, entity::LOG), "TextLog:text").contains(&"analyzer is back as incarnation 2".to_owned()));
+}
+
+#[test]
+fn a_recording_for_another_arm_is_refused() {
+    let robot = Robot::builtin("planar3r").expect("built in");
+    let error = begin(&Volume::new(usize::MAX), &robot).err().expect("three joints are not six");
+    assert!(error.to_string().contains("planar3r"), "{error}");
+}
+
+#[test]
+fn a_folder_that_does_not_exist_is_named() {
+    let (scenario, robot) = (Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid"), puma());
+    let run = RunInfo { scenario: &scenario, robot: &robot, run: "test", version: "0", seed: 1 };
+    let error = Recording::<6>::create(Path::new("/there/is/no/such/run.rrd"), &run).err().expect("no folder");
+    assert!(error.to_string().contains("/there/is/no/such/run.rrd") && error.to_string().contains("--out"), "{error}");
+}
+
+#[test]
+fn every_built_in_arm_has_a_figure() {
+    for name in Robot::builtin_names() {
+        let robot = Robot::builtin(name).expect("built in");
+        let figure = Figure::new(&robot, -0.6);
+        assert_eq!(figure.links.len(), robot.dof());
+        let meshes = figure.links.iter().chain([&figure.base]);
+        assert!(figure.links.iter().any(|mesh| !mesh.triangles.is_empty()), "{name}");
+        for mesh in meshes {
+            let vertices = mesh.positions.len() as u32;
+            assert!(mesh.triangles.iter().flatten().all(|corner| *corner < vertices));
+            assert!(mesh.positions.iter().flatten().all(|x| x.is_finite() && x.abs() < 3.0), "{name}: a vertex far away");
+        }
+    }
+}
