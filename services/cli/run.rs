@@ -30,12 +30,13 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
         mode,
         out: results.folder.clone(),
         record: !args.no_record,
+        messages: false,
         robot: load::robot_text(&robot),
         scenario,
         graph,
     };
     let planned_ticks = (job.scenario.duration_s() * f64::from(job.scenario.rate_hz)).round() as u64;
-    let (outcome, account) = launch(&job, planned_ticks)?;
+    let (outcome, account) = launch(&job, plan(&job), planned_ticks)?;
     let summary = summarise(&job, &outcome, account);
     let kept = results.keep(&job, &summary);
     if as_json {
@@ -51,8 +52,8 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
 }
 
 /// Runs the processes to the end of the task, or of one of them. Returns what became of them, and the recorder's account.
-fn launch(job: &Job, planned_ticks: u64) -> Result<(Outcome, Option<Summary>), Failure> {
-    let launcher = Launcher::prepare(plan(job)).map_err(Failure::work)?;
+pub(crate) fn launch(job: &Job, plan: Plan, planned_ticks: u64) -> Result<(Outcome, Option<Summary>), Failure> {
+    let launcher = Launcher::prepare(plan).map_err(Failure::work)?;
     let job = Job { run: launcher.run_dir().file_name().unwrap_or_default().to_string_lossy().into_owned(), ..job.clone() };
     let (path, account_path) = (launcher.run_dir().join(JOB), launcher.run_dir().join(recorder::SUMMARY));
     let text = serde_json::to_vec(&job).map_err(Failure::work)?;
@@ -80,7 +81,7 @@ fn progress_bar(ticks: u64, job: &Job) -> ProgressBar {
 }
 
 /// From the graph, as people write it, to the launcher's plan.
-fn plan(job: &Job) -> Plan {
+pub(crate) fn plan(job: &Job) -> Plan {
     let cores = allowed_cores();
     // Lockstep runs side by side shall not all crowd the same core: which one is "core 0" turns with the process id.
     let turn = if job.mode == Mode::Lockstep { std::process::id() as usize } else { 0 };
@@ -92,6 +93,7 @@ fn plan(job: &Job) -> Plan {
             polled: process.writes.is_empty(),
             core: (!cores.is_empty()).then(|| cores[(process.core + turn) % cores.len()]),
             priority: (process.priority > 0).then_some(process.priority as u8),
+            disturbance: runtime::Disturbance::default(),
         },
         ends_run: !process.feedback.is_empty(),
         restart: match process.restart {

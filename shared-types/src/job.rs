@@ -53,6 +53,9 @@ pub struct Job {
     pub out: PathBuf,
     /// Whether the recorder writes a recording; it judges and hashes either way.
     pub record: bool,
+    /// Whether the recorder keeps every message as it was on the wire, in `messages/TOPIC.bin` of the results folder.
+    #[serde(default)]
+    pub messages: bool,
     /// What happens.
     pub scenario: Scenario,
     /// With which arm.

@@ -8,3 +8,4 @@ mod life;
 mod paper;
 mod run;
 mod structure;
+mod verify;

@@ -131,7 +131,7 @@ fn launch_and_tell() -> Result<(), ProcessError> {
 
 fn process(name: &str, reads: &[&str], writes: &[&str], polled: bool) -> Process {
     let own = |names: &[&str]| names.iter().map(ToString::to_string).collect();
-    Process { name: name.into(), reads: own(reads), writes: own(writes), polled, core: None, priority: None }
+    Process { name: name.into(), reads: own(reads), writes: own(writes), polled, ..Process::default() }
 }
 
 fn plan(mode: Mode, restart: Restart) -> Plan {

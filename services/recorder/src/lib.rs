@@ -9,7 +9,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use model::{Robot, with_dof};
-use runtime::{Drain, Interrupted, Mode, ProcessError, Shell, TopicHash};
+use runtime::{Drain, Keep, Mode, ProcessError, Shell, TopicHash};
 use shared_types::job::Job;
 use shared_types::summary::{RecorderSummary, Summary, TopicSummary};
 use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
@@ -23,6 +23,9 @@ pub const RECORDING: &str = "run.rrd";
 
 /// Name of the recorder's part of the summary in the run's directory.
 pub const SUMMARY: &str = "summary.json";
+
+/// Name of the folder with the messages in the results folder.
+pub const MESSAGES: &str = "messages";
 
 /// Pause between two rounds; the buffers hold a second.
 const POLL: Duration = Duration::from_micros(500);
@@ -46,7 +49,8 @@ pub fn run(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<()
 }
 
 fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
-    let mut topics = Topics::open(shell)?;
+    let folder = job.out.join(MESSAGES);
+    let mut topics = Topics::open(shell, job.messages.then_some(folder.as_path()))?;
     let mut assembler = Assembler::new(PATIENCE);
     let mut judge = Judge::new(limits(robot), job.scenario.goal.clone(), job.scenario.duration_s() * f64::from(job.scenario.rate_hz));
     let mut tape = Tape::<N>::start(robot, job)?;
@@ -59,7 +63,9 @@ fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job) -> Result<Sum
     while let Some(row) = assembler.pop(true) {
         take(&row, &mut judge, &mut tape);
     }
-    Ok(summary(robot, job, shell.mode(), judge.verdict(), &topics, tape.finish()))
+    let summary = summary(robot, job, shell.mode(), judge.verdict(), &topics, tape.finish());
+    topics.finish()?;
+    Ok(summary)
 }
 
 fn take<const N: usize>(row: &Row, judge: &mut Judge, tape: &mut Tape<N>) {
@@ -125,25 +131,36 @@ impl<const N: usize> Tape<N> {
     }
 }
 
-/// One topic's end: its messages and its fingerprint.
+/// One topic's end: its messages, its fingerprint, and the file they are kept in where that is wanted.
 struct Tap<M: Message> {
     drain: Drain<M>,
     hash: TopicHash,
+    keep: Option<Keep<M>>,
 }
 
 impl<M: Message> Tap<M> {
-    fn open(shell: &Shell) -> Result<Self, ProcessError> {
-        Ok(Self { drain: shell.drain()?, hash: TopicHash::default() })
+    fn open(shell: &Shell, messages: Option<&Path>) -> Result<Self, ProcessError> {
+        let keep = messages.map(Keep::create).transpose().map_err(ProcessError::setup)?;
+        Ok(Self { drain: shell.drain()?, hash: TopicHash::default(), keep })
     }
 
-    fn drain(&mut self, assembler: &mut Assembler, place: impl Fn(&mut Row) -> &mut Option<M>) -> Result<(), Interrupted> {
-        let hash = &mut self.hash;
+    fn drain(&mut self, assembler: &mut Assembler, place: impl Fn(&mut Row) -> &mut Option<M>) -> Result<(), ProcessError> {
+        let (hash, keep) = (&mut self.hash, &mut self.keep);
+        let mut kept = Ok(());
         self.drain.drain(|message| {
             hash.add(message);
+            if let (Ok(()), Some(keep)) = (&kept, keep.as_mut()) {
+                kept = keep.add(message);
+            }
             if let Some(row) = assembler.row(message.header().tick) {
                 *place(row) = Some(*message);
             }
-        })
+        })?;
+        kept.map_err(ProcessError::setup)
+    }
+
+    fn finish(self) -> Result<(), ProcessError> {
+        self.keep.map_or(Ok(()), |keep| keep.finish().map_err(ProcessError::setup))
     }
 }
 
@@ -156,17 +173,25 @@ struct Topics {
 }
 
 impl Topics {
-    fn open(shell: &Shell) -> Result<Self, ProcessError> {
+    fn open(shell: &Shell, messages: Option<&Path>) -> Result<Self, ProcessError> {
         Ok(Self {
-            sensor: Tap::open(shell)?,
-            truth: Tap::open(shell)?,
-            estimate: Tap::open(shell)?,
-            report: Tap::open(shell)?,
-            command: Tap::open(shell)?,
+            sensor: Tap::open(shell, messages)?,
+            truth: Tap::open(shell, messages)?,
+            estimate: Tap::open(shell, messages)?,
+            report: Tap::open(shell, messages)?,
+            command: Tap::open(shell, messages)?,
         })
     }
 
-    fn drain(&mut self, assembler: &mut Assembler) -> Result<(), Interrupted> {
+    fn finish(self) -> Result<(), ProcessError> {
+        self.sensor.finish()?;
+        self.truth.finish()?;
+        self.estimate.finish()?;
+        self.report.finish()?;
+        self.command.finish()
+    }
+
+    fn drain(&mut self, assembler: &mut Assembler) -> Result<(), ProcessError> {
         self.sensor.drain(assembler, |row| &mut row.sensor)?;
         self.truth.drain(assembler, |row| &mut row.truth)?;
         self.estimate.drain(assembler, |row| &mut row.estimate)?;

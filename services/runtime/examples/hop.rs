@@ -67,9 +67,7 @@ fn measure(placement: &str, ours: usize, theirs: usize) -> Result<(), Failure> {
         name: name.into(),
         reads: vec![reads.into()],
         writes: vec![writes.into()],
-        polled: false,
-        core: None,
-        priority: None,
+        ..Process::default()
     };
     let processes =
         vec![process("ping", PlantState::TOPIC, TorqueCommand::TOPIC), process("pong", TorqueCommand::TOPIC, PlantState::TOPIC)];

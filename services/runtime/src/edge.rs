@@ -1,7 +1,9 @@
 //! The edge of a process: every message it receives or sends passes here, and nowhere else.
 //!
 //! This is the one seam for faults. Today it holds what must always hold: messages of dead incarnations are refused, and numbers that
-//! are not finite never leave.
+//! are not finite never leave; and the pauses with which `verify` disturbs a process.
+
+use std::time::Duration;
 
 use shared_types::Message;
 use shared_types::wire::{Field, Header};
@@ -25,6 +27,45 @@ impl Fence {
         self.newest_heard = header.incarnation;
         true
     }
+}
+
+/// Seeded short pauses before a process looks for its next message.
+#[derive(Debug)]
+pub(crate) struct Pauses {
+    seed: u64,
+    looks: u64,
+}
+
+impl Pauses {
+    /// One look in so many is late.
+    const ONE_IN: u64 = 8;
+    /// The longest pause; µs.
+    const LONGEST_US: u64 = 200;
+
+    pub(crate) fn new(seed: u64) -> Self {
+        Self { seed, looks: 0 }
+    }
+
+    /// The pause before the next look, if there is one.
+    pub(crate) fn next(&mut self) -> Option<Duration> {
+        self.looks += 1;
+        let random = random(self.seed, self.looks);
+        let length = Duration::from_micros((random >> 32) % (Self::LONGEST_US + 1));
+        random.is_multiple_of(Self::ONE_IN).then_some(length)
+    }
+}
+
+/// 2⁶⁴ divided by the golden ratio, as Steele, Lea & Flood 2014 step through their sequence.
+const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
+
+/// A random number from a seed and an index: SplitMix64 (Steele, Lea & Flood, *Fast Splittable Pseudorandom Number Generators*,
+/// OOPSLA 2014), entered at any place of its sequence.
+#[must_use]
+pub fn random(seed: u64, index: u64) -> u64 {
+    let z = seed.wrapping_add(index.wrapping_mul(GOLDEN));
+    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
 }
 
 /// The first field of a message that holds a number that is not finite.
@@ -62,6 +103,25 @@ mod tests {
         let mut fence = Fence::default();
         assert!(fence.admits(&of(1), None) && fence.admits(&of(2), None));
         assert!(!fence.admits(&of(1), None), "2 has spoken");
+    }
+
+    #[test]
+    fn random_numbers_are_those_of_the_reference() {
+        // The first outputs of the authors' reference program for seed 1234567.
+        assert_eq!([1, 2].map(|index| random(1_234_567, index)), [6_457_827_717_110_365_317, 3_203_168_211_198_807_973]);
+    }
+
+    #[test]
+    fn pauses_are_seeded_short_and_rare() {
+        let of = |seed| {
+            let mut pauses = Pauses::new(seed);
+            (0..8_000).map(|_| pauses.next()).collect::<Vec<_>>()
+        };
+        assert_eq!(of(1), of(1));
+        assert_ne!(of(1), of(2));
+        let made: Vec<_> = of(3).into_iter().flatten().collect();
+        assert!((800..1_200).contains(&made.len()), "{} of 8000", made.len());
+        assert!(made.iter().all(|pause| *pause <= Duration::from_micros(Pauses::LONGEST_US)));
     }
 
     #[test]

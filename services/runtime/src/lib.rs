@@ -12,8 +12,10 @@
 
 mod board;
 mod clock;
+mod difference;
 mod edge;
 mod hash;
+mod kept;
 mod manifest;
 mod pace;
 mod ports;
@@ -27,8 +29,11 @@ mod tests;
 
 pub use board::{Board, BoardError, Count, Counts, Line, MAX_PROCESSES, Phase, State, Stop};
 pub use clock::{now_ns, sleep_until};
+pub use difference::{Difference, first_difference};
+pub use edge::random;
 pub use hash::TopicHash;
-pub use manifest::{Manifest, ManifestError, Mode, Process};
+pub use kept::{Keep, KeepError, Kept};
+pub use manifest::{Disturbance, Manifest, ManifestError, Mode, Process};
 pub use pace::Pace;
 pub use ports::{Drain, Reader, SendError, Writer};
 pub use run_dir::{FoundRun, RunDir, RunDirError, SHM};

@@ -18,8 +18,22 @@ pub enum Mode {
     Realtime,
 }
 
+/// Deliberate trouble with the timing of one process, all of it seeded: in a sound lockstep run it changes no byte.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Disturbance {
+    /// A pause before the process joins the run.
+    pub start_delay: Duration,
+    /// Its nice value, 0 to 19: how readily it lets others go first.
+    pub nice: i32,
+    /// The seed of random short pauses before it looks for a message; `None` is no pauses.
+    pub pauses: Option<u64>,
+    /// It is content with the message of the tick before where the right one has not come yet. That breaks lockstep: what it computes
+    /// depends on who was quicker. It is here to show that such a process is caught.
+    pub unordered: bool,
+}
+
 /// One process of the graph, as the others see it.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Process {
     /// Its name: the sub-command that runs it.
     pub name: String,
@@ -34,6 +48,9 @@ pub struct Process {
     pub core: Option<usize>,
     /// Its `SCHED_FIFO` priority in real time, 1 to 99.
     pub priority: Option<u8>,
+    /// Trouble that `verify` makes; none in an ordinary run.
+    #[serde(default)]
+    pub disturbance: Disturbance,
 }
 
 /// The run as all its processes know it.
@@ -169,7 +186,7 @@ mod tests {
 
     fn process(name: &str, reads: &[&str], writes: &[&str], polled: bool) -> Process {
         let own = |names: &[&str]| names.iter().map(ToString::to_string).collect();
-        Process { name: name.into(), reads: own(reads), writes: own(writes), polled, core: None, priority: None }
+        Process { name: name.into(), reads: own(reads), writes: own(writes), polled, ..Process::default() }
     }
 
     fn manifest(processes: Vec<Process>) -> Manifest {

@@ -13,7 +13,8 @@ use shared_types::wire::{HOPS, Header, Stamps};
 
 use crate::board::{ANYTHING, Board, BoardError, Count, Line, PROGRESS, Phase, State, Stop, Watchdog};
 use crate::clock::now_ns;
-use crate::manifest::{Manifest, ManifestError, Mode};
+use crate::edge::Pauses;
+use crate::manifest::{Disturbance, Manifest, ManifestError, Mode};
 use crate::pace::Pace;
 use crate::ports::Connect;
 use crate::ports::{Drain, Reader, SendError, Writer};
@@ -145,6 +146,8 @@ pub(crate) struct Shared {
     ports: RefCell<Vec<Rc<dyn Connect>>>,
     /// The stamps of the inputs of the tick in hand.
     input: Cell<Input>,
+    /// Deliberate pauses, in a run of `verify`.
+    pauses: RefCell<Option<Pauses>>,
 }
 
 #[derive(Clone, Copy, Default)]
@@ -165,6 +168,18 @@ impl Shared {
 
     pub(crate) fn is_lockstep(&self) -> bool {
         self.manifest.mode == Mode::Lockstep
+    }
+
+    /// Whether this process is deliberately content with a message of the tick before.
+    pub(crate) fn is_unordered(&self) -> bool {
+        self.manifest.processes[self.me].disturbance.unordered
+    }
+
+    /// Sleeps where the run's disturbance says so.
+    pub(crate) fn pause(&self) {
+        if let Some(pause) = self.pauses.borrow_mut().as_mut().and_then(Pauses::next) {
+            std::thread::sleep(pause);
+        }
     }
 
     pub(crate) fn is_stopping(&self) -> bool {
@@ -356,11 +371,14 @@ impl Shell {
         // Before the process is pinned: the watchdog may run on any core.
         Watchdog::start(&board, me).map_err(OpenError::Watchdog)?;
         settle(&manifest, me);
+        let disturbance = manifest.processes[me].disturbance;
+        begin_disturbed(disturbance);
         let node = topics::join(&run, process, false)?;
         let stops_at = if manifest.processes[me].polled { Stop::Everything } else { Stop::Chain };
         let hop = HOPS.iter().position(|&hop| hop == process);
         let (started, input, ports) = (Cell::new(false), Cell::new(Input::default()), RefCell::default());
-        let shared = Rc::new(Shared { manifest, board, node, me, stops_at, hop, signalled, started, ports, input });
+        let pauses = RefCell::new(disturbance.pauses.map(Pauses::new));
+        let shared = Rc::new(Shared { manifest, board, node, me, stops_at, hop, signalled, started, ports, input, pauses });
         Ok(Self { shared, round: Cell::new(Round::Before) })
     }
 
@@ -489,6 +507,18 @@ impl Shell {
             true => Ok(()),
             false => Err(TopicError::Undeclared { process: process.name.clone(), action, topic: M::TOPIC }),
         }
+    }
+}
+
+/// Takes the nice value and sleeps as the disturbance says.
+fn begin_disturbed(Disturbance { start_delay, nice, .. }: Disturbance) {
+    if nice != 0
+        && let Err(errno) = rustix::process::setpriority_process(None, nice)
+    {
+        tracing::warn!("cannot take the nice value {nice}: {errno}");
+    }
+    if !start_delay.is_zero() {
+        std::thread::sleep(start_delay);
     }
 }
 

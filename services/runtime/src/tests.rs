@@ -20,7 +20,7 @@ struct Stage {
 fn stage(mode: Mode) -> Stage {
     let process = |name: &str, reads: &[&str], writes: &[&str], polled| {
         let own = |names: &[&str]| names.iter().map(ToString::to_string).collect();
-        Process { name: name.into(), reads: own(reads), writes: own(writes), polled, core: None, priority: None }
+        Process { name: name.into(), reads: own(reads), writes: own(writes), polled, ..Process::default() }
     };
     let processes = vec![
         process("plant", &[], &["sensor"], false),
