@@ -301,7 +301,9 @@ fn tell(summary: &Summary, folder: &Path) {
         println!("recording  {}", summary.recorder.error);
     }
     println!("\n{}", folder.display());
-    println!("  {SUMMARY}  all of this and more, for machines");
+    if folder.join(SUMMARY).exists() {
+        println!("  {SUMMARY}  all of this and more, for machines");
+    }
     if !summary.recorder.file.is_empty() {
         println!(
             "  {}       {:.1} MB; open it with: rerun {}",

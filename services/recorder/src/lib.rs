@@ -114,14 +114,18 @@ impl<const N: usize> Tape<N> {
         }
     }
 
+    /// Keeps the first error; what was written before it stays.
     fn fail(&mut self, error: &RecordError) {
         eprintln!("{error}");
         self.result.error = error.to_string();
-        self.recording = None;
+        if let Some(recording) = self.recording.take() {
+            self.result.bytes = recording.bytes();
+        }
     }
 
     fn finish(mut self) -> RecorderSummary {
         if let Some(recording) = self.recording.take() {
+            self.result.bytes = recording.bytes();
             match recording.finish() {
                 Ok(info) => self.result.bytes = info.bytes,
                 Err(error) => self.fail(&error),
