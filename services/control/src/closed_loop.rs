@@ -167,6 +167,13 @@ fn near_misses_of_the_wrist_cost_no_more_than_they_must() {
 }
 
 #[test]
+fn seven_joints_follow_a_line_while_the_spare_one_moves() {
+    let f = run::<7>(&scenario(scenario_text!("seven-joints"), &[]), Plant::default(), |_, _| {});
+    println!("{f:?}");
+    assert!(f.across_mm < 0.02 && f.across_deg < 0.02 && success(&f).0, "{f:?}");
+}
+
+#[test]
 fn nothing_chatters_at_the_edge() {
     let at = |s: f64, strategy: &str| {
         let text = format!(

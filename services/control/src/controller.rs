@@ -352,7 +352,7 @@ impl<const N: usize> Controller<N> {
             return *self.postures.last().unwrap_or(&self.q_start);
         };
         let from = state.progress.leg.checked_sub(1).map_or(&self.q_start, |i| &self.postures[i]);
-        from + (goal - from) * self.path.fraction(&state.progress)[0]
+        from + (goal - from) * self.path.ramp(&state.progress)
     }
 
     /// What the path ahead takes of the arm.

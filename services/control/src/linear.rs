@@ -116,7 +116,8 @@ pub fn singular_values<const R: usize, const C: usize>(M: &SMatrix<f64, R, C>) -
         for i in 0..R {
             for j in i + 1..R {
                 let (a, b, c) = (rows[i].norm_squared(), rows[j].norm_squared(), rows[i].dot(&rows[j]));
-                if c.abs() <= 1e-15 * (a * b).sqrt() || c == 0.0 {
+                // What is left changes the values by its square only.
+                if c.abs() <= 1e-9 * (a * b).sqrt() || c == 0.0 {
                     continue;
                 }
                 rotated = true;

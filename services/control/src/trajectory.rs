@@ -214,6 +214,12 @@ impl Path {
         }
     }
 
+    /// Fraction of the present leg's time law from 0 to 1, whatever the shape of its way: for what goes along with it.
+    #[must_use]
+    pub fn ramp(&self, progress: &Progress) -> f64 {
+        self.legs.get(progress.leg).map_or(1.0, |leg| quintic(progress.time_s, leg.duration_s)[0])
+    }
+
     /// The rest of the present leg, for a point fixed at `p_E` in the end-effector.
     #[must_use]
     pub fn ahead(&self, progress: &Progress, p_E: Vector3<f64>) -> Ahead {
