@@ -16,15 +16,16 @@ const METAL: Rgba = [168, 174, 182, 255];
 pub(crate) struct Figure {
     pub(crate) base: Mesh,
     pub(crate) links: Vec<Mesh>,
-    /// Half the size of the arm, for framing the view and scaling marks; m.
+    /// Sum of the links' lengths, for framing the view and scaling marks; m.
     pub(crate) reach: f32,
 }
 
 impl Figure {
     /// A PUMA with the proportions of its joints, else the robot's own shapes, else capsules; `floor_m` is the floor's height in the base frame.
     pub(crate) fn new(robot: &Robot, floor_m: f32) -> Self {
-        let steps: f64 = robot.joints.iter().map(|joint| joint.X_PJ.p.norm()).sum();
-        let reach = (steps as f32).max(0.1);
+        let joints: f64 = robot.joints.iter().map(|joint| joint.X_PJ.p.norm()).sum();
+        let tool = robot.frame(&robot.default_frame).map_or(0.0, |frame| frame.X_LF.p.norm());
+        let reach = ((joints + tool) as f32).max(0.1);
         let (base, links) = match robot.factors {
             Factors::Puma { .. } => puma(robot, floor_m),
             Factors::Numeric if !robot.shapes.is_empty() => shapes(robot),

@@ -50,9 +50,16 @@ pub(crate) struct Subject {
     pub(crate) singularities: Vec<(String, Rgba)>,
     /// Distinct thresholds (η_in, η_out).
     pub(crate) bands: usize,
-    pub(crate) eye: Vec3,
-    pub(crate) look_at: Vec3,
+    pub(crate) eye: Eye,
     pub(crate) floor_m: f32,
+}
+
+/// From where the arm is seen; base axes, m.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Eye {
+    pub(crate) position: Vec3,
+    pub(crate) look_at: Vec3,
+    pub(crate) up: Vec3,
 }
 
 /// Lines of a plot: one signal's elements, with names and colours; its source entity.
@@ -204,10 +211,8 @@ impl Sheet {
     fn world(&mut self, subject: &Subject) -> EntityPath {
         let (id, path) =
             self.view("3D", "Arm: the coloured mark is the direction ζ it has lost", entity::WORLD, &[format!("{}/**", entity::WORLD)]);
-        let eye = EyeControls3D::new()
-            .with_position(subject.eye.to_array())
-            .with_look_target(subject.look_at.to_array())
-            .with_eye_up([0.0, 0.0, 1.0]);
+        let Eye { position, look_at, up } = subject.eye;
+        let eye = EyeControls3D::new().with_position(position.to_array()).with_look_target(look_at.to_array()).with_eye_up(up.to_array());
         self.log(path.join(&"EyeControls3D".into()), &eye);
         let background = Background::new(BackgroundKind::SolidColor).with_color(Color::from_rgb(24, 28, 36));
         self.log(path.join(&"Background".into()), &background);
@@ -266,17 +271,17 @@ fn arrange(sheet: &mut Sheet, subject: &Subject, layout: Layout) {
         }
         Layout::Timing => {
             let upper = [(2.2, desk.latency()), (1.0, desk.world())];
-            let middle = [(1.2, desk.states()), (1.0, desk.log())];
+            let middle = [(1.0, desk.lives()), (1.0, desk.modes()), (1.0, desk.log())];
             let lower = [(1.0, desk.errors()), (1.0, desk.governor())];
             let cells =
-                vec![(2.0, desk.sheet.row(upper.into())), (1.4, desk.sheet.row(middle.into())), (1.0, desk.sheet.row(lower.into()))];
+                vec![(2.0, desk.sheet.row(upper.into())), (1.3, desk.sheet.row(middle.into())), (1.0, desk.sheet.row(lower.into()))];
             desk.sheet.column(cells);
         }
         Layout::Faults => {
             let left = [(1.7, desk.world()), (0.6, desk.now()), (1.0, desk.log())];
-            let tail = [desk.latency(), desk.measure(), desk.governor()];
+            let tail = [desk.modes(), desk.measure(), desk.latency(), desk.governor()];
             let tail = desk.sheet.tabs(tail.into());
-            let right = [(1.9, desk.states()), (1.0, desk.torques()), (1.0, desk.joints()), (0.9, desk.errors()), (0.9, tail)];
+            let right = [(1.5, desk.lives()), (0.9, desk.torques()), (1.25, desk.joints()), (0.8, desk.errors()), (1.25, tail)];
             let cells = vec![(1.0, desk.sheet.column(left.into())), (1.2, desk.sheet.column(right.into()))];
             desk.sheet.row(cells);
         }
@@ -315,8 +320,8 @@ impl Desk<'_> {
         self.sheet.states("Modes", &["mode/**", "phase"])
     }
 
-    fn states(&mut self) -> EntityPath {
-        self.sheet.states("States", &["process/**", "drive", "phase", "mode/**"])
+    fn lives(&mut self) -> EntityPath {
+        self.sheet.states("Processes and drive", &["process/**", "drive"])
     }
 
     /// s_i(q) between its thresholds.

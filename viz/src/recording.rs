@@ -24,7 +24,7 @@ use shared_types::scenario::{Layout, Scenario};
 use shared_types::{MAX_SINGULARITIES, Message};
 
 use crate::arm::{Figure, placement, vec3};
-use crate::blueprint::{self, Subject};
+use crate::blueprint::{self, Eye, Subject};
 use crate::entity;
 use crate::scene::{Look, Mark, NullMotion, Presence, differs, glyph, rotation};
 use crate::signals::{Limits, Signal, TickRow, Width, sample};
@@ -84,6 +84,8 @@ pub struct Recording<const N: usize, W: Storage = File> {
     store: StoreId,
     arm: Model<N>,
     figure: Figure,
+    /// Whether the arm moves in the base's plane only.
+    planar: bool,
     limits: Limits,
     subject: Subject,
     layout: Layout,
@@ -153,6 +155,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             store: StoreId::recording(application(robot), run.run),
             arm,
             figure,
+            planar: !robot.task.0[2],
             limits: Limits::new(robot),
             subject,
             layout: scenario.view.layout,
@@ -334,7 +337,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         self.subject.bands = self.thresholds.len();
         let places = row.q().map(|q| self.arm.link_poses(&SVector::from_column_slice(&q[..N])));
         let hand = places.and_then(|places| places.last().map(|last| vec3(&last.p))).unwrap_or(Vec3::X);
-        (self.subject.eye, self.subject.look_at) = eye(hand, self.figure.reach, self.subject.floor_m);
+        self.subject.eye = eye(hand, self.figure.reach, self.subject.floor_m, self.planar);
         blueprint::send(&mut self.sink, self.store.application_id(), &self.subject, self.layout);
     }
 
@@ -646,13 +649,17 @@ fn mesh3d(mesh: &Mesh, tint: Option<Rgba>) -> Mesh3D {
     }
 }
 
-/// An eye that sees arm and floor: off to the side of the plane in which the arm reaches out, a little above.
-fn eye(hand: Vec3, reach: f32, floor_m: f32) -> (Vec3, Vec3) {
+/// An eye that sees arm and floor: off to the side of the plane in which the arm reaches out, a little above; a planar arm from above.
+fn eye(hand: Vec3, reach: f32, floor_m: f32, planar: bool) -> Eye {
     let heading = hand.with_z(0.0).normalize_or(Vec3::X);
+    if planar {
+        let look_at = heading * (0.3 * reach);
+        return Eye { position: look_at + Vec3::new(0.0, -0.25, 1.0) * (1.5 * reach), look_at, up: Vec3::Y };
+    }
     let side = Vec3::new(heading.y, -heading.x, 0.0);
     let look_at = heading * (0.3 * reach) + Vec3::Z * (0.25 * floor_m.min(0.0) + 0.3 * hand.z);
-    let eye = look_at + (heading * 0.8 + side + Vec3::Z * 0.4).normalize() * (1.6 * reach);
-    (eye, look_at)
+    let position = look_at + (heading * 0.8 + side + Vec3::Z * 0.4).normalize() * (1.6 * reach);
+    Eye { position, look_at, up: Vec3::Z }
 }
 
 /// Rows of signals, gathered.

@@ -167,23 +167,23 @@ mod tests {
 
     #[test]
     fn solids_have_the_volume_of_their_formula() {
-        let white = [255; 4];
-        let cases: [(&str, f32, &dyn Fn(&mut Mesh)); 5] = [
-            ("cylinder", std::f32::consts::PI * 0.01 * 0.5, &|m| {
+        type Build = fn(&mut Mesh, Rgba);
+        let cases: [(&str, f32, Build); 5] = [
+            ("cylinder", std::f32::consts::PI * 0.01 * 0.5, |m, white| {
                 m.add_extrusion(Placement::IDENTITY, &[disc(0.3, 0.0, 0.1)], -0.2, 0.3, 0.0, white)
             }),
-            ("sphere", 4.0 / 3.0 * std::f32::consts::PI * 0.001, &|m| {
+            ("sphere", 4.0 / 3.0 * std::f32::consts::PI * 0.001, |m, white| {
                 m.add_sphere(Placement::along(Vec3::ONE, Vec3::Y, Vec3::X), 0.1, white)
             }),
-            ("cone", std::f32::consts::PI * 0.01 * 0.3 / 3.0, &|m| m.add_cone(Placement::IDENTITY, 0.1, 0.0, 0.0, 0.3, white)),
-            ("box", 0.2 * 0.3 * 0.4, &|m| m.add_box(Placement::IDENTITY, Vec3::new(0.2, 0.3, 0.4), white)),
-            ("stadium", (0.4 * 0.2 + std::f32::consts::PI * 0.01) * 0.1, &|m| {
+            ("cone", std::f32::consts::PI * 0.01 * 0.3 / 3.0, |m, white| m.add_cone(Placement::IDENTITY, 0.1, 0.0, 0.0, 0.3, white)),
+            ("box", 0.2 * 0.3 * 0.4, |m, white| m.add_box(Placement::IDENTITY, Vec3::new(0.2, 0.3, 0.4), white)),
+            ("stadium", (0.4 * 0.2 + std::f32::consts::PI * 0.01) * 0.1, |m, white| {
                 m.add_extrusion(Placement::IDENTITY, &[disc(0.0, 0.0, 0.1), disc(0.4, 0.0, 0.1)], 0.0, 0.1, 0.0, white)
             }),
         ];
         for (name, exact, build) in cases {
             let mut mesh = Mesh::default();
-            build(&mut mesh);
+            build(&mut mesh, [255; 4]);
             let relative = volume(&mesh) / exact - 1.0;
             assert!(relative.abs() < 0.03, "{name}: volume {} against {exact}", volume(&mesh));
         }
