@@ -23,13 +23,8 @@ fn one_thread_gives_the_bytes_that_five_processes_give() {
     let summary = Desk::new().run(&["--no-record"]);
     let scenario = shared_types::scenario::Scenario::parse("built in", sim::scenarios::text("fig5-wrist-rotation").unwrap(), &[]).unwrap();
     let robot = model::Robot::builtin(&scenario.robot).unwrap();
-    let (mut sensor, mut truth, mut estimate, mut report, mut command) = <(
-        runtime::TopicHash,
-        runtime::TopicHash,
-        runtime::TopicHash,
-        runtime::TopicHash,
-        runtime::TopicHash,
-    )>::default();
+    let (mut sensor, mut truth, mut estimate, mut report, mut command) =
+        <(runtime::TopicHash, runtime::TopicHash, runtime::TopicHash, runtime::TopicHash, runtime::TopicHash)>::default();
     chain::run(&robot, &scenario, |tick| {
         sensor.add(&tick.sensor);
         truth.add(&tick.truth);
@@ -38,7 +33,8 @@ fn one_thread_gives_the_bytes_that_five_processes_give() {
         command.add(&tick.command);
     })
     .unwrap();
-    for (topic, hash) in [("sensor", sensor), ("plant_state", truth), ("estimate", estimate), ("singularity", report), ("torque", command)] {
+    for (topic, hash) in [("sensor", sensor), ("plant_state", truth), ("estimate", estimate), ("singularity", report), ("torque", command)]
+    {
         assert_eq!(summary["topics"][topic]["hash"], format!("{:016x}", hash.digest()), "{topic}");
         assert_eq!(summary["topics"][topic]["count"], hash.count(), "{topic}");
     }

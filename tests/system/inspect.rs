@@ -18,7 +18,9 @@ fn list(value: &Value) -> String {
 #[test]
 fn inspect_agrees_with_the_golden_states() {
     let desk = Desk::new();
-    for (robot, golden) in [("puma560", include_str!("../golden/reference_puma560.json")), ("planar3r", include_str!("../golden/reference_planar3.json"))] {
+    for (robot, golden) in
+        [("puma560", include_str!("../golden/reference_puma560.json")), ("planar3r", include_str!("../golden/reference_planar3.json"))]
+    {
         let golden: Value = serde_json::from_str(golden).unwrap();
         let within = |q: &[f64]| robot != "puma560" || q.iter().zip([2.7, 0.7, 3.9, 2.9, 1.7, 4.6]).all(|(q, upper)| *q < upper);
         let above = |q: &[f64]| robot != "puma560" || q.iter().zip([-2.7, -3.9, -0.7, -1.9, -1.7, -4.6]).all(|(q, lower)| *q > lower);
@@ -26,7 +28,14 @@ fn inspect_agrees_with_the_golden_states() {
         let states: Vec<_> = states.filter(|state| within(&numbers(&state["q"])) && above(&numbers(&state["q"]))).take(5).collect();
         assert!(states.len() >= 3, "{robot}: too few states within its limits");
         for state in states {
-            let said = desk.armplane(&["inspect", "--robot", robot, &format!("--q={}", list(&state["q"])), &format!("--qdot={}", list(&state["qd"])), "--json"]);
+            let said = desk.armplane(&[
+                "inspect",
+                "--robot",
+                robot,
+                &format!("--q={}", list(&state["q"])),
+                &format!("--qdot={}", list(&state["qd"])),
+                "--json",
+            ]);
             assert_eq!(said.code, 0, "{}", said.err);
             let found: Value = serde_json::from_str(&said.out).unwrap();
             for (ours, theirs) in [("J", "J"), ("A", "M"), ("gravity", "g"), ("bias", "nle"), ("Jdot_qdot", "Jdot_qd")] {

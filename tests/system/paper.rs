@@ -24,7 +24,8 @@ fn each_equation_is_cited_where_it_is_implemented_and_covered_by_a_test() {
         let covered = format!("covers: CK95 Eq. {equation}");
         let has_test = sources.iter().any(|text| {
             let mut rest = text.lines().map(str::trim_start).skip_while(|line| !(line.starts_with("//") && line.contains(&covered)));
-            rest.next().is_some() && rest.take(4).any(|line| line.starts_with("#[test]") || line.starts_with("fn ") || line.starts_with("proptest!"))
+            rest.next().is_some()
+                && rest.take(4).any(|line| line.starts_with("#[test]") || line.starts_with("fn ") || line.starts_with("proptest!"))
         });
         assert!(has_test, "no test covers equation {equation}");
     }

@@ -24,7 +24,9 @@ fn code_of(folder: &str) -> Vec<(PathBuf, String)> {
     rust_files(&src, &mut files);
     let lib = std::fs::read_to_string(src.join("lib.rs")).unwrap();
     let test_modules: Vec<&str> = lib.split("#[cfg(test)]\nmod ").skip(1).filter_map(|rest| rest.split(';').next()).collect();
-    files.retain(|file| file.iter().all(|part| !test_modules.iter().any(|module| part.to_str().is_some_and(|part| part.trim_end_matches(".rs") == *module))));
+    files.retain(|file| {
+        file.iter().all(|part| !test_modules.iter().any(|module| part.to_str().is_some_and(|part| part.trim_end_matches(".rs") == *module)))
+    });
     let code = |text: String| {
         let before_tests = text.split("#[cfg(test)]").next().unwrap_or_default().to_owned();
         before_tests.lines().filter(|line| !line.trim_start().starts_with("//")).collect::<Vec<_>>().join("\n")
@@ -97,12 +99,25 @@ fn no_process_imports_another_process() {
 #[test]
 fn pure_code_touches_nothing_but_numbers() {
     let forbidden = [
-        "iceoryx2", "std::time", "Instant::", "SystemTime", "std::thread", "std::fs", "std::env", "std::net", "println!", "eprintln!", "tracing::",
-        "thread_rng", "HashMap", "HashSet",
+        "iceoryx2",
+        "std::time",
+        "Instant::",
+        "SystemTime",
+        "std::thread",
+        "std::fs",
+        "std::env",
+        "std::net",
+        "println!",
+        "eprintln!",
+        "tracing::",
+        "thread_rng",
+        "HashMap",
+        "HashSet",
     ];
     let mut checked = 0;
     let pure = ["services/model", "services/control", "sim"].iter().flat_map(|folder| code_of(folder));
-    let cycles = CRATES.iter().flat_map(|folder| code_of(folder)).filter(|(file, _)| file.ends_with("cycle.rs") || file.ends_with("judge.rs"));
+    let cycles =
+        CRATES.iter().flat_map(|folder| code_of(folder)).filter(|(file, _)| file.ends_with("cycle.rs") || file.ends_with("judge.rs"));
     for (file, code) in pure.chain(cycles) {
         checked += 1;
         for word in forbidden {

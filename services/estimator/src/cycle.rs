@@ -155,7 +155,11 @@ mod tests {
         let mut estimate = StateEstimate::default();
         for tick in 0..400u64 {
             let counts = 65536.0 / std::f64::consts::TAU;
-            let mut sample = SensorSample { q_encoder: padded(&q.map(|x| (x * counts).round() / counts)), tau_drive: padded(&hold), ..Default::default() };
+            let mut sample = SensorSample {
+                q_encoder: padded(&q.map(|x| (x * counts).round() / counts)),
+                tau_drive: padded(&hold),
+                ..Default::default()
+            };
             sample.header.tick = tick;
             estimate = estimator.step(&sample);
             if tick > 100 {
