@@ -1,5 +1,6 @@
 //! The command line: parse, validate, dispatch.
 
+mod bench;
 mod clean;
 mod doctor;
 mod failure;
@@ -10,6 +11,7 @@ mod load;
 mod process;
 mod run;
 mod table;
+mod top;
 mod verify;
 
 use std::path::PathBuf;
@@ -57,6 +59,17 @@ enum Command {
         after_help = "Examples:\n  armplane verify fig5-wrist-rotation\n  armplane verify my.toml --runs 12 --json\n\nExit code 1: some bytes differ."
     )]
     Verify(VerifyArgs),
+    /// Measure hand-overs, cycles and steps beside what the machine itself charges.
+    #[command(
+        long_about = "Measures in one run, in turns, the topics of armplane and floors built into the same program: a bare futex, a pipe, a \
+                      spinning reader. Times are of real processes, pinned and under SCHED_FIFO where the machine allows; a first round warms \
+                      everything up, after it no sample is left out. Ratios are against the futex of the same placement and payload.",
+        after_help = "Examples:\n  armplane bench\n  armplane bench hop cycle --samples 100000 --json"
+    )]
+    Bench(BenchArgs),
+    /// Watch a running graph: processes, ticks, rates, misses.
+    #[command(after_help = "Examples:\n  armplane top\n  armplane top --once --json")]
+    Top(TopArgs),
     /// List the built-in scenarios and robots.
     #[command(after_help = "Example:\n  armplane list --json")]
     List,
@@ -74,6 +87,9 @@ enum Command {
     /// Remove what dead runs left in shared memory; living runs are not touched.
     #[command(after_help = "Example:\n  armplane clean")]
     Clean,
+    /// One process of a bench.
+    #[command(hide = true)]
+    BenchPeer(BenchPeerArgs),
     #[command(flatten)]
     Process(process::Command),
 }
@@ -160,6 +176,41 @@ struct VerifyArgs {
 }
 
 #[derive(Args)]
+struct BenchArgs {
+    /// What to measure [default: everything].
+    #[arg(value_enum, value_name = "BENCH")]
+    what: Vec<bench::Bench>,
+    /// Samples of each hop and cycle.
+    #[arg(long, value_name = "N", default_value_t = 20_000, value_parser = clap::value_parser!(u64).range(1000..=10_000_000))]
+    samples: u64,
+    /// How long each paced measurement lasts; s.
+    #[arg(long, value_name = "S", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=3600))]
+    seconds: u64,
+}
+
+#[derive(Args)]
+struct BenchPeerArgs {
+    /// Which.
+    name: String,
+    /// The run's directory in shared memory.
+    #[arg(long, value_name = "DIR")]
+    run: PathBuf,
+}
+
+#[derive(Args)]
+struct TopArgs {
+    /// The run's name, where several are alive (see `armplane doctor --json`).
+    #[arg(long, value_name = "RUN")]
+    run: Option<String>,
+    /// One look, then leave.
+    #[arg(long)]
+    once: bool,
+    /// Time between two looks; ms.
+    #[arg(long, value_name = "MS", default_value_t = 500, value_parser = clap::value_parser!(u64).range(10..=60_000))]
+    every_ms: u64,
+}
+
+#[derive(Args)]
 struct InspectArgs {
     /// A built-in robot's name, or a URDF file.
     #[arg(long, value_name = "NAME|FILE.urdf", default_value = "puma560")]
@@ -212,6 +263,9 @@ pub(crate) fn main() -> ExitCode {
     let done = match cli.command.unwrap_or_else(|| Command::Run(RunArgs::default())) {
         Command::Run(args) => run::run(&args, json),
         Command::Verify(args) => verify::verify(&args, json),
+        Command::Bench(args) => bench::bench(&args, json),
+        Command::Top(args) => top::top(&args, json),
+        Command::BenchPeer(args) => bench::peer(&args.name, &args.run),
         Command::List => list::list(json),
         Command::Inspect(args) => inspect::inspect(&args, json),
         Command::Graph(args) => graph::graph(&args, json),

@@ -14,6 +14,7 @@ mod board;
 mod clock;
 mod difference;
 mod edge;
+pub mod floor;
 mod hash;
 mod kept;
 mod manifest;

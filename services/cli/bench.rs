@@ -1,0 +1,259 @@
+//! `armplane bench`: what a hand-over, a cycle, a period and a step cost here, beside what the machine itself charges.
+
+mod local;
+mod ring;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::ValueEnum;
+use hdrhistogram::Histogram;
+use runtime::realtime::allowed_cores;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+use super::failure::Failure;
+use super::table::{digits, number, table};
+use super::{BenchArgs, load};
+use ring::{Mechanism, Ring};
+
+/// What can be measured.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Bench {
+    /// Half a round trip between two processes.
+    Hop,
+    /// Once around four processes: sensor, estimate, singularities, torque.
+    Cycle,
+    /// The same on a grid of 1 and 4 kHz, and how late the grid's owner wakes.
+    Paced,
+    /// The arm's dynamics.
+    Model,
+    /// Estimator, analyzer and controller, one step.
+    Control,
+    /// The simulated arm, one step.
+    Plant,
+}
+
+/// A distribution of times; µs, no sample left out.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub(crate) struct Distribution {
+    samples: u64,
+    p50_us: f64,
+    p99_us: f64,
+    p999_us: f64,
+    max_us: f64,
+}
+
+impl Distribution {
+    fn of(nanoseconds: &Histogram<u64>) -> Self {
+        let at = |quantile| nanoseconds.value_at_quantile(quantile) as f64 / 1e3;
+        Self { samples: nanoseconds.len(), p50_us: at(0.5), p99_us: at(0.99), p999_us: at(0.999), max_us: nanoseconds.max() as f64 / 1e3 }
+    }
+
+    fn divided_by(self, n: f64) -> Self {
+        let Self { samples, p50_us, p99_us, p999_us, max_us } = self;
+        Self { samples, p50_us: p50_us / n, p99_us: p99_us / n, p999_us: p999_us / n, max_us: max_us / n }
+    }
+}
+
+/// Nanoseconds up to 100 s, three digits.
+fn histogram() -> Histogram<u64> {
+    #[allow(clippy::expect_used, reason = "the bounds are constants")]
+    Histogram::new_with_bounds(1, 100_000_000_000, 3).expect("constant bounds are valid")
+}
+
+/// One line of the result.
+#[derive(Serialize)]
+struct Row {
+    bench: String,
+    mechanism: String,
+    placement: String,
+    /// Bytes of the message, or of all messages of a cycle; 0 where there is none.
+    payload_bytes: usize,
+    #[serde(flatten)]
+    distribution: Distribution,
+    /// Against the floor of the same bench, placement and payload; none where there is no floor.
+    ratio_p50: Option<f64>,
+    ratio_p99: Option<f64>,
+}
+
+impl Row {
+    /// A row without a floor.
+    fn alone(bench: &str, mechanism: &str, distribution: Distribution) -> Self {
+        let (bench, mechanism, placement) = (bench.to_owned(), mechanism.to_owned(), "one thread".to_owned());
+        Self { bench, mechanism, placement, payload_bytes: 0, distribution, ratio_p50: None, ratio_p99: None }
+    }
+}
+
+/// Where the processes of a ring are, by name.
+fn placements(count: usize) -> Vec<(&'static str, Vec<Option<usize>>)> {
+    let cores = allowed_cores();
+    let mut placements = vec![("same core", vec![cores.first().copied(); count])];
+    if cores.len() > 1 {
+        let alternating = (0..count).map(|index| Some(cores[index % 2])).collect();
+        placements.push((if count == 2 { "cross core" } else { "alternating cores" }, alternating));
+    }
+    placements
+}
+
+pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure> {
+    let chosen = |bench: Bench| args.what.is_empty() || args.what.contains(&bench);
+    let load::Loaded { scenario, robot } = load::scenario(load::DEFAULT_SCENARIO, &[], None)?;
+    let mut rows = Vec::new();
+    if chosen(Bench::Hop) {
+        rows.extend(hop(args.samples)?);
+    }
+    if chosen(Bench::Cycle) {
+        rows.extend(cycle(args.samples)?);
+    }
+    if chosen(Bench::Paced) {
+        for rate_hz in [1_000, 4_000] {
+            rows.extend(paced(rate_hz, args.seconds)?);
+        }
+    }
+    if chosen(Bench::Model) {
+        rows.extend(local::model(&robot)?);
+    }
+    if chosen(Bench::Control) {
+        rows.extend(local::steps(&robot, &scenario, "control")?);
+    }
+    if chosen(Bench::Plant) {
+        rows.extend(local::steps(&robot, &scenario, "plant")?);
+    }
+    let machine = machine();
+    if as_json {
+        println!("{}", json!({"machine": machine, "rows": rows}));
+    } else {
+        tell(&rows);
+        println!("{}, {}, {} cores, load {}", machine["cpu"], machine["kernel"], machine["cores"], machine["load"]);
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Trips of a block: long enough to be in the steady state, short enough to see the same machine as the other mechanisms.
+const TRIPS: u64 = 500;
+
+fn names(topics: &[&str]) -> Vec<String> {
+    topics.iter().map(ToString::to_string).collect()
+}
+
+fn hop(samples: u64) -> Result<Vec<Row>, Failure> {
+    use shared_types::{PlantState, SensorSample, SingularityReport, TorqueCommand};
+    let payloads = [
+        (["sensor", "plant_state"], size_of::<SensorSample>().midpoint(size_of::<PlantState>())),
+        (["singularity", "torque"], size_of::<SingularityReport>().midpoint(size_of::<TorqueCommand>())),
+    ];
+    let mut rows = Vec::new();
+    for (placement, cores) in placements(2) {
+        for (topics, bytes) in payloads {
+            let mut mechanisms = vec![Mechanism::Futex, Mechanism::Topic, Mechanism::Pipe];
+            // Two that spin on one core only wait for each other's time slice to end.
+            mechanisms.extend((placement != "same core").then_some(Mechanism::Spin));
+            let ring = Ring {
+                topics: names(&topics),
+                cores: cores.clone(),
+                mechanisms,
+                rounds: samples.div_ceil(TRIPS),
+                trips: TRIPS,
+                period_ns: None,
+            };
+            let measured = ring.measure()?.into_iter().map(|one| (one.mechanism, one.trip.divided_by(2.0)));
+            rows.extend(against_floor("hop", placement, bytes, Mechanism::Futex, measured.collect()));
+        }
+    }
+    Ok(rows)
+}
+
+const CYCLE: [&str; 4] = ["sensor", "estimate", "singularity", "torque"];
+
+fn cycle_bytes() -> usize {
+    use shared_types::{SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+    size_of::<SensorSample>() + size_of::<StateEstimate>() + size_of::<SingularityReport>() + size_of::<TorqueCommand>()
+}
+
+fn cycle(samples: u64) -> Result<Vec<Row>, Failure> {
+    let mut rows = Vec::new();
+    for (placement, cores) in placements(4).into_iter().chain([("not pinned, no FIFO", vec![None; 4])]) {
+        let mechanisms = vec![Mechanism::Futex, Mechanism::Topic, Mechanism::Pipe];
+        let ring = Ring { topics: names(&CYCLE), cores, mechanisms, rounds: samples.div_ceil(TRIPS), trips: TRIPS, period_ns: None };
+        let measured = ring.measure()?.into_iter().map(|one| (one.mechanism, one.trip));
+        rows.extend(against_floor("cycle", placement, cycle_bytes(), Mechanism::Futex, measured.collect()));
+    }
+    Ok(rows)
+}
+
+fn paced(rate_hz: u64, seconds: u64) -> Result<Vec<Row>, Failure> {
+    // A block is a quarter of a second: the mechanisms take turns within one run.
+    let (rounds, trips) = (4 * seconds, rate_hz / 4);
+    let (placement, cores) = placements(4).swap_remove(0);
+    let mechanisms = vec![Mechanism::Nothing, Mechanism::Futex, Mechanism::Topic];
+    let period_ns = Some(1_000_000_000 / rate_hz);
+    let measured = Ring { topics: names(&CYCLE), cores, mechanisms, rounds, trips, period_ns }.measure()?;
+    let wakes = measured.iter().map(|one| (one.mechanism, one.wake)).collect();
+    let mut rows = against_floor(&format!("wake-up at {rate_hz} Hz"), placement, 0, Mechanism::Nothing, wakes);
+    let trips = measured.iter().filter(|one| one.mechanism != Mechanism::Nothing).map(|one| (one.mechanism, one.trip)).collect();
+    rows.extend(against_floor(&format!("paced at {rate_hz} Hz"), placement, cycle_bytes(), Mechanism::Futex, trips));
+    Ok(rows)
+}
+
+/// Rows of one bench, placement and payload, with their ratios to the floor among them.
+fn against_floor(
+    bench: &str,
+    placement: &str,
+    payload_bytes: usize,
+    floor: Mechanism,
+    measured: Vec<(Mechanism, Distribution)>,
+) -> Vec<Row> {
+    let floor = measured.iter().find(|(mechanism, _)| *mechanism == floor).map(|(_, distribution)| *distribution);
+    let ratio = |value: f64, of: fn(&Distribution) -> f64| floor.as_ref().map(of).filter(|floor| *floor > 0.0).map(|floor| value / floor);
+    let row = |(mechanism, distribution): (Mechanism, Distribution)| Row {
+        bench: bench.to_owned(),
+        mechanism: mechanism.name().to_owned(),
+        placement: placement.to_owned(),
+        payload_bytes,
+        ratio_p50: ratio(distribution.p50_us, |floor| floor.p50_us),
+        ratio_p99: ratio(distribution.p99_us, |floor| floor.p99_us),
+        distribution,
+    };
+    measured.into_iter().map(row).collect()
+}
+
+/// What was measured on.
+fn machine() -> serde_json::Value {
+    let health = launcher::doctor::examine();
+    let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default();
+    let cpu = read("/proc/cpuinfo").lines().find_map(|line| Some(line.strip_prefix("model name")?.split_once(':')?.1.trim().to_owned()));
+    let load = read("/proc/loadavg").split(' ').take(3).collect::<Vec<_>>().join(" ");
+    json!({
+        "cpu": cpu.unwrap_or_default(), "cores": health.cores.len(), "kernel": health.kernel, "preempt_rt": health.preempt_rt,
+        "clock_source": health.clock_source, "fifo": health.rights.fifo(), "locked_memory": health.rights.lock_memory(), "load": load,
+    })
+}
+
+fn tell(rows: &[Row]) {
+    let mut lines = table(&["bench", "placement", "bytes", "mechanism", "samples", "p50 µs", "p99", "p99.9", "max", "ratio p50", "p99"]);
+    for row in rows {
+        let Distribution { samples, p50_us, p99_us, p999_us, max_us } = row.distribution;
+        let ratio = |ratio: Option<f64>| number(ratio.map_or(String::new(), |ratio| format!("{ratio:.2}")));
+        lines.add_row([
+            row.bench.clone().into(),
+            row.placement.clone().into(),
+            number(row.payload_bytes),
+            row.mechanism.clone().into(),
+            number(samples),
+            number(digits(p50_us)),
+            number(digits(p99_us)),
+            number(digits(p999_us)),
+            number(digits(max_us)),
+            ratio(row.ratio_p50),
+            ratio(row.ratio_p99),
+        ]);
+    }
+    println!("{lines}");
+}
+
+/// Takes part in a ring.
+pub(crate) fn peer(name: &str, run: &PathBuf) -> Result<ExitCode, Failure> {
+    ring::peer(name, run).map_err(Failure::work)?;
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,35 @@
+//! `armplane top`: sees a run without touching it.
+
+use std::process::Command;
+
+use serde_json::Value;
+
+use crate::command::{Desk, assert_nothing_left, children_of_run, finish, in_shared_memory, until};
+
+#[test]
+fn a_run_is_seen_from_outside() {
+    let desk = Desk::new();
+    let run = desk.start(&["run", "--set", "segment.1.duration_s=500", "--no-record", "--json"]);
+    until("five processes", || children_of_run(run.id()).len() == 5);
+    let directory = || in_shared_memory(run.id()).into_iter().find(|name| !name.contains('.'));
+    let name = directory().unwrap();
+    let look = || {
+        let said = desk.armplane(&["top", "--run", &name, "--once", "--json"]);
+        assert_eq!(said.code, 0, "{}", said.err);
+        serde_json::from_str::<Value>(&said.out).unwrap()
+    };
+    let ticks = |seen: &Value| seen["processes"][0]["ticks"].as_u64().unwrap();
+    until("the first tick", || ticks(&look()) > 0);
+    let (before, after) = (look(), look());
+    assert!(ticks(&after) > ticks(&before), "{after}");
+    let mut of_run: Vec<i64> = children_of_run(run.id()).into_iter().map(|(_, pid)| i64::from(pid)).collect();
+    let mut seen: Vec<i64> = after["processes"].as_array().unwrap().iter().map(|process| process["pid"].as_i64().unwrap()).collect();
+    of_run.sort_unstable();
+    seen.sort_unstable();
+    assert_eq!(seen, of_run);
+    assert!(after["processes"].as_array().unwrap().iter().all(|process| process["state"] == "running"), "{after}");
+    assert!(Command::new("kill").args(["-INT", &run.id().to_string()]).status().unwrap().success());
+    let said = finish(run);
+    assert_nothing_left(said.launcher);
+    assert_eq!(desk.armplane(&["top", "--run", &name, "--once"]).code, 2, "it is gone");
+}
