@@ -218,7 +218,7 @@ impl<const N: usize> NullSpace<N> {
     /// Eigenvalues of JᵀJ below this are zero; between rounding and the square of the smallest regular singular value.
     const TOLERANCE: f64 = 1e-7;
 
-    fn new<'a>(screws: &Screws<N>, length_m: f64, task: &[bool; 6], towards: &SVector<f64, 6>) -> Self {
+    fn new(screws: &Screws<N>, length_m: f64, task: &[bool; 6], towards: &SVector<f64, 6>) -> Self {
         let mut J = screws.scaled(length_m);
         for (k, counts) in task.iter().enumerate() {
             if !counts {
@@ -227,10 +227,8 @@ impl<const N: usize> NullSpace<N> {
         }
         let (values, vectors) = symmetric_eigen(&(J.transpose() * J));
         let mut V = SMatrix::<f64, N, N>::zeros();
-        let mut count = 0;
-        for k in (0..N).filter(|k| values[*k] < Self::TOLERANCE) {
+        for (count, k) in (0..N).filter(|k| values[*k] < Self::TOLERANCE).enumerate() {
             V.set_column(count, &vectors.column(k));
-            count += 1;
         }
         let (values, vectors) = symmetric_eigen(&(J * J.transpose()));
         let mut u = SVector::<f64, 6>::zeros();
