@@ -6,7 +6,7 @@ use crate::types::{Class, Mode, Singularity};
 /// Damping on s.
 const MU: f64 = 0.05;
 
-/// Type 1: s_d² = s² + 2κ₁ζᵀe, the second-order motion along ζ. Type 2 and mixed: ζ held.
+/// Type 1: s_d² = s² + 2ζᵀe/h, the second-order motion x = h·s²/2 along ζ, with h = gain/s. Type 2 and mixed: ζ held.
 pub(super) fn target<const N: usize>(singularity: &Singularity<N>, at: &Situation<'_, N>, memory: &mut Memory) -> Target {
     let s = singularity.s;
     if memory.side == 0.0 {
@@ -18,10 +18,15 @@ pub(super) fn target<const N: usize>(singularity: &Singularity<N>, at: &Situatio
     if at.branch != 0 && s.abs() < 0.02 {
         memory.side = f64::from(at.branch);
     }
-    let square = s * s + 2.0 * singularity.kappa_1 * singularity.zeta_B.dot(at.error);
+    // s is never exactly zero; gain vanishes with it.
+    let curvature = s / singularity.gain;
+    if !curvature.is_finite() {
+        return Target { mode: Mode::Hold, ..Target::default() };
+    }
+    let square = s * s + 2.0 * curvature * singularity.zeta_B.dot(at.error);
     let clipped = square < -1e-7;
     let s_d = memory.side * square.max(0.0).sqrt();
-    let rate = singularity.kappa_1 * singularity.zeta_B.dot(&at.desired.V) * s_d / (s_d * s_d + MU * MU);
+    let rate = curvature * singularity.zeta_B.dot(&at.desired.V) * s_d / (s_d * s_d + MU * MU);
     let mode = if clipped { Mode::Slide } else { Mode::Track };
     Target { error: s_d - s, rate: if clipped { 0.0 } else { rate }, weight: 1.0, mode, clipped }
 }

@@ -7,10 +7,13 @@
 //! A source is anything that implements [`Measures`]: it fills [`Singularity`] values whose promises are written there. `puma` does it
 //! by formula; an arm without analytic factors does it by number. The law never learns which.
 
+pub mod classify;
 mod neighborhood;
+mod numeric;
 mod puma;
 
 pub use neighborhood::Neighborhood;
+pub use numeric::{Block, Numeric};
 pub use puma::PumaFactors;
 
 use crate::MAX_SINGULARITIES;
@@ -59,16 +62,17 @@ pub trait Measures<const N: usize> {
 
 /// The sources there are. An enum, not a trait object: the analyzer stays a plain value.
 #[derive(Clone, Debug)]
-enum Source {
+enum Source<const N: usize> {
     Puma(PumaFactors),
-    /// No factors known: nothing is reported singular.
+    Numeric(Box<Numeric<N>>),
+    /// More task axes than joints: nothing is reported singular.
     None,
 }
 
 /// Finds the singularities near a posture.
 #[derive(Clone, Debug)]
 pub struct Analyzer<const N: usize> {
-    source: Source,
+    source: Source<N>,
     neighborhoods: [Neighborhood; MAX_SINGULARITIES],
     length_m: f64,
     task: [bool; 6],
@@ -79,14 +83,14 @@ impl<const N: usize> Analyzer<N> {
     /// An analyzer for `robot` with the scenario's thresholds.
     #[must_use]
     pub fn new(robot: &Robot, analysis: &Analysis) -> Self {
-        let source = match robot.factors {
-            Factors::Puma { a2, a3, d4 } if N == 6 && !analysis.numeric => Source::Puma(PumaFactors::new(a2, a3, d4)),
-            _ => Source::None,
-        };
-        let neighborhoods = std::array::from_fn(|i| {
+        let neighborhoods: [Neighborhood; MAX_SINGULARITIES] = std::array::from_fn(|i| {
             let i = i.min(analysis.eta_in.len() - 1);
             Neighborhood { eta_in: analysis.eta_in[i], eta_out: analysis.eta_out[i] }
         });
+        let source = match robot.factors {
+            Factors::Puma { a2, a3, d4 } if N == 6 && !analysis.numeric => Source::Puma(PumaFactors::new(a2, a3, d4)),
+            _ => Numeric::new(robot, &neighborhoods.map(|n| n.eta_out)).map_or(Source::None, |numeric| Source::Numeric(Box::new(numeric))),
+        };
         Self { source, neighborhoods, length_m: robot.length_m, task: robot.task.0, inside: [false; MAX_SINGULARITIES] }
     }
 
@@ -98,6 +102,7 @@ impl<const N: usize> Analyzer<N> {
     pub fn step(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, terms: &Terms<N>) -> Report<N> {
         let p_C = match &self.source {
             Source::Puma(puma) => Measures::<N>::centre(puma, terms),
+            Source::Numeric(numeric) => numeric.centre(terms),
             Source::None => terms.X_BE.p,
         };
         let at = AtCentre::new(terms, &p_C, &terms.omega[N - 1]);
@@ -105,6 +110,7 @@ impl<const N: usize> Analyzer<N> {
         let mut singularities = [Singularity::none(); MAX_SINGULARITIES];
         let count = match &mut self.source {
             Source::Puma(puma) => puma.measure(&posture, &mut singularities),
+            Source::Numeric(numeric) => numeric.measure(&posture, &mut singularities),
             Source::None => 0,
         };
         for (i, singularity) in singularities[..count].iter_mut().enumerate() {
@@ -126,6 +132,7 @@ impl<const N: usize> Analyzer<N> {
         }
         let source = match &self.source {
             Source::Puma(puma) => Measures::<N>::state(puma),
+            Source::Numeric(numeric) => numeric.state(),
             Source::None => [0.0; SOURCE_STATE],
         };
         state[32 - SOURCE_STATE..].copy_from_slice(&source);
@@ -139,6 +146,7 @@ impl<const N: usize> Analyzer<N> {
         source.copy_from_slice(&state[32 - SOURCE_STATE..]);
         match &mut self.source {
             Source::Puma(puma) => Measures::<N>::restore(puma, &source),
+            Source::Numeric(numeric) => numeric.restore(&source),
             Source::None => {}
         }
     }

@@ -1,0 +1,249 @@
+//! The type of a singularity, from the second-order motion along ζ: Type 1, Type 2, or mixed, with the numbers.
+//!
+//! Everything here works on a copy of the arm: its joints as screws, which can be moved without the model.
+
+use super::numeric::Block;
+use crate::linear::{angular, linear, rotation_exp, stack, symmetric_eigen};
+use crate::types::Class;
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+
+/// κ₁ above which null-space motion moves the end-effector along ζ; unit-scaled, per rad².
+pub const FOLD: f64 = 0.05;
+
+/// κ₁ against κ₂ above which that is what it mainly does.
+pub const FOLD_SHARE: f64 = 0.5;
+
+/// Most Newton steps onto σ = 0.
+const NEWTON_STEPS: usize = 12;
+
+/// Largest Newton step in any joint, rad.
+const NEWTON_STEP_MAX: f64 = 0.3;
+
+/// Singular value that counts as zero, unit-scaled: a hundred times what Newton leaves.
+const ZERO: f64 = 1e-7;
+
+/// Steps of the verified self-motion, and the length of each, rad.
+const SELF_MOTION: (usize, f64) = (6, 0.05);
+
+/// What the second order says about one singularity.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Verdict {
+    /// Its type; unknown where no singular posture was found near by.
+    pub class: Class,
+    /// Largest curvature of the end-effector's motion along ζ under unit null motion, unit-scaled.
+    pub kappa_1: f64,
+    /// Turning rate of ζ along the null motion.
+    pub kappa_2: f64,
+    /// Distance in joint space to the singular posture that was judged, rad.
+    pub distance: f64,
+}
+
+/// The joints of an arm in one posture as screws [v; ω] at C, base axes: the columns of its Jacobian there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Screws<const N: usize>(pub SMatrix<f64, 6, N>);
+
+impl<const N: usize> Screws<N> {
+    fn column(&self, j: usize) -> (Vector3<f64>, Vector3<f64>) {
+        let c = self.0.column(j).into_owned();
+        (linear(&c), angular(&c))
+    }
+
+    /// The arm after its joints have moved by `delta`, and how far C went, m: product of exponentials.
+    ///
+    /// S_j' = Ad(e^{S_1 δ_1}…e^{S_{j−1} δ_{j−1}})·S_j, then carried to where C has gone.
+    #[must_use]
+    pub fn moved(&self, delta: &SVector<f64, N>) -> (Self, Vector3<f64>) {
+        let (mut R, mut p) = (Matrix3::identity(), Vector3::zeros());
+        let mut out = *self;
+        for j in 0..N {
+            let (v, w) = self.column(j);
+            let turned = R * w;
+            out.0.set_column(j, &stack(&(R * v + p.cross(&turned)), &turned));
+            if w == Vector3::zeros() {
+                p += R * v * delta[j];
+            } else {
+                // The axis passes through ω×v, for C is the origin here.
+                let (a, E) = (w.cross(&v), rotation_exp(&(w * delta[j])));
+                p += R * (a - E * a);
+                R *= E;
+            }
+        }
+        for mut column in out.0.column_iter_mut() {
+            let shift = Vector3::new(column[3], column[4], column[5]).cross(&p);
+            for k in 0..3 {
+                column[k] += shift[k];
+            }
+        }
+        (out, p)
+    }
+
+    /// Q with Q_jk = a·∂J_j/∂q_k, in closed form.
+    ///
+    /// ∂J_j/∂q_k = [ω_k×v_j; ω_k×ω_j] for k ≤ j, [ω_j×v_k; 0] for k > j. Shape N×N; `a` a covector [linear; angular] at C.
+    #[must_use]
+    pub fn hessian(&self, a: &SVector<f64, 6>) -> SMatrix<f64, N, N> {
+        let (force, torque) = (linear(a), angular(a));
+        let mut inward = [Vector3::zeros(); N];
+        let mut turning = [Vector3::zeros(); N];
+        for j in 0..N {
+            let (v, w) = self.column(j);
+            inward[j] = v.cross(&force);
+            turning[j] = w.cross(&torque);
+        }
+        SMatrix::from_fn(|j, k| if k <= j { self.column(k).1.dot(&(inward[j] + turning[j])) } else { self.column(j).1.dot(&inward[k]) })
+    }
+
+    /// J̇ along the joint motion `qdot`.
+    #[must_use]
+    pub fn rate(&self, qdot: &SVector<f64, N>) -> SMatrix<f64, 6, N> {
+        let mut out = SMatrix::<f64, 6, N>::zeros();
+        let mut beyond = Vector3::zeros();
+        let mut omega: Vector3<f64> = (0..N).map(|k| self.column(k).1 * qdot[k]).sum();
+        for j in (0..N).rev() {
+            let (v, w) = self.column(j);
+            out.set_column(j, &stack(&(omega.cross(&v) + w.cross(&beyond)), &omega.cross(&w)));
+            omega -= w * qdot[j];
+            beyond += v * qdot[j];
+        }
+        out
+    }
+
+    /// The Jacobian with its linear rows divided by `length_m`.
+    #[must_use]
+    pub fn scaled(&self, length_m: f64) -> SMatrix<f64, 6, N> {
+        let mut J = self.0;
+        J.fixed_rows_mut::<3>(0).scale_mut(1.0 / length_m);
+        J
+    }
+}
+
+/// Judges the singularity at place `i` of `block`.
+///
+/// On a copy moved by Newton's method onto σ_i = 0: V₀ the null space of the whole unit-scaled J there (task axes `task`), u its left null vector,
+/// κ₁ = max|eig(V₀ᵀ(u·H)V₀)| with H = ∂J/∂q, κ₂ = |ζ'| along the null motion. Type 1: κ₁ > 0.05 and κ₁ > 0.5 κ₂ and of one sign. Type 2:
+/// κ₁ ≤ 0.05 and the arm, moved along the null space, stays singular with C in place. Mixed: whatever is neither.
+///
+/// Cost bounded, about 50 µs for six joints: not for every tick. No allocation.
+#[must_use]
+pub fn classify<const N: usize>(screws: &Screws<N>, block: &Block<N>, i: usize, length_m: f64, task: &[bool; 6]) -> Verdict {
+    let (mut screws, mut block) = (*screws, *block);
+    let mut moved = SVector::<f64, N>::zeros();
+    for _ in 0..NEWTON_STEPS {
+        let sigma = block.sigma(i);
+        if sigma.abs() < 0.01 * ZERO {
+            break;
+        }
+        let gradient = block.gradient(&screws, i, length_m);
+        let step = gradient * (-sigma / gradient.norm_squared().max(1e-6));
+        let step = step * (NEWTON_STEP_MAX / step.amax().max(NEWTON_STEP_MAX));
+        moved += step;
+        screws = screws.moved(&step).0;
+        block.track(&screws.scaled(length_m));
+    }
+    let distance = moved.norm();
+    if block.sigma(i).abs() > ZERO {
+        return Verdict { distance, ..Verdict::default() };
+    }
+    let null = NullSpace::new(&screws, length_m, task, &block.covector(i));
+    let Q = screws.hessian(&null.covector(length_m));
+    let (mut highest, mut lowest) = (0.0_f64, 0.0_f64);
+    let curvature = null.V.transpose() * (Q + Q.transpose()) * null.V * 0.5;
+    let (curvatures, along) = symmetric_eigen(&curvature);
+    let mut strongest = 0;
+    for k in 0..N {
+        highest = highest.max(curvatures[k]);
+        lowest = lowest.min(curvatures[k]);
+        if curvatures[k].abs() > curvatures[strongest].abs() {
+            strongest = k;
+        }
+    }
+    let kappa_1 = highest.max(-lowest);
+    // The null motion that is judged: that of the largest curvature, or where there is none the block's own.
+    let motion = null.V * if kappa_1 > 1e-6 { along.column(strongest).into_owned() } else { null.V.transpose() * block.v(i) };
+    let motion = motion / motion.norm().max(1e-12);
+    let kappa_2 = block.turning(&screws.rate(&motion), i, length_m);
+    let one_sign = highest.min(-lowest) <= 0.1 * kappa_1;
+    let class = if kappa_1 > FOLD {
+        if one_sign && kappa_1 > FOLD_SHARE * kappa_2 { Class::Type1 } else { Class::Mixed }
+    } else if self_motion(&screws, &block, i, &motion, length_m, task) {
+        Class::Type2
+    } else {
+        Class::Mixed
+    };
+    Verdict { class, kappa_1, kappa_2, distance }
+}
+
+/// Whether the arm can move on along its null space with C in place and σ_i staying zero.
+fn self_motion<const N: usize>(
+    screws: &Screws<N>,
+    block: &Block<N>,
+    i: usize,
+    motion: &SVector<f64, N>,
+    length_m: f64,
+    task: &[bool; 6],
+) -> bool {
+    let (mut screws, mut block, mut direction) = (*screws, *block, *motion);
+    let (steps, length) = SELF_MOTION;
+    let mut gone = Vector3::zeros();
+    for _ in 0..steps {
+        let ahead = |screws: &Screws<N>, block: &Block<N>, direction: &SVector<f64, N>| {
+            let null = NullSpace::new(screws, length_m, task, &block.covector(i));
+            let v = null.V * (null.V.transpose() * direction);
+            v / v.norm().max(1e-12)
+        };
+        // Midpoint rule.
+        let half = screws.moved(&(direction * (0.5 * length))).0;
+        let mut between = block;
+        between.track(&half.scaled(length_m));
+        direction = ahead(&half, &between, &direction);
+        let (next, by) = screws.moved(&(direction * length));
+        screws = next;
+        gone += by;
+        block.track(&screws.scaled(length_m));
+        direction = ahead(&screws, &block, &direction);
+    }
+    let turned = steps as f64 * length;
+    block.sigma(i).abs() < 1e-2 * turned && gone.norm() < 1e-2 * turned * length_m
+}
+
+/// The null space of a Jacobian and the left null vector nearest to a given one.
+struct NullSpace<const N: usize> {
+    /// Its basis, in the first columns; the rest zero.
+    V: SMatrix<f64, N, N>,
+    /// Unit, on scaled rows.
+    u: SVector<f64, 6>,
+}
+
+impl<const N: usize> NullSpace<N> {
+    /// Eigenvalues of JᵀJ below this are zero; between rounding and the square of the smallest regular singular value.
+    const TOLERANCE: f64 = 1e-7;
+
+    fn new(screws: &Screws<N>, length_m: f64, task: &[bool; 6], towards: &SVector<f64, 6>) -> Self {
+        let mut J = screws.scaled(length_m);
+        for (k, counts) in task.iter().enumerate() {
+            if !counts {
+                J.row_mut(k).fill(0.0);
+            }
+        }
+        let (values, vectors) = symmetric_eigen(&(J.transpose() * J));
+        let mut V = SMatrix::<f64, N, N>::zeros();
+        for (count, k) in (0..N).filter(|k| values[*k] < Self::TOLERANCE).enumerate() {
+            V.set_column(count, &vectors.column(k));
+        }
+        let (values, vectors) = symmetric_eigen(&(J * J.transpose()));
+        let mut u = SVector::<f64, 6>::zeros();
+        for k in (0..6).filter(|k| task[*k] && values[*k] < Self::TOLERANCE) {
+            let one = vectors.column(k);
+            u += one * one.dot(towards);
+        }
+        let size = u.norm();
+        Self { V, u: if size > 1e-9 { u / size } else { *towards } }
+    }
+
+    /// u as a covector of unscaled rows.
+    fn covector(&self, length_m: f64) -> SVector<f64, 6> {
+        let mut a = self.u;
+        a.fixed_rows_mut::<3>(0).scale_mut(1.0 / length_m);
+        a
+    }
+}
