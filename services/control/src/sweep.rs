@@ -105,7 +105,9 @@ fn line(inverse: &Inverse<'_>, kind: Kind, random: &mut Uniform, template: &Scen
     // A turn that dominates sets the duration too: 1 rad/s at its peak.
     let peak = 1.875 * (length / speed).max(turn.norm() / (speed / 0.28));
     let rotation = std::array::from_fn(|i| std::array::from_fn(|j| goal.R[(i, j)]));
-    let segment = Segment { duration_s: peak, to_m: Some(goal.p.into()), rotation: Some(rotation), ..Segment::default() };
+    // A line that starts at the elbow's lock can leave it on either side: on the one that has been checked.
+    let branch = if inverse.factors.theta(last[2]) < 0.0 { -1 } else { 1 };
+    let segment = Segment { duration_s: peak, to_m: Some(goal.p.into()), rotation: Some(rotation), branch, ..Segment::default() };
     let scenario = Scenario {
         name: format!("{}-{number}", template.name),
         start: Start { q_rad: Some(q_start.iter().copied().collect()), ..Start::default() },
