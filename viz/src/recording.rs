@@ -327,7 +327,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
     fn introduce(&mut self, row: &TickRow) {
         self.blueprint_sent = true;
         for (i, one) in row.singularities().iter().enumerate() {
-            let name = story::name_of_singularity(one.kind, i);
+            let name = shared_types::codes::singularity_name(one.kind, i);
             self.style(entity::state(&format!("mode/{name}")), story::MODE_STATES);
             self.subject.singularities.push((name, story::colour_of_kind(one.kind, i)));
             if !self.thresholds.contains(&(one.eta_in, one.eta_out)) {

@@ -30,14 +30,6 @@ pub(crate) fn colour_of_type(class: u32) -> Rgba {
     }
 }
 
-/// The name of the `index`-th singularity.
-pub(crate) fn name_of_singularity(kind: u32, index: usize) -> String {
-    match kind {
-        KIND_NUMERIC => format!("singularity{}", index + 1),
-        known => name_of(KINDS, known).to_owned(),
-    }
-}
-
 /// States with the colours of their lanes.
 pub(crate) type States = &'static [(&'static str, u32)];
 
@@ -109,7 +101,7 @@ impl Situation {
                 let _ = writeln!(
                     text,
                     "Near the **{}** singularity, *{}*: {}.\n",
-                    name_of_singularity(one.kind, i),
+                    singularity_name(one.kind, i),
                     name_of(MODES, one.mode),
                     doing(one.mode, one.angular)
                 );
@@ -117,7 +109,7 @@ impl Situation {
             text.push_str("A *singularity* is a posture where the hand loses a direction ζ: no joint speed moves it that way, and plain control would demand endless joint speed. It is near where a line s_i(q) comes to 0.\n");
         }
         for (i, one) in inside {
-            let name = name_of_singularity(one.kind, i);
+            let name = singularity_name(one.kind, i);
             let verb = if one.angular { "turn about" } else { "move along" };
             let glyph = if one.angular { "arc" } else { "double arrow" };
             let _ = writeln!(text, "## Inside the {} singularity ({})\n", name, name_of(TYPES, one.class));
@@ -144,7 +136,7 @@ impl Situation {
 /// The label at the mark, as short as can be.
 pub(crate) fn label(one: &SingularityState, index: usize) -> String {
     let verb = if one.angular == 1 { "no rotation about ζ" } else { "no motion along ζ" };
-    format!("{} ({}): {verb}", name_of_singularity(one.kind, index), name_of(TYPES, one.class))
+    format!("{} ({}): {verb}", singularity_name(one.kind, index), name_of(TYPES, one.class))
 }
 
 fn reason(kind: u32) -> &'static str {

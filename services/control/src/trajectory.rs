@@ -6,7 +6,7 @@
 
 use crate::centre::PoseMotion;
 use crate::linear::{rotation_exp, rotation_log, stack};
-use crate::types::{Kind, Report};
+use crate::types::Report;
 use model::Pose;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use shared_types::codes;
@@ -299,19 +299,11 @@ fn direction<const N: usize>(segment: usize, text: &str, report: &Report<N>) -> 
     }
 }
 
-/// Where in the report the singularity of this name is: a kind's name, or a place's number for those found numerically.
+/// Where in the report the singularity of this name is ([`codes::singularity_name`]).
 fn place<const N: usize>(segment: usize, name: &str, report: &Report<N>) -> Result<usize, PathError> {
-    let named = |kind: Kind| codes::name_of(codes::KINDS, kind.code());
-    let found = report.meant().iter().enumerate().position(|(i, singularity)| match singularity.kind {
-        Kind::Numeric => name == i.to_string(),
-        kind => name == named(kind),
-    });
-    found.ok_or_else(|| {
-        let known = report.meant().iter().enumerate().map(|(i, singularity)| match singularity.kind {
-            Kind::Numeric => i.to_string(),
-            kind => named(kind).to_owned(),
-        });
-        let known = known.collect::<Vec<_>>().join(", ");
+    let mut names = report.meant().iter().enumerate().map(|(i, singularity)| codes::singularity_name(singularity.kind.code(), i));
+    names.clone().position(|known| known == name).ok_or_else(|| {
+        let known = names.by_ref().collect::<Vec<_>>().join(", ");
         let known = if known.is_empty() { "it reports none".to_owned() } else { format!("it has {known}") };
         PathError::UnknownSingularity { segment, name: name.to_owned(), known }
     })
