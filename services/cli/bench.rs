@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use super::failure::Failure;
+use super::out::say;
 use super::table::{digits, number, table};
 use super::{BenchArgs, load};
 use ring::{Mechanism, Ring};
@@ -122,10 +123,10 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
     }
     let machine = machine();
     if as_json {
-        println!("{}", json!({"machine": machine, "rows": rows}));
+        say!("{}", json!({"machine": machine, "rows": rows}));
     } else {
         tell(&rows);
-        println!("{}, {}, {} cores, load {}", machine["cpu"], machine["kernel"], machine["cores"], machine["load"]);
+        say!("{}, {}, {} cores, load {}", machine["cpu"], machine["kernel"], machine["cores"], machine["load"]);
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -249,7 +250,7 @@ fn tell(rows: &[Row]) {
             ratio(row.ratio_p99),
         ]);
     }
-    println!("{lines}");
+    say!("{lines}");
 }
 
 /// Takes part in a ring.

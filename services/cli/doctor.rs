@@ -6,6 +6,7 @@ use launcher::doctor::{Health, examine};
 use serde_json::json;
 
 use super::failure::Failure;
+use super::out::say;
 
 /// Shared memory that a run may need: iceoryx2's segments and the control page, generously.
 const SHM_NEEDED: u64 = 64 << 20;
@@ -34,7 +35,7 @@ pub(crate) fn doctor(as_json: bool) -> Result<ExitCode, Failure> {
             .iter()
             .map(|run| json!({"run": run.name, "launcher_pid": run.launcher_pid, "alive": run.alive, "bytes": run.bytes}))
             .collect();
-        println!("{}", json!({"sound": sound, "checks": list, "runs": runs}));
+        say!("{}", json!({"sound": sound, "checks": list, "runs": runs}));
     } else {
         for check in &checks {
             let mark = match (check.good, check.optional) {
@@ -42,9 +43,9 @@ pub(crate) fn doctor(as_json: bool) -> Result<ExitCode, Failure> {
                 (false, true) => "note",
                 (false, false) => "FAIL",
             };
-            println!("{mark}  {:<18} {}", check.what, check.finding);
+            say!("{mark}  {:<18} {}", check.what, check.finding);
             if !check.good {
-                println!("      {:<18} → {}", "", check.remedy);
+                say!("      {:<18} → {}", "", check.remedy);
             }
         }
     }

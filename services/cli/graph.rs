@@ -5,13 +5,14 @@ use std::process::ExitCode;
 use shared_types::graph::Graph;
 
 use super::failure::Failure;
+use super::out::say;
 use super::table::{number, table};
 use super::{GraphArgs, GraphFormat, load};
 
 pub(crate) fn graph(args: &GraphArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let graph = load::graph(args.file.as_deref())?;
     match args.format {
-        _ if as_json => println!("{}", serde_json::to_string(&graph).map_err(Failure::work)?),
+        _ if as_json => say!("{}", serde_json::to_string(&graph).map_err(Failure::work)?),
         GraphFormat::Text => print_text(&graph),
         GraphFormat::Dot => print_dot(&graph),
         GraphFormat::Mermaid => print_mermaid(&graph),
@@ -33,7 +34,7 @@ fn print_text(graph: &Graph) {
             number(priority),
         ]);
     }
-    println!("{rows}");
+    say!("{rows}");
 }
 
 /// Writer, reader, topic and whether it closes the loop.
@@ -47,16 +48,16 @@ fn edges(graph: &Graph) -> impl Iterator<Item = (&str, &str, &str, bool)> {
 }
 
 fn print_dot(graph: &Graph) {
-    println!("digraph armplane {{\n  rankdir=LR;\n  node [shape=box, style=rounded];");
+    say!("digraph armplane {{\n  rankdir=LR;\n  node [shape=box, style=rounded];");
     for (writer, reader, topic, feedback) in edges(graph) {
-        println!("  {writer} -> {reader} [label=\"{topic}\"{}];", if feedback { ", style=dashed" } else { "" });
+        say!("  {writer} -> {reader} [label=\"{topic}\"{}];", if feedback { ", style=dashed" } else { "" });
     }
-    println!("}}");
+    say!("}}");
 }
 
 fn print_mermaid(graph: &Graph) {
-    println!("flowchart LR");
+    say!("flowchart LR");
     for (writer, reader, topic, feedback) in edges(graph) {
-        println!("  {writer} {}|{topic}| {reader}", if feedback { "-.->" } else { "-->" });
+        say!("  {writer} {}|{topic}| {reader}", if feedback { "-.->" } else { "-->" });
     }
 }

@@ -9,6 +9,7 @@ use shared_types::scenario::{Scenario, Segment, Start};
 use shared_types::{SingularityReport, StateEstimate, codes};
 
 use super::failure::Failure;
+use super::out::say;
 use super::table::{digits, number, table};
 use super::{InspectArgs, load};
 
@@ -22,7 +23,7 @@ pub(crate) fn inspect(args: &InspectArgs, as_json: bool) -> Result<ExitCode, Fai
     let numbers = with_dof!(robot.dof(), N => evaluate::<N>(&robot, args.frame.as_deref(), &q, &qdot))
         .unwrap_or_else(|| Err(Failure::input(Refused::size(&robot))))?;
     if as_json {
-        println!("{}", numbers.json(&robot));
+        say!("{}", numbers.json(&robot));
     } else {
         numbers.print(&robot);
     }
@@ -149,7 +150,7 @@ impl Numbers {
     }
 
     fn print(&self, robot: &Robot) {
-        println!("{} at frame {}, base axes, SI units\n", robot.name, self.frame);
+        say!("{} at frame {}, base axes, SI units\n", robot.name, self.frame);
         let mut joints = table(&["joint", "q rad", "q °", "lower °", "upper °", "gravity N·m", "bias N·m", "torque limit"]);
         for (i, joint) in robot.joints.iter().enumerate() {
             let degrees = |radians: f64| if radians.is_finite() { format!("{:.2}", radians.to_degrees()) } else { "–".to_owned() };
@@ -164,17 +165,17 @@ impl Numbers {
                 number(digits(joint.effort)),
             ]);
         }
-        println!("{joints}");
+        say!("{joints}");
         print_matrix("pose X_BE", &DMatrix::from_fn(4, 4, |row, column| self.pose[row][column]));
         print_matrix("J, rows [v; ω]", &self.J);
         print_matrix("A, kg·m²", &self.A);
         let list = |values: &[f64]| values.iter().map(|value| digits(*value)).collect::<Vec<_>>().join("  ");
         if let Some(det) = self.det {
-            println!("det J            {}", digits(det));
+            say!("det J            {}", digits(det));
         }
-        println!("singular values  {}", list(&self.singular_values));
-        println!("unit-scaled      {}  (lengths / {} m, at the wrist centre)", list(&self.report.sigma), self.report.length_m);
-        println!(
+        say!("singular values  {}", list(&self.singular_values));
+        say!("unit-scaled      {}  (lengths / {} m, at the wrist centre)", list(&self.report.sigma), self.report.length_m);
+        say!(
             "rank {}, condition {}, manipulability {}\n",
             self.report.rank,
             digits(self.report.condition),
@@ -195,17 +196,17 @@ impl Numbers {
                 format!("{kind} [{:.3}, {:.3}, {:.3}]", half[0], half[1], half[2]).into(),
             ]);
         }
-        println!("{found}");
+        say!("{found}");
         for note in &robot.notes {
-            println!("note: {note}");
+            say!("note: {note}");
         }
     }
 }
 
 fn print_matrix(title: &str, matrix: &DMatrix<f64>) {
-    println!("{title}");
+    say!("{title}");
     for row in matrix.row_iter() {
-        println!("  {}", row.iter().map(|value| format!("{value:>10.5}")).collect::<Vec<_>>().join(" "));
+        say!("  {}", row.iter().map(|value| format!("{value:>10.5}")).collect::<Vec<_>>().join(" "));
     }
-    println!();
+    say!();
 }

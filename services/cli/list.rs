@@ -7,6 +7,7 @@ use serde_json::json;
 use shared_types::scenario::Scenario;
 
 use super::failure::Failure;
+use super::out::say;
 use super::table::{number, table};
 
 pub(crate) fn list(as_json: bool) -> Result<ExitCode, Failure> {
@@ -23,7 +24,7 @@ pub(crate) fn list(as_json: bool) -> Result<ExitCode, Failure> {
             .iter()
             .map(|r| json!({"name": r.name, "joints": r.dof(), "frames": r.frames.iter().map(|f| &f.name).collect::<Vec<_>>(), "postures": r.postures}))
             .collect();
-        println!("{}", json!({"scenarios": scenarios, "robots": robots}));
+        say!("{}", json!({"scenarios": scenarios, "robots": robots}));
         return Ok(ExitCode::SUCCESS);
     }
     let mut rows = table(&["scenario", "robot", "s", "what it shows"]);
@@ -35,14 +36,14 @@ pub(crate) fn list(as_json: bool) -> Result<ExitCode, Failure> {
             scenario.title.clone().into(),
         ]);
     }
-    println!("{rows}");
+    say!("{rows}");
     let mut rows = table(&["robot", "joints", "postures", "frames"]);
     for robot in &robots {
         let postures: Vec<_> = robot.postures.keys().map(String::as_str).collect();
         let frames: Vec<_> = robot.frames.iter().map(|frame| frame.name.as_str()).collect();
         rows.add_row([robot.name.clone().into(), number(robot.dof()), postures.join(" ").into(), frames.join(" ").into()]);
     }
-    println!("{rows}");
-    println!("Run one: armplane run {}", super::load::DEFAULT_SCENARIO);
+    say!("{rows}");
+    say!("Run one: armplane run {}", super::load::DEFAULT_SCENARIO);
     Ok(ExitCode::SUCCESS)
 }

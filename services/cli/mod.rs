@@ -8,6 +8,7 @@ mod graph;
 mod inspect;
 mod list;
 mod load;
+mod out;
 mod process;
 mod run;
 mod table;

@@ -12,6 +12,7 @@ use shared_types::job::{Job, Mode};
 use shared_types::summary::{Deadlines, FaultSummary, ProcessSummary, Summary};
 
 use super::failure::Failure;
+use super::out::say;
 use super::process::JOB;
 use super::table::{digits, number, table};
 use super::{RunArgs, load};
@@ -40,7 +41,7 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let summary = summarise(&job, &outcome, account);
     let kept = results.keep(&job, &summary);
     if as_json {
-        println!("{}", serde_json::to_string_pretty(&summary).map_err(Failure::work)?);
+        say!("{}", serde_json::to_string_pretty(&summary).map_err(Failure::work)?);
     } else {
         tell(&summary, &results.folder);
     }
@@ -240,7 +241,7 @@ impl Drop for Results {
 }
 
 fn tell(summary: &Summary, folder: &Path) {
-    println!("{}: {} — {}\n", summary.scenario, summary.outcome, summary.reason);
+    say!("{}: {} — {}\n", summary.scenario, summary.outcome, summary.reason);
     let mut rows = table(&["task", "largest", "across ζ", "at the end"]);
     let task = &summary.task;
     rows.add_row([
@@ -255,7 +256,7 @@ fn tell(summary: &Summary, folder: &Path) {
         number(digits(task.orthogonal_max_deg)),
         number(digits(task.final_orientation_deg)),
     ]);
-    println!("{rows}");
+    say!("{rows}");
     let mut rows = table(&["singularity", "type", "least |s|", "inside, ticks", "ζ turned, °"]);
     for singularity in &summary.singularities {
         rows.add_row([
@@ -266,17 +267,17 @@ fn tell(summary: &Summary, folder: &Path) {
             number(digits(singularity.zeta_turned_deg)),
         ]);
     }
-    println!("{rows}");
+    say!("{rows}");
     let percent = |ratio: f64| format!("{:.0} %", ratio * 100.0);
     let joints = &summary.joints;
-    println!(
+    say!(
         "joints     torque {} of the limit, largest step in one tick {}; speed {} of the limit",
         percent(joints.torque_max_ratio),
         percent(joints.torque_step_max_ratio),
         percent(joints.speed_max_ratio)
     );
     let simulated_s = summary.ticks as f64 / f64::from(summary.rate_hz.max(1));
-    println!(
+    say!(
         "time       {} ticks at {} Hz in {:.2} s: {:.0} ticks/s, {:.1} × real time, {}",
         summary.ticks,
         summary.rate_hz,
@@ -286,26 +287,23 @@ fn tell(summary: &Summary, folder: &Path) {
         summary.mode
     );
     if let Some(chain) = summary.latency_us.get("chain") {
-        println!(
-            "latency    sensor to torque p50 {:.1} µs, p99 {:.1}, p99.9 {:.1}, max {:.1}",
-            chain.p50, chain.p99, chain.p999, chain.max
-        );
+        say!("latency    sensor to torque p50 {:.1} µs, p99 {:.1}, p99.9 {:.1}, max {:.1}", chain.p50, chain.p99, chain.p999, chain.max);
     }
     if summary.deadlines.total > 0 {
-        println!("deadlines  {} missed of {}", summary.deadlines.missed, summary.deadlines.total);
+        say!("deadlines  {} missed of {}", summary.deadlines.missed, summary.deadlines.total);
         for (cause, count) in &summary.deadlines.by_cause {
-            println!("           {count} {cause}");
+            say!("           {count} {cause}");
         }
     }
     if !summary.recorder.error.is_empty() {
-        println!("recording  {}", summary.recorder.error);
+        say!("recording  {}", summary.recorder.error);
     }
-    println!("\n{}", folder.display());
+    say!("\n{}", folder.display());
     if folder.join(SUMMARY).exists() {
-        println!("  {SUMMARY}  all of this and more, for machines");
+        say!("  {SUMMARY}  all of this and more, for machines");
     }
     if !summary.recorder.file.is_empty() {
-        println!(
+        say!(
             "  {}       {:.1} MB; open it with: rerun {}",
             summary.recorder.file,
             summary.recorder.bytes as f64 / 1e6,

@@ -9,6 +9,7 @@ use serde_json::json;
 
 use super::TopArgs;
 use super::failure::Failure;
+use super::out::say;
 use super::table::{number, table};
 
 /// What a process did between two looks.
@@ -36,7 +37,7 @@ pub(crate) fn top(args: &TopArgs, as_json: bool) -> Result<ExitCode, Failure> {
         std::thread::sleep(every);
         let now = look(&board, &manifest);
         if as_json {
-            println!("{}", machine(&name, &manifest, &before, &now));
+            say!("{}", machine(&name, &manifest, &before, &now));
         } else {
             if !args.once {
                 // To the upper left corner, and clear what is below.
@@ -47,7 +48,7 @@ pub(crate) fn top(args: &TopArgs, as_json: bool) -> Result<ExitCode, Failure> {
         let is_over = board.stop() != Stop::No || !run.path().exists();
         if args.once || is_over {
             if is_over && !as_json {
-                println!("the run has ended");
+                say!("the run has ended");
             }
             return Ok(ExitCode::SUCCESS);
         }
@@ -107,7 +108,7 @@ fn mode(manifest: &Manifest) -> &'static str {
 }
 
 fn people(name: &str, manifest: &Manifest, before: &Look, now: &Look) {
-    println!("{name}: {}, {} Hz", mode(manifest), manifest.rate_hz);
+    say!("{name}: {}, {} Hz", mode(manifest), manifest.rate_hz);
     let mut rows = table(&["process", "state", "pid", "starts", "core", "ticks", "ticks/s", "missed", "lost", "refused"]);
     for (index, (process, seen)) in manifest.processes.iter().zip(&now.processes).enumerate() {
         rows.add_row([
@@ -123,7 +124,7 @@ fn people(name: &str, manifest: &Manifest, before: &Look, now: &Look) {
             number(seen.counts.not_finite + seen.counts.fenced),
         ]);
     }
-    println!("{rows}");
+    say!("{rows}");
 }
 
 fn machine(name: &str, manifest: &Manifest, before: &Look, now: &Look) -> serde_json::Value {

@@ -19,6 +19,7 @@ use shared_types::summary::TopicSummary;
 use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
 
 use super::failure::Failure;
+use super::out::say;
 use super::table::{number, table};
 use super::{VerifyArgs, load, run};
 
@@ -307,15 +308,15 @@ fn tell(scenario: &Scenario, reference: &Ran, runs: &[Ran], place: Option<&Place
             ran.topics.clone().map(|topic| if wanted.next() == Some(&topic) { "equal".to_owned() } else { format!("≠ {}", topic.hash) });
         rows.add_row(row(format!("run {}", index + 1), ran, marks));
     }
-    println!("{rows}");
+    say!("{rows}");
     for (index, ran) in runs.iter().enumerate().filter(|(_, ran)| !ran.failure.is_empty()) {
-        println!("run {} did not come to its end: {}", index + 1, ran.failure);
+        say!("run {} did not come to its end: {}", index + 1, ran.failure);
     }
     if let Some(Place { run, tick, topic, difference: Difference { field, expected, found } }) = place {
-        println!("run {} first differs at tick {tick}, topic {topic}, field {field}: {found} instead of {expected}", run + 1);
+        say!("run {} first differs at tick {tick}, topic {topic}, field {field}: {found} instead of {expected}", run + 1);
     }
     let verdict = if is_identical { "the same bytes everywhere" } else { "NOT the same bytes" };
-    println!("{}, seed {}, {} ticks, {} runs: {verdict}", scenario.name, scenario.seed, reference.ticks, runs.len());
+    say!("{}, seed {}, {} ticks, {} runs: {verdict}", scenario.name, scenario.seed, reference.ticks, runs.len());
 }
 
 fn tell_machine(scenario: &Scenario, reference: &Ran, runs: &[Ran], place: Option<&Place>, is_identical: bool) {
@@ -335,5 +336,5 @@ fn tell_machine(scenario: &Scenario, reference: &Ran, runs: &[Ran], place: Optio
         "scenario": scenario.name, "seed": scenario.seed, "identical": is_identical,
         "reference": of(reference), "runs": runs.iter().map(of).collect::<Vec<_>>(), "difference": difference,
     });
-    println!("{whole}");
+    say!("{whole}");
 }
