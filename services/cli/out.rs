@@ -1,0 +1,10 @@
+//! Printing for people and pipes.
+
+/// `println!`, but a reader that has gone away (`armplane run | head`) is no error: there is just nobody to tell.
+macro_rules! say {
+    ($($text:tt)*) => {{
+        use std::io::Write as _;
+        let _ = writeln!(std::io::stdout(), $($text)*);
+    }};
+}
+pub(crate) use say;
