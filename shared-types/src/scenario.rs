@@ -229,7 +229,7 @@ pub struct Estimator {
 
 impl Default for Estimator {
     fn default() -> Self {
-        Self { bandwidth: 300.0, disturbance_bandwidth: 0.0 }
+        Self { bandwidth: 150.0, disturbance_bandwidth: 0.0 }
     }
 }
 
