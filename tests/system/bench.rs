@@ -21,7 +21,9 @@ fn hops_and_cycles_are_measured_beside_their_floors() {
     for row in rows {
         let number = |key: &str| row[key].as_f64().unwrap_or_else(|| panic!("{key}: {row}"));
         assert!(number("samples") >= 1000.0 && number("p50_us") > 0.0, "{row}");
-        assert!(number("p50_us") <= number("p99_us") && number("p99_us") <= number("p999_us") && number("p999_us") <= number("max_us") * 1.001);
+        assert!(
+            number("p50_us") <= number("p99_us") && number("p99_us") <= number("p999_us") && number("p999_us") <= number("max_us") * 1.001
+        );
         if row["mechanism"] == "futex + copy" {
             assert_eq!((number("ratio_p50"), number("ratio_p99")), (1.0, 1.0), "{row}");
         }

@@ -5,6 +5,19 @@
 //!   the lost direction ζ, ghosts of null-space motion; modes, states and words come as they change.
 //! * How it is shown: a blueprint in the file, one layout per purpose, also as `.rbl` ([`Recording::save_blueprint`]).
 //!
+//! Cost, six joints at 1 kHz with everything on: 9 µs CPU a tick and 24 MB a minute (`examples/synthetic.rs`). It grows with the number
+//! of chunks, each of which carries its schema, hence one wide table of numbers and a signal per component rather than per entity.
+//!
+//! Read back in Python (with pandas; the filter matters, because static meshes would be repeated in every row):
+//!
+//! ```python
+//! import rerun.server
+//! with rerun.server.Server(datasets={"run": ["run.rrd"]}) as server:
+//!     run = server.client().get_dataset("run").filter_contents(["/signals"])
+//!     table = run.reader(index="tick").to_pandas()
+//! s = table["/signals:singularity:s"]          # each row a list: one number per singularity
+//! ```
+//!
 //! PURE inside: `signals`, `scene`, `arm`, `solid` and `story` map messages to data; `sink`, `blueprint` and `recording` write them.
 
 #![allow(non_snake_case)]
