@@ -3,7 +3,7 @@
 mod local;
 mod ring;
 
-use std::path::PathBuf;
+use std::path::Path;
 use std::process::ExitCode;
 
 use clap::ValueEnum;
@@ -254,7 +254,7 @@ fn tell(rows: &[Row]) {
 }
 
 /// Takes part in a ring.
-pub(crate) fn peer(name: &str, run: &PathBuf) -> Result<ExitCode, Failure> {
+pub(crate) fn peer(name: &str, run: &Path) -> Result<ExitCode, Failure> {
     ring::peer(name, run).map_err(Failure::work)?;
     Ok(ExitCode::SUCCESS)
 }
