@@ -15,13 +15,14 @@ use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use rustix::thread::futex;
 
 use crate::clock::timespec;
+use crate::ledger::Ledger;
 use crate::run_dir::RunDir;
 
 /// Most processes a run may have.
 pub const MAX_PROCESSES: usize = 16;
 
 /// "armboard" and the version of this layout.
-const MAGIC: u64 = u64::from_be_bytes(*b"armbrd\0\x01");
+const MAGIC: u64 = u64::from_be_bytes(*b"armbrd\0\x02");
 
 /// The bit of a doorbell on which a source of ticks waits for the recorder; below it one bit per topic.
 pub(crate) const PROGRESS: u32 = 1 << 31;
@@ -124,6 +125,8 @@ pub enum State {
     Running = 4,
     /// It has ended.
     Gone = 5,
+    /// It stands still (SIGSTOP).
+    Stopped = 6,
 }
 
 /// Declares what is counted: the variants, and the record of all of them.
@@ -168,6 +171,10 @@ counts! {
     Repeated repeated,
     /// Ticks never received.
     Lost lost,
+    /// Received messages refused because a number in them was not finite.
+    Refused refused,
+    /// Messages sent.
+    Sent sent,
 }
 
 /// One process on the board.
@@ -221,6 +228,7 @@ impl Line {
             3 => State::Connected,
             4 => State::Running,
             5 => State::Gone,
+            6 => State::Stopped,
             _ => State::Absent,
         }
     }
@@ -291,6 +299,7 @@ struct Page {
     stop: AtomicU32,
     /// Origin of the real-time grid on `CLOCK_MONOTONIC`; 0 until the source of ticks has set it.
     grid_origin_ns: AtomicU64,
+    ledger: Ledger,
     lines: [Line; MAX_PROCESSES],
 }
 
@@ -407,7 +416,14 @@ impl Board {
         self.ring_all();
     }
 
-    fn ring_all(&self) {
+    /// The faults of the run.
+    #[must_use]
+    pub fn ledger(&self) -> &Ledger {
+        &self.page().ledger
+    }
+
+    /// Wakes everybody: something has changed that is no message.
+    pub fn ring_all(&self) {
         for line in &self.page().lines {
             line.bell.ring(ANYTHING);
         }
