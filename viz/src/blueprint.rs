@@ -5,7 +5,7 @@
 
 use glam::Vec3;
 use re_chunk::{Chunk, ChunkResult, EntityPath, RowId, Timeline};
-use re_log_types::{ApplicationId, StoreId, StoreKind};
+use re_log_types::StoreId;
 use re_sdk_types::AsComponents;
 use re_sdk_types::archetypes::SeriesLines;
 use re_sdk_types::blueprint::archetypes::{
@@ -387,12 +387,11 @@ impl Desk<'_> {
     }
 }
 
-/// Writes a layout as a blueprint store of its own into `sink` and activates it.
-pub(crate) fn send<W: Storage>(sink: &mut Sink<W>, application: &ApplicationId, subject: &Subject, which: Layout) {
-    let store = StoreId::random(StoreKind::Blueprint, application.clone());
-    sink.announce(&store);
+/// Writes a layout as a blueprint store into `sink` and activates it.
+pub(crate) fn send<W: Storage>(sink: &mut Sink<W>, store: &StoreId, subject: &Subject, which: Layout) {
+    sink.announce(store);
     for chunk in layout(subject, which) {
-        sink.chunk(&store, chunk);
+        sink.chunk(store, chunk);
     }
-    sink.activate(&store);
+    sink.activate(store);
 }

@@ -34,6 +34,6 @@ mod story;
 #[cfg(test)]
 mod synthetic;
 
-pub use recording::{Level, Options, Recording, RunInfo};
+pub use recording::{Level, Options, Recording, RunInfo, part_name, parts_in};
 pub use signals::{HOP_NAMES, Signal, TickRow};
 pub use sink::{FileInfo, RecordError, Storage};

@@ -1,7 +1,7 @@
 //! A recording in the making.
 
 use std::fs::File;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use glam::Vec3;
 use model::{Model, Robot};
@@ -10,7 +10,7 @@ use re_chunk::external::arrow::array::{Array, ArrayRef, Float32Array, Float64Arr
 use re_chunk::external::arrow::buffer::{NullBuffer, OffsetBuffer, ScalarBuffer};
 use re_chunk::external::arrow::datatypes::Field;
 use re_chunk::{Chunk, ChunkComponents, ChunkId, EntityPath, RowId, TimeColumn, TimePoint, Timeline};
-use re_log_types::{ApplicationId, StoreId, TimeCell};
+use re_log_types::{ApplicationId, StoreId, StoreKind, TimeCell};
 use re_sdk_types::archetypes::{
     Arrows3D, Clear, InstancePoses3D, LineStrips3D, Mesh3D, Points3D, RecordingInfo, StateChange, StateConfiguration, TextDocument,
     TextLog, Transform3D,
@@ -77,11 +77,20 @@ pub enum Level {
 
 /// A recording in the making: ticks in, an `.rrd` out.
 ///
+/// It may be spread over several files, its parts: each opens alone, all of them together as one recording, because they carry the same
+/// recording id. [`next_part`](Self::next_part) turns to a fresh file within a run; [`create_part`](Self::create_part) lets another
+/// process take up where one was killed.
+///
 /// Ensures: nothing blocks but the storage; the first error ends the file at its last whole message and is answered once, by
 /// [`tick`](Self::tick) or [`finish`](Self::finish). A killed process leaves a file readable up to its last chunk.
 pub struct Recording<const N: usize, W: Storage = File> {
     sink: Sink<W>,
     store: StoreId,
+    title: Title,
+    /// What the parts before this one hold.
+    before: FileInfo,
+    /// Ticks of this part.
+    part_ticks: u64,
     arm: Model<N>,
     figure: Figure,
     /// Whether the arm moves in the base's plane only.
@@ -92,7 +101,6 @@ pub struct Recording<const N: usize, W: Storage = File> {
     rate_hz: u32,
     /// The blueprint waits for the first report, which names the singularities.
     blueprint_sent: bool,
-    ticks: u64,
     last: Option<u64>,
     signals: Table,
     signal_rows: usize,
@@ -112,6 +120,24 @@ pub struct Recording<const N: usize, W: Storage = File> {
     incarnations: [u32; PROCESSES.len()],
 }
 
+/// What a recording says of its run.
+struct Title {
+    name: String,
+    properties: [(&'static str, String); 6],
+}
+
+/// Name of a part of a recording in its folder: `run.rrd`, then `run-001.rrd`, `run-002.rrd` and so on.
+#[must_use]
+pub fn part_name(part: u32) -> String {
+    if part == 0 { "run.rrd".to_owned() } else { format!("run-{part:03}.rrd") }
+}
+
+/// The parts of a recording that a folder holds, in order.
+#[must_use]
+pub fn parts_in(folder: &Path) -> Vec<PathBuf> {
+    (0..).map(|part| folder.join(part_name(part))).take_while(|path| path.exists()).collect()
+}
+
 /// Writers of the five messages.
 const PROCESSES: [&str; 4] = ["plant", "estimator", "analyzer", "controller"];
 
@@ -125,22 +151,42 @@ struct Lanes {
 }
 
 impl<const N: usize> Recording<N> {
-    /// Creates the file and writes what never changes: the run's properties, the arm's figure, styles.
+    /// Creates the first part in `folder` and writes what never changes: the run's properties, the arm's figure, styles.
     ///
     /// # Errors
     /// [`RecordError`] where the file cannot be made or written, or the robot does not have N joints.
-    pub fn create(path: &Path, run: &RunInfo) -> Result<Self, RecordError> {
-        let file = File::create(path).map_err(|source| RecordError::Create { path: path.display().to_string(), source })?;
-        Self::with_storage(file, run, Options::default())
+    pub fn create(folder: &Path, run: &RunInfo) -> Result<Self, RecordError> {
+        Self::create_part(folder, 0, run)
+    }
+
+    /// Creates part `part` of the recording of this run: the next one ([`parts_in`]) after the recorder before was killed.
+    ///
+    /// # Errors
+    /// As [`create`](Self::create).
+    pub fn create_part(folder: &Path, part: u32, run: &RunInfo) -> Result<Self, RecordError> {
+        Self::with_storage(create(&folder.join(part_name(part)))?, part, run, Options::default())
+    }
+
+    /// Ends the present part and goes on in the next one, which repeats what a part needs to be opened alone.
+    ///
+    /// # Errors
+    /// As [`create`](Self::create); the recording has then ended, its parts are whole.
+    pub fn next_part(&mut self, folder: &Path) -> Result<(), RecordError> {
+        let file = create(&folder.join(part_name(self.before.parts + 1)))?;
+        self.turn_over(file)
     }
 }
 
+fn create(path: &Path) -> Result<File, RecordError> {
+    File::create(path).map_err(|source| RecordError::Create { path: path.display().to_string(), source })
+}
+
 impl<const N: usize, W: Storage> Recording<N, W> {
-    /// [`create`](Recording::create) for any storage, with options.
+    /// [`create_part`](Recording::create_part) for any storage, with options.
     ///
     /// # Errors
     /// As [`create`](Recording::create).
-    pub fn with_storage(storage: W, run: &RunInfo, options: Options) -> Result<Self, RecordError> {
+    pub fn with_storage(storage: W, part: u32, run: &RunInfo, options: Options) -> Result<Self, RecordError> {
         let RunInfo { scenario, robot, .. } = *run;
         let frame = Some(scenario.frame.as_str()).filter(|frame| !frame.is_empty());
         let arm =
@@ -153,6 +199,9 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         let mut recording = Self {
             sink: Sink::new(storage)?,
             store: StoreId::recording(application(robot), run.run),
+            title: Title::new(run),
+            before: FileInfo { parts: part, ..FileInfo::default() },
+            part_ticks: 0,
             arm,
             figure,
             planar: !robot.task.0[2],
@@ -161,7 +210,6 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             layout: scenario.view.layout,
             rate_hz: scenario.rate_hz.max(1),
             blueprint_sent: false,
-            ticks: 0,
             last: None,
             signals: Table::default(),
             signal_rows: every(options.signal_chunk_s) as usize,
@@ -178,11 +226,42 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             lanes: Lanes::default(),
             incarnations: Default::default(),
         };
-        recording.sink.announce(&recording.store);
-        recording.write_properties(run);
-        recording.write_figure();
-        recording.sink.check()?;
+        recording.open()?;
         Ok(recording)
+    }
+
+    /// What every part begins with.
+    fn open(&mut self) -> Result<(), RecordError> {
+        self.sink.announce(&self.store);
+        self.write_properties();
+        self.write_figure();
+        self.sink.check()
+    }
+
+    /// Ends the present part and goes on in another storage.
+    ///
+    /// # Errors
+    /// As [`create`](Recording::create).
+    pub fn turn_over(&mut self, storage: W) -> Result<(), RecordError> {
+        self.flush();
+        let (chunks, ended) = (self.sink.chunks(), std::mem::replace(&mut self.sink, Sink::new(storage)?));
+        let bytes = ended.finish().inspect_err(|_| self.sink.abandon())?;
+        let FileInfo { parts, .. } = self.before;
+        self.before = FileInfo {
+            bytes: self.before.bytes + bytes,
+            chunks: self.before.chunks + chunks,
+            ticks: self.before.ticks + self.part_ticks,
+            parts: parts + 1,
+        };
+        // What is told when it changes is told again.
+        self.part_ticks = 0;
+        self.blueprint_sent = false;
+        self.guides_due = 0;
+        self.marks = Default::default();
+        self.fans = Default::default();
+        self.situation = None;
+        self.lanes = Lanes::default();
+        self.open()
     }
 
     /// Takes a tick in. Ticks must come in order; a tick that was lost leaves a gap.
@@ -193,7 +272,10 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         if self.sink.is_closed() {
             return Ok(());
         }
-        self.ticks += 1;
+        if self.part_ticks == 0 {
+            self.write_ghosts(row.tick, true);
+        }
+        self.part_ticks += 1;
         self.last = Some(row.tick);
         if !self.blueprint_sent && row.report.is_some() {
             self.introduce(row);
@@ -232,9 +314,24 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         self.write_picture();
     }
 
-    /// Size so far; bytes.
+    /// Size of all parts so far; bytes.
     pub fn bytes(&self) -> u64 {
+        self.before.bytes + self.sink.bytes()
+    }
+
+    /// Size of the present part; bytes.
+    pub fn part_bytes(&self) -> u64 {
         self.sink.bytes()
+    }
+
+    /// Ticks in the present part.
+    pub fn part_ticks(&self) -> u64 {
+        self.part_ticks
+    }
+
+    /// Number of the present part, from 0.
+    pub fn part(&self) -> u32 {
+        self.before.parts
     }
 
     /// Ends the recording: everything gathered, the footer, and `sync`.
@@ -249,8 +346,9 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         if let Some(last) = self.last {
             self.write_guides(last);
         }
-        let (chunks, ticks) = (self.sink.chunks(), self.ticks);
-        Ok(FileInfo { bytes: self.sink.finish()?, chunks, ticks })
+        let (before, chunks) = (self.before, self.before.chunks + self.sink.chunks());
+        let ticks = before.ticks + self.part_ticks;
+        Ok(FileInfo { bytes: before.bytes + self.sink.finish()?, chunks, ticks, parts: before.parts + 1 })
     }
 
     /// Writes a layout as a `.rbl` file, to be opened beside any recording of the same robot.
@@ -258,28 +356,19 @@ impl<const N: usize, W: Storage> Recording<N, W> {
     /// # Errors
     /// [`RecordError`] where the file cannot be made or written.
     pub fn save_blueprint(&self, path: &Path, layout: Layout) -> Result<(), RecordError> {
-        let file = File::create(path).map_err(|source| RecordError::Create { path: path.display().to_string(), source })?;
-        let mut sink = Sink::new(file)?;
-        blueprint::send(&mut sink, self.store.application_id(), &self.subject, layout);
+        let mut sink = Sink::new(create(path)?)?;
+        blueprint::send(&mut sink, &self.blueprint(), &self.subject, layout);
         sink.finish().map(drop)
     }
 
     // What never changes.
 
-    fn write_properties(&mut self, run: &RunInfo) {
-        let RunInfo { scenario, robot, .. } = *run;
-        let title = if scenario.title.is_empty() { &scenario.name } else { &scenario.title };
-        let info = RecordingInfo::new().with_name(title.as_str()).with_start_time(Timestamp::now());
+    fn write_properties(&mut self) {
+        let info = RecordingInfo::new().with_name(self.title.name.as_str());
+        // When it began is what the first part says.
+        let info = if self.before.parts == 0 { info.with_start_time(Timestamp::now()) } else { info };
         self.log_static(EntityPath::properties(), &info);
-        let words = [
-            ("scenario", scenario.name.clone()),
-            ("robot", robot.name.clone()),
-            ("run", run.run.to_owned()),
-            ("seed", run.seed.to_string()),
-            ("rate_hz", scenario.rate_hz.to_string()),
-            ("armplane", run.version.to_owned()),
-        ];
-        let columns = words.map(|(name, value)| {
+        let columns = self.title.properties.clone().map(|(name, value)| {
             (custom(name, Some("run")), std::sync::Arc::new(re_chunk::external::arrow::array::StringArray::from(vec![value])) as ArrayRef)
         });
         let chunk = Chunk::builder(EntityPath::properties().join(&"run".into())).with_row(RowId::new(), TimePoint::default(), columns);
@@ -312,7 +401,6 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         for process in PROCESSES {
             self.style(entity::state(&format!("process/{process}")), story::LIFE_STATES);
         }
-        self.write_ghosts(0);
     }
 
     fn style(&mut self, path: String, states: States) {
@@ -323,12 +411,22 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         );
     }
 
-    /// At the first report: names, thresholds, the eye's place, and with them the blueprint.
+    /// At a part's first report: names and thresholds, the eye's place, and with them the blueprint.
     fn introduce(&mut self, row: &TickRow) {
         self.blueprint_sent = true;
+        if self.subject.singularities.is_empty() {
+            self.meet(row);
+        }
+        for (name, _) in self.subject.singularities.clone() {
+            self.style(entity::state(&format!("mode/{name}")), story::MODE_STATES);
+        }
+        let store = self.blueprint();
+        blueprint::send(&mut self.sink, &store, &self.subject, self.layout);
+    }
+
+    fn meet(&mut self, row: &TickRow) {
         for (i, one) in row.singularities().iter().enumerate() {
             let name = shared_types::codes::singularity_name(one.kind, i);
-            self.style(entity::state(&format!("mode/{name}")), story::MODE_STATES);
             self.subject.singularities.push((name, story::colour_of_kind(one.kind, i)));
             if !self.thresholds.contains(&(one.eta_in, one.eta_out)) {
                 self.thresholds.push((one.eta_in, one.eta_out));
@@ -338,7 +436,11 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         let places = row.q().map(|q| self.arm.link_poses(&SVector::from_column_slice(&q[..N])));
         let hand = places.and_then(|places| places.last().map(|last| vec3(&last.p))).unwrap_or(Vec3::X);
         self.subject.eye = eye(hand, self.figure.reach, self.subject.floor_m, self.planar);
-        blueprint::send(&mut self.sink, self.store.application_id(), &self.subject, self.layout);
+    }
+
+    /// The blueprint's own store: one per recording, the same in every part.
+    fn blueprint(&self) -> StoreId {
+        StoreId::new(StoreKind::Blueprint, self.store.application_id().clone(), format!("{}-blueprint", self.store.recording_id()))
     }
 
     // Numbers.
@@ -439,7 +541,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             row.report.map_or(Vec::new(), |report| row.singularities().iter().map(|one| Mark::new(one, report.p_BC)).collect());
         self.write_marks(row.tick, row.singularities(), &marks);
         if self.motion.update(row) {
-            self.write_ghosts(row.tick);
+            self.write_ghosts(row.tick, false);
         }
         let unit = self.mark_size();
         self.picture.push(row.tick, &links, &hand, desired.as_ref(), &marks, unit);
@@ -496,7 +598,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
     }
 
     /// Where the arm has been in the present null-space motion.
-    fn write_ghosts(&mut self, tick: u64) {
+    fn write_ghosts(&mut self, tick: u64, all: bool) {
         let postures: Vec<[Placement; N]> =
             self.motion.postures.iter().map(|q| self.arm.link_poses(&SVector::from_column_slice(&q[..N])).map(|X| placement(&X))).collect();
         let (now, before) = match postures.split_last() {
@@ -509,7 +611,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             let none_before = std::mem::replace(&mut self.ghosts[i], places.len()) == 0;
             let poses = InstancePoses3D::new();
             let poses = match places.is_empty() {
-                true if none_before && tick > 0 => continue,
+                true if none_before && !all => continue,
                 // No instances would mean the mesh itself, at the origin: one too small to see instead.
                 true => poses.with_translations([[0.0; 3]]).with_scales([[1e-6; 3]]),
                 false => poses
@@ -614,6 +716,22 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         ];
         let components: ChunkComponents = components.into_iter().collect();
         Chunk::from_native_row_ids(ChunkId::new(), path.into(), Some(true), &rows, timelines.into_iter().collect(), components)
+    }
+}
+
+impl Title {
+    fn new(run: &RunInfo) -> Self {
+        let RunInfo { scenario, robot, .. } = *run;
+        let name = if scenario.title.is_empty() { &scenario.name } else { &scenario.title };
+        let properties = [
+            ("scenario", scenario.name.clone()),
+            ("robot", robot.name.clone()),
+            ("run", run.run.to_owned()),
+            ("seed", run.seed.to_string()),
+            ("rate_hz", scenario.rate_hz.to_string()),
+            ("armplane", run.version.to_owned()),
+        ];
+        Self { name: name.clone(), properties }
     }
 }
 
