@@ -23,10 +23,11 @@ use shared_types::messages::SingularityState;
 use shared_types::scenario::{Layout, Scenario};
 use shared_types::{MAX_SINGULARITIES, Message};
 
+use crate::ability::{Ellipsoid, Half, at_point};
 use crate::arm::{Figure, placement, vec3};
 use crate::blueprint::{self, Eye, Subject};
 use crate::entity;
-use crate::scene::{Look, Mark, NullMotion, Presence, differs, glyph, rotation};
+use crate::scene::{self, Look, Mark, NullMotion, Presence, differs, glyph, rotation};
 use crate::signals::{Limits, Signal, TickRow, Width, sample};
 use crate::sink::{FileInfo, RecordError, Sink, Storage};
 use crate::solid::{Mesh, Placement, Rgba};
@@ -195,7 +196,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         let figure = Figure::new(robot, floor_m);
         let rate = f64::from(scenario.rate_hz);
         let every = |seconds: f64| (seconds * rate).round().max(1.0);
-        let subject = Subject { joints: robot.joints.iter().map(|joint| joint.name.clone()).collect(), floor_m, ..Subject::default() };
+        let subject = Subject { joints: robot.joints.len(), floor_m, ..Subject::default() };
         let mut recording = Self {
             sink: Sink::new(storage)?,
             store: StoreId::recording(application(robot), run.run),
@@ -395,6 +396,19 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         let size = 0.11 * self.figure.reach;
         self.log_static(entity::HAND, &triad(size, 0.03 * size, [0xf05050ff, 0x60d060ff, 0x5090ffff]));
         self.log_static(entity::TARGET, &triad(1.35 * size, 0.018 * size, [0x90f0b0ff; 3]));
+        let mut ball = Mesh::default();
+        ball.add_sphere(Placement::IDENTITY, 1.0, [255; 4]);
+        self.log_static(entity::VELOCITY, &mesh3d(&ball, Some([90, 170, 255, 60])));
+        let circle = |x: Vec3, y: Vec3| -> Vec<[f32; 3]> {
+            (0..=48)
+                .map(|k| {
+                    (x * (std::f32::consts::TAU * k as f32 / 48.0).cos() + y * (std::f32::consts::TAU * k as f32 / 48.0).sin()).to_array()
+                })
+                .collect()
+        };
+        let net = LineStrips3D::new([circle(Vec3::X, Vec3::Y), circle(Vec3::Y, Vec3::Z), circle(Vec3::Z, Vec3::X)]);
+        let net = net.with_colors([Color::from_unmultiplied_rgba(150, 235, 225, 255)]).with_radii([Radius::new_ui_points(1.0)]);
+        self.log_static(entity::MOBILITY, &net);
         for (lane, states) in [("drive", story::DRIVE_STATES), ("phase", story::PHASE_STATES)] {
             self.style(entity::state(lane), states);
         }
@@ -433,9 +447,8 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             }
         }
         self.subject.bands = self.thresholds.len();
-        let places = row.q().map(|q| self.arm.link_poses(&SVector::from_column_slice(&q[..N])));
-        let hand = places.and_then(|places| places.last().map(|last| vec3(&last.p))).unwrap_or(Vec3::X);
-        self.subject.eye = eye(hand, self.figure.reach, self.subject.floor_m, self.planar);
+        let places = row.q().map(|q| self.arm.link_poses(&SVector::from_column_slice(&q[..N])).map(|X| vec3(&X.p)));
+        self.subject.eye = eye(places.as_ref().map_or(&[Vec3::X], |places| &places[..]), self.mark_size(), &self.subject, self.planar);
     }
 
     /// The blueprint's own store: one per recording, the same in every part.
@@ -545,6 +558,27 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         }
         let unit = self.mark_size();
         self.picture.push(row.tick, &links, &hand, desired.as_ref(), &marks, unit);
+        if let Some(report) = row.report {
+            self.see_ability(row.tick, q, report.p_BC, row.singularities(), &marks);
+        }
+    }
+
+    /// What the hand can do, at C, in the half of the twist that the nearest singularity is of.
+    fn see_ability(&mut self, tick: u64, q: &[f64], p_BC: [f64; 3], singularities: &[SingularityState], marks: &[Mark]) {
+        let near = singularities.iter().zip(marks).filter(|(_, mark)| mark.look.presence != Presence::Hidden);
+        let nearest = near.map(|(one, _)| one).min_by(|a, b| (a.s.abs() / a.eta_out).total_cmp(&(b.s.abs() / b.eta_out)));
+        let half = if nearest.is_some_and(|one| one.angular == 1) { Half::Angular } else { Half::Linear };
+        let (q, p_BC) = (SVector::from_column_slice(&q[..N]), nalgebra::Vector3::from(p_BC));
+        let J = at_point(self.arm.jacobian(&q), &(p_BC - self.arm.forward_kinematics(&q).p));
+        let unit = 0.62 * self.mark_size();
+        let (velocity, mobility) =
+            (Ellipsoid::velocity(&J, self.arm.velocity(), half), Ellipsoid::mobility(&J, &self.arm.mass_matrix(&q), half));
+        for (track, shape) in self.picture.abilities.iter_mut().zip([Some(velocity), mobility]) {
+            let Some(Ellipsoid { axes, half_axes }) = shape else { continue };
+            track.push(tick, &Placement { R: axes, p: vec3(&p_BC) });
+            // Flat, but not so flat that it has no sides.
+            track.sizes.push((half_axes.max(Vec3::splat(0.012)) * unit).to_array());
+        }
     }
 
     /// Marks change their looks rarely; their places go with the picture.
@@ -554,7 +588,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             let (name, fan) = (name.clone(), entity::fan(name));
             if self.marks[i] != mark.look {
                 self.marks[i] = mark.look;
-                self.write_look(tick, &name, mark.look, &story::label(one, i));
+                self.write_look(tick, &name, mark, &story::label(one, i));
             }
             let inside = mark.look.presence == Presence::Inside;
             let zeta = mark.zeta();
@@ -575,20 +609,25 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         }
     }
 
-    /// The mark's solid and, inside, the other axes of the singular frame and the words.
-    fn write_look(&mut self, tick: u64, name: &str, look: Look, words: &str) {
-        let mark = entity::singularity(name);
-        let [solid, axes, label] = [format!("{mark}/glyph"), format!("{mark}/axes"), entity::label(name)];
-        let [r, g, b, _] = story::colour_of_type(look.class);
-        if look.presence == Presence::Hidden {
+    /// The mark's solid, the rings where it is entered and, inside, the other axes of the singular frame and the words.
+    fn write_look(&mut self, tick: u64, name: &str, mark: &Mark, words: &str) {
+        let path = entity::singularity(name);
+        let [solid, rings, axes, label] = [entity::glyph(name), format!("{path}/edge"), format!("{path}/axes"), entity::label(name)];
+        let [r, g, b, _] = story::colour_of_type(mark.look.class);
+        let unit = self.mark_size();
+        if mark.look.presence == Presence::Hidden {
             self.log(tick, solid, &Clear::flat());
+            self.log(tick, rings, &Clear::flat());
         } else {
-            let opacity = if look.presence == Presence::Inside { 255 } else { 70 };
-            self.log(tick, solid, &mesh3d(&glyph(look.angular, [r, g, b, 255]), Some([255, 255, 255, opacity])));
+            let inside = mark.look.presence == Presence::Inside;
+            let opacity = if inside { 255 } else { 70 };
+            self.log(tick, solid, &mesh3d(&glyph(mark.look.angular, [r, g, b, 255]), Some([255, 255, 255, opacity])));
+            let rim = if inside { [255, 110, 110, 255] } else { [190, 195, 205, 255] };
+            self.log(tick, rings, &mesh3d(&scene::rings(mark.edge, unit, rim), None));
         }
-        if look.presence == Presence::Inside {
-            let frame = Arrows3D::from_vectors([[0.0, 0.5, 0.0], [0.0, 0.0, 0.5]]);
-            self.log(tick, axes, &frame.with_colors([0xc8d0dcff_u32]).with_radii([0.012]));
+        if mark.look.presence == Presence::Inside {
+            let frame = Arrows3D::from_vectors([[0.0, 0.5 * unit, 0.0], [0.0, 0.0, 0.5 * unit]]);
+            self.log(tick, axes, &frame.with_colors([0xc8d0dcff_u32]).with_radii([0.012 * unit]));
             let point = Points3D::new([[0.0; 3]]).with_radii([Radius::new_ui_points(0.5)]).with_colors([Color::from_rgb(r, g, b)]);
             self.log(tick, label, &point.with_labels([words]).with_show_labels(true));
         } else {
@@ -638,8 +677,10 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         let mut tracks: Vec<(String, Track)> = Vec::new();
         tracks.extend((0..N).map(entity::link).zip(picture.links));
         tracks.extend([(entity::HAND.to_owned(), picture.hand), (entity::TARGET.to_owned(), picture.target)]);
-        for ((name, _), (mark, label)) in self.subject.singularities.iter().zip(picture.marks) {
-            tracks.extend([(entity::singularity(name), mark), (entity::label(name), label)]);
+        let [velocity, mobility] = picture.abilities;
+        tracks.extend([(entity::VELOCITY.to_owned(), velocity), (entity::MOBILITY.to_owned(), mobility)]);
+        for ((name, _), MarkTracks { frame, size, label }) in self.subject.singularities.iter().zip(picture.marks) {
+            tracks.extend([(entity::singularity(name), frame), (entity::glyph(name), size), (entity::label(name), label)]);
         }
         for (path, track) in tracks {
             if !track.ticks.is_empty() {
@@ -767,16 +808,22 @@ fn mesh3d(mesh: &Mesh, tint: Option<Rgba>) -> Mesh3D {
     }
 }
 
-/// An eye that sees arm and floor: off to the side of the plane in which the arm reaches out, a little above; a planar arm from above.
-fn eye(hand: Vec3, reach: f32, floor_m: f32, planar: bool) -> Eye {
-    let heading = hand.with_z(0.0).normalize_or(Vec3::X);
+/// An eye that sees the arm from floor to hand, with room for a mark of that size at the hand: off to the side of the plane in which the arm
+/// reaches out, a little above; a planar arm from above.
+fn eye(places: &[Vec3], mark: f32, subject: &Subject, planar: bool) -> Eye {
+    // Half of Rerun's field of view, and a little air.
+    let distance = |radius: f32| 1.06 * radius / 27.5f32.to_radians().sin();
+    let hand = places.last().copied().unwrap_or(Vec3::X);
+    let foot = if planar { Vec3::ZERO } else { Vec3::Z * subject.floor_m.min(0.0) };
+    let room = [hand + Vec3::splat(mark), hand - Vec3::splat(mark), foot];
+    let (low, high) = places.iter().chain(&room).fold((Vec3::ZERO, Vec3::ZERO), |(low, high), p| (low.min(*p), high.max(*p)));
+    let (look_at, radius) = ((low + high) / 2.0, (high - low).length() / 2.0);
     if planar {
-        let look_at = heading * (0.3 * reach);
-        return Eye { position: look_at + Vec3::new(0.0, -0.25, 1.0) * (1.5 * reach), look_at, up: Vec3::Y };
+        return Eye { position: look_at + Vec3::new(0.0, -0.25, 1.0).normalize() * distance(radius), look_at, up: Vec3::Y };
     }
+    let heading = hand.with_z(0.0).normalize_or(Vec3::X);
     let side = Vec3::new(heading.y, -heading.x, 0.0);
-    let look_at = heading * (0.3 * reach) + Vec3::Z * (0.25 * floor_m.min(0.0) + 0.3 * hand.z);
-    let position = look_at + (heading * 0.8 + side + Vec3::Z * 0.4).normalize() * (1.6 * reach);
+    let position = look_at + (heading * 0.7 + side + Vec3::Z * 0.38).normalize() * distance(radius);
     Eye { position, look_at, up: Vec3::Z }
 }
 
@@ -859,7 +906,7 @@ struct Track {
     translations: Vec<[f32; 3]>,
     quaternions: Vec<[f32; 4]>,
     /// Empty for what never changes its size.
-    sizes: Vec<f32>,
+    sizes: Vec<[f32; 3]>,
 }
 
 impl Track {
@@ -870,13 +917,24 @@ impl Track {
     }
 
     fn columns(self) -> Vec<SerializedComponentColumn> {
-        let quaternions = self.quaternions.into_iter().map(Quaternion::from_xyzw);
-        let mut transform = Transform3D::update_fields().with_many_translation(self.translations).with_many_quaternion(quaternions);
+        let mut transform = Transform3D::update_fields();
+        if !self.translations.is_empty() {
+            let quaternions = self.quaternions.into_iter().map(Quaternion::from_xyzw);
+            transform = transform.with_many_translation(self.translations).with_many_quaternion(quaternions);
+        }
         if !self.sizes.is_empty() {
-            transform = transform.with_many_scale(self.sizes.iter().map(|size| [*size; 3]));
+            transform = transform.with_many_scale(self.sizes);
         }
         transform.columns_of_unit_batches().map(Iterator::collect).unwrap_or_default()
     }
+}
+
+/// A singularity's frame at C, the size of its mark there, and the words above it.
+#[derive(Default)]
+struct MarkTracks {
+    frame: Track,
+    size: Track,
+    label: Track,
 }
 
 /// What was seen since the last chunk.
@@ -885,8 +943,10 @@ struct Picture {
     links: Vec<Track>,
     hand: Track,
     target: Track,
-    /// Of each singularity its mark and the words above it.
-    marks: Vec<(Track, Track)>,
+    /// Of each singularity.
+    marks: Vec<MarkTracks>,
+    /// Ellipsoids of velocity and mobility.
+    abilities: [Track; 2],
     /// The paths' points; the last of a chunk is the first of the next.
     actual: Vec<(u64, Vec3)>,
     desired: Vec<(u64, Vec3)>,
@@ -910,12 +970,15 @@ impl Picture {
             self.desired.push((tick, desired.p));
         }
         self.marks.resize_with(self.marks.len().max(marks.len()), Default::default);
-        for ((track, label), mark) in self.marks.iter_mut().zip(marks) {
-            let size = unit * mark.size;
-            track.push(tick, &mark.X_BS);
-            track.sizes.push(size);
+        for (tracks, mark) in self.marks.iter_mut().zip(marks) {
+            // What is hidden need not be anywhere.
+            if mark.look.presence != Presence::Hidden {
+                tracks.frame.push(tick, &mark.X_BS);
+                tracks.size.ticks.push(tick);
+                tracks.size.sizes.push([unit * mark.size; 3]);
+            }
             if mark.look.presence == Presence::Inside {
-                label.push(tick, &Placement { p: mark.X_BS.p + Vec3::Z * (1.25 * size), ..Placement::IDENTITY });
+                tracks.label.push(tick, &Placement { p: mark.X_BS.p + Vec3::Z * (1.25 * unit), ..Placement::IDENTITY });
             }
         }
     }

@@ -31,6 +31,9 @@ const POLL: Duration = Duration::from_micros(500);
 /// Ticks for which an incomplete row waits for its missing messages.
 const PATIENCE: usize = 256;
 
+/// Ticks that one topic may be ahead of another while they are drained in turn: twice what a buffer holds.
+const HORIZON: usize = 2 * runtime::RECORDER_DEPTH;
+
 /// Records and judges until the run has stopped and everything on the way has arrived, then leaves its part of the summary in `run_dir`.
 ///
 /// # Errors
@@ -49,7 +52,7 @@ pub fn run(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<()
 fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
     let folder = job.out.join(MESSAGES);
     let mut topics = Topics::open(shell, job.messages.then_some(folder.as_path()))?;
-    let mut assembler = Assembler::new(PATIENCE);
+    let mut assembler = Assembler::new(PATIENCE, HORIZON);
     let mut judge = Judge::new(limits(robot), job.scenario.goal.clone(), job.scenario.duration_s() * f64::from(job.scenario.rate_hz));
     let mut tape = Tape::<N>::start(robot, job)?;
     while shell.poll(POLL)? {
