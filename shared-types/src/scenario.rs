@@ -73,6 +73,9 @@ pub struct Scenario {
     /// What goes wrong, and when.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub fault: Vec<Fault>,
+    /// How the recording is kept.
+    #[serde(default)]
+    pub record: Record,
 }
 
 /// Start posture: exactly one of the fields.
@@ -358,6 +361,22 @@ pub enum Layout {
     Faults,
 }
 
+/// How the recording is kept: a long one goes on in further files, each of which opens alone, and all together.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Record {
+    /// A file holds at most so much of the run; s.
+    pub part_s: f64,
+    /// A file is at most so large, to within a chunk; MB (10⁶ bytes).
+    pub part_mb: u64,
+}
+
+impl Default for Record {
+    fn default() -> Self {
+        Self { part_s: 600.0, part_mb: 1000 }
+    }
+}
+
 fn rate_hz() -> u32 {
     1000
 }
@@ -463,6 +482,8 @@ impl Scenario {
             positive(&format!("control.aux_rate_max.{i}"), self.control.aux_rate_max[i])?;
             positive(&format!("control.aux_slew.{i}"), self.control.aux_slew[i])?;
         }
+        positive("record.part_s", self.record.part_s)?;
+        positive("record.part_mb", self.record.part_mb as f64)?;
         positive("goal.position_mm", self.goal.position_mm)?;
         positive("goal.orientation_deg", self.goal.orientation_deg)?;
         positive("goal.orthogonal_mm", self.goal.orthogonal_mm)?;

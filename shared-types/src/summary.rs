@@ -199,10 +199,13 @@ pub struct RecorderSummary {
     pub messages: u64,
     /// Messages known to be lost (gaps in the ticks).
     pub lost: u64,
-    /// Size of the recording; bytes.
+    /// Size of the recording, all parts; bytes.
     pub bytes: u64,
-    /// The recording, relative to `summary.json`; empty without one.
+    /// The recording's first part, relative to `summary.json`; empty without one.
     pub file: String,
+    /// Files it is spread over: `run.rrd`, `run-001.rrd`, …
+    #[serde(default)]
+    pub parts: u32,
     /// Why there is no (whole) recording; empty when there is.
     pub error: String,
 }

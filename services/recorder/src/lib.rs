@@ -5,21 +5,19 @@ mod assemble;
 mod judge;
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use model::{Robot, with_dof};
 use runtime::{Drain, Keep, Mode, ProcessError, Shell, TopicHash};
 use shared_types::job::Job;
+use shared_types::scenario::{Record, Scenario};
 use shared_types::summary::{RecorderSummary, Summary, TopicSummary};
 use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
 use viz::{RecordError, Recording, RunInfo, TickRow};
 
 pub use assemble::{Assembler, Row};
 pub use judge::{Judge, Limits, Tick, Verdict};
-
-/// Name of the recording in the results folder.
-pub const RECORDING: &str = "run.rrd";
 
 /// Name of the recorder's part of the summary in the run's directory.
 pub const SUMMARY: &str = "summary.json";
@@ -32,6 +30,9 @@ const POLL: Duration = Duration::from_micros(500);
 
 /// Ticks for which an incomplete row waits for its missing messages.
 const PATIENCE: usize = 256;
+
+/// Ticks that one topic may be ahead of another while they are drained in turn: twice what a buffer holds.
+const HORIZON: usize = 2 * runtime::RECORDER_DEPTH;
 
 /// Records and judges until the run has stopped and everything on the way has arrived, then leaves its part of the summary in `run_dir`.
 ///
@@ -51,7 +52,7 @@ pub fn run(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<()
 fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
     let folder = job.out.join(MESSAGES);
     let mut topics = Topics::open(shell, job.messages.then_some(folder.as_path()))?;
-    let mut assembler = Assembler::new(PATIENCE);
+    let mut assembler = Assembler::new(PATIENCE, HORIZON);
     let mut judge = Judge::new(limits(robot), job.scenario.goal.clone(), job.scenario.duration_s() * f64::from(job.scenario.rate_hz));
     let mut tape = Tape::<N>::start(robot, job)?;
     while shell.poll(POLL)? {
@@ -86,17 +87,39 @@ fn limits(robot: &Robot) -> Limits {
 /// The recording, as long as it can be written; the first error ends it and is kept.
 struct Tape<const N: usize> {
     recording: Option<Recording<N>>,
+    folder: PathBuf,
+    limits: PartLimits,
     result: RecorderSummary,
+}
+
+/// When a recording goes on in a further file.
+#[derive(Clone, Copy)]
+struct PartLimits {
+    ticks: u64,
+    bytes: u64,
+}
+
+impl PartLimits {
+    fn new(scenario: &Scenario) -> Self {
+        let Record { part_s, part_mb } = scenario.record;
+        Self { ticks: (part_s * f64::from(scenario.rate_hz)).round().max(1.0) as u64, bytes: part_mb.saturating_mul(1_000_000) }
+    }
 }
 
 impl<const N: usize> Tape<N> {
     fn start(robot: &Robot, job: &Job) -> Result<Self, ProcessError> {
+        let tape =
+            Self { recording: None, folder: job.out.clone(), limits: PartLimits::new(&job.scenario), result: RecorderSummary::default() };
         if !job.record {
-            return Ok(Self { recording: None, result: RecorderSummary::default() });
+            return Ok(tape);
         }
         let info = RunInfo { scenario: &job.scenario, robot, run: &job.run, version: &job.version, seed: job.scenario.seed };
-        let recording = Recording::create(&job.out.join(RECORDING), &info).map_err(ProcessError::setup)?;
-        Ok(Self { recording: Some(recording), result: RecorderSummary { file: RECORDING.to_owned(), ..RecorderSummary::default() } })
+        // A folder given with --out may hold an older recording with more parts.
+        for old in viz::parts_in(&job.out) {
+            std::fs::remove_file(&old).map_err(|error| ProcessError::setup(format!("cannot replace {}: {error}", old.display())))?;
+        }
+        let recording = Recording::create(&job.out, &info).map_err(ProcessError::setup)?;
+        Ok(Self { recording: Some(recording), result: RecorderSummary { file: viz::part_name(0), ..RecorderSummary::default() }, ..tape })
     }
 
     fn tick(&mut self, row: &Row) {
@@ -109,7 +132,9 @@ impl<const N: usize> Tape<N> {
             report: row.report.as_ref(),
             command: row.command.as_ref(),
         };
-        if let Err(error) = recording.tick(&row) {
+        let full = recording.part_ticks() >= self.limits.ticks || recording.part_bytes() >= self.limits.bytes;
+        let turned = if full { recording.next_part(&self.folder) } else { Ok(()) };
+        if let Err(error) = turned.and_then(|()| recording.tick(&row)) {
             self.fail(&error);
         }
     }
@@ -119,13 +144,15 @@ impl<const N: usize> Tape<N> {
         eprintln!("{error}");
         self.result.error = error.to_string();
         if let Some(recording) = self.recording.take() {
-            self.result.bytes = recording.bytes();
+            (self.result.bytes, self.result.parts) = (recording.bytes(), recording.part() + 1);
+            // A part that could not be followed by another still gets its end.
+            let _ = recording.finish();
         }
     }
 
     fn finish(mut self) -> RecorderSummary {
         if let Some(recording) = self.recording.take() {
-            self.result.bytes = recording.bytes();
+            (self.result.bytes, self.result.parts) = (recording.bytes(), recording.part() + 1);
             match recording.finish() {
                 Ok(info) => self.result.bytes = info.bytes,
                 Err(error) => self.fail(&error),
