@@ -187,6 +187,12 @@ pub struct RecorderSummary {
     pub bytes: u64,
     /// The recording, relative to `summary.json`; empty without one.
     pub file: String,
+    /// Size of the messages kept beside it, which `armplane replay` reads; bytes, 0 where none were kept.
+    #[serde(default)]
+    pub messages_bytes: u64,
+    /// Processor time that the recorder used, start and end included; s.
+    #[serde(default)]
+    pub cpu_s: f64,
     /// Why there is no (whole) recording; empty when there is.
     pub error: String,
 }

@@ -30,7 +30,7 @@ mod tests;
 
 pub use board::{Board, BoardError, Count, Counts, Line, MAX_PROCESSES, Phase, State, Stop};
 pub use clock::{now_ns, sleep_until};
-pub use difference::{Difference, first_difference};
+pub use difference::{Difference, Differences, FieldDifference, first_difference};
 pub use edge::random;
 pub use hash::TopicHash;
 pub use kept::{Keep, KeepError, Kept};
