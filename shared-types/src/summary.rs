@@ -47,7 +47,8 @@ pub struct Summary {
     pub faults: Vec<FaultSummary>,
     /// Deadlines (real time only).
     pub deadlines: Deadlines,
-    /// Latency of each hop and end to end; µs.
+    /// Latency of each hop, and of the whole `chain` from the sensor sample to the torque in the plant's hands; µs. In real time the
+    /// chain's and the plant's own count from when the tick was due; ticks that never began or were never answered count too.
     pub latency_us: BTreeMap<String, Latency>,
     /// The recorder's account.
     pub recorder: RecorderSummary,

@@ -14,9 +14,12 @@ fn every_process_computes_again_what_it_computed_in_the_run() {
     let desk = Desk::new();
     let summary = desk.run(&["--seed", "3", "--out", "run"]);
     assert!(summary["recorder"]["messages_bytes"].as_u64().unwrap() > 0, "{}", summary["recorder"]);
-    for (process, topics) in
-        [("plant", vec!["sensor", "plant_state"]), ("estimator", vec!["estimate"]), ("analyzer", vec!["singularity"]), ("controller", vec!["torque"])]
-    {
+    for (process, topics) in [
+        ("plant", vec!["sensor", "plant_state"]),
+        ("estimator", vec!["estimate"]),
+        ("analyzer", vec!["singularity"]),
+        ("controller", vec!["torque"]),
+    ] {
         let (code, told) = replay(&desk, &["run", "--process", process]);
         assert_eq!((code, &told["identical"], &told["difference"]), (0, &true.into(), &Value::Null), "{told}");
         assert_eq!((&told["without_input"], &told["ended"]), (&0.into(), &"".into()), "{told}");

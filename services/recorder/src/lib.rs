@@ -53,6 +53,9 @@ fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job) -> Result<Sum
     let mut topics = Topics::open(shell, job.messages.then_some(folder.as_path()))?;
     let mut assembler = Assembler::new(PATIENCE);
     let mut judge = Judge::new(limits(robot), job.scenario.goal.clone(), job.scenario.duration_s() * f64::from(job.scenario.rate_hz));
+    if shell.mode() == Mode::Realtime {
+        judge = judge.on_grid(shell.manifest().period_ns());
+    }
     let mut tape = Tape::<N>::start(robot, job)?;
     while shell.poll(POLL)? {
         topics.drain(&mut assembler)?;
@@ -78,6 +81,8 @@ fn take<const N: usize>(row: &Row, judge: &mut Judge, tape: &mut Tape<N>) {
     } = row
     {
         judge.tick(Tick { sensor, truth, estimate, report, command });
+    } else if let Some(sensor) = &row.sensor {
+        judge.torn(sensor);
     }
     tape.tick(row);
 }

@@ -15,13 +15,14 @@ use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use rustix::thread::futex;
 
 use crate::clock::timespec;
+use crate::gauge::{Glance, Glimpse, Spread, Times};
 use crate::run_dir::RunDir;
 
 /// Most processes a run may have.
 pub const MAX_PROCESSES: usize = 16;
 
 /// "armboard" and the version of this layout.
-const MAGIC: u64 = u64::from_be_bytes(*b"armbrd\0\x01");
+const MAGIC: u64 = u64::from_be_bytes(*b"armbrd\0\x02");
 
 /// The bit of a doorbell on which a source of ticks waits for the recorder; below it one bit per topic.
 pub(crate) const PROGRESS: u32 = 1 << 31;
@@ -181,6 +182,8 @@ pub struct Line {
     incarnation: AtomicU32,
     state: AtomicU32,
     counts: [AtomicU64; COUNTS],
+    step: Times,
+    age: Times,
 }
 
 impl Line {
@@ -252,6 +255,26 @@ impl Line {
         self.counts[count as usize].load(Ordering::Relaxed)
     }
 
+    /// How long it takes from its input in hand to its output sent; for the source of ticks in real time from the tick's due time.
+    #[must_use]
+    pub fn step(&self) -> Spread {
+        self.step.read()
+    }
+
+    /// How old the tick is when its output is sent, or for the source of ticks, when its answer is in hand; in real time since it was due.
+    #[must_use]
+    pub fn age(&self) -> Spread {
+        self.age.read()
+    }
+
+    pub(crate) fn note_step(&self, ns: u64) {
+        self.step.record(ns);
+    }
+
+    pub(crate) fn note_age(&self, ns: u64) {
+        self.age.record(ns);
+    }
+
     pub(crate) fn add(&self, count: Count, n: u64) {
         self.counts[count as usize].fetch_add(n, Ordering::Relaxed);
     }
@@ -291,6 +314,7 @@ struct Page {
     stop: AtomicU32,
     /// Origin of the real-time grid on `CLOCK_MONOTONIC`; 0 until the source of ticks has set it.
     grid_origin_ns: AtomicU64,
+    glance: Glance,
     lines: [Line; MAX_PROCESSES],
 }
 
@@ -379,6 +403,16 @@ impl Board {
     #[must_use]
     pub fn line(&self, index: usize) -> &Line {
         &self.page().lines[index]
+    }
+
+    /// What the arm is doing.
+    #[must_use]
+    pub fn glimpse(&self) -> Glimpse {
+        self.page().glance.read()
+    }
+
+    pub(crate) fn glance(&self) -> &Glance {
+        &self.page().glance
     }
 
     /// The launcher, when all processes are through with the phase before.

@@ -318,7 +318,7 @@ mod tests {
         message.header.tick = tick;
         message.header.stamps.sent_ns[0] = 1_000_000 * tick + tick % 7;
         message.q_encoder[2] = (0.1 * tick as f64).sin();
-        message.tau_drive[5] = if tick % 5 == 0 { f64::from_bits(0x7ff8_0000_0000_1234) } else { -0.0 };
+        message.tau_drive[5] = if tick.is_multiple_of(5) { f64::from_bits(0x7ff8_0000_0000_1234) } else { -0.0 };
         message.stale_ticks = u32::MAX - tick as u32;
         message
     }

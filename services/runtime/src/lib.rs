@@ -15,6 +15,7 @@ mod clock;
 mod difference;
 mod edge;
 pub mod floor;
+mod gauge;
 mod hash;
 mod kept;
 mod manifest;
@@ -32,6 +33,7 @@ pub use board::{Board, BoardError, Count, Counts, Line, MAX_PROCESSES, Phase, St
 pub use clock::{now_ns, sleep_until};
 pub use difference::{Difference, Differences, FieldDifference, first_difference};
 pub use edge::random;
+pub use gauge::{Glimpse, SingularityGlimpse, Spread};
 pub use hash::TopicHash;
 pub use kept::{Keep, KeepError, Kept};
 pub use manifest::{Disturbance, Manifest, ManifestError, Mode, Process};

@@ -9,7 +9,7 @@ use shared_types::Message;
 
 use crate::board::Count;
 use crate::edge::{Fence, first_not_finite};
-use crate::pace::cause;
+use crate::pace::{USAGE_EVERY, cause};
 use crate::realtime::Usage;
 use crate::shell::{Interrupted, Shared, Wait, Waited};
 use crate::topics::{Publishing, Subscribing, Wire};
@@ -302,6 +302,7 @@ impl<M: Message> Writer<M> {
         let sent_ns = self.shared.stamp(message.header_mut());
         self.count_lateness(message.header(), sent_ns);
         self.deliver(message).map_err(|reason| SendError::Port { process: self.shared.name().to_owned(), topic: M::TOPIC, reason })?;
+        self.shared.board.glance().note(&message);
         self.shared.line().set_ticks(tick + 1);
         for &reader in &self.readers {
             self.shared.board.line(reader).bell().ring(self.bit);
@@ -315,16 +316,19 @@ impl<M: Message> Writer<M> {
         Ok(())
     }
 
-    /// In real time an output is due one period after the sensor sample that it answers.
+    /// In real time an output is due one period after its tick was.
     fn count_lateness(&mut self, header: &shared_types::Header, sent_ns: u64) {
-        let sampled_ns = header.stamps.sent_ns[0];
-        if self.shared.is_lockstep() || sampled_ns == 0 || sent_ns <= sampled_ns + self.shared.manifest.period_ns() {
+        let due_ns = header.stamps.origin_ns() + self.shared.manifest.period_ns();
+        let is_late = header.stamps.origin_ns() > 0 && sent_ns > due_ns;
+        if self.shared.is_lockstep() || !(is_late || header.tick.is_multiple_of(USAGE_EVERY)) {
             return;
         }
         let usage = Usage::now();
-        let was_late_already = header.stamps.received_ns.iter().any(|&ns| ns > sampled_ns + self.shared.manifest.period_ns());
-        let cause = if was_late_already { Count::MissedLateInput } else { cause(self.usage, usage, false) };
+        let was_late_already = header.stamps.received_ns.iter().any(|&ns| ns > due_ns);
+        if is_late {
+            let cause = if was_late_already { Count::MissedLateInput } else { cause(self.usage, usage, false) };
+            self.shared.line().add(cause, 1);
+        }
         self.usage = usage;
-        self.shared.line().add(cause, 1);
     }
 }
