@@ -24,6 +24,7 @@ mod ports;
 pub mod realtime;
 mod run_dir;
 mod shell;
+pub mod stock;
 mod topics;
 
 #[cfg(test)]

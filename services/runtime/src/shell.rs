@@ -537,6 +537,10 @@ impl Shell {
         self.shared.line().count(count)
     }
 
+    pub(crate) fn shared(&self) -> Rc<Shared> {
+        Rc::clone(&self.shared)
+    }
+
     fn declared<M: Message>(&self, action: &'static str) -> Result<(), TopicError> {
         let process = &self.shared.manifest.processes[self.shared.me];
         let topics = if action == "read" { &process.reads } else { &process.writes };
