@@ -9,6 +9,7 @@ mod inspect;
 mod list;
 mod load;
 mod out;
+mod plot;
 mod process;
 mod replay;
 mod run;
