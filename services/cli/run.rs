@@ -32,7 +32,7 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
         mode,
         out: results.folder.clone(),
         record: !args.no_record,
-        messages: false,
+        messages: !args.no_record && !args.no_messages,
         robot: load::robot_text(&robot),
         scenario,
         graph,
@@ -79,7 +79,7 @@ pub(crate) fn launch(job: &Job, plan: Plan, planned_ticks: u64) -> Result<(Outco
 }
 
 /// A bar on a terminal, nothing elsewhere.
-fn progress_bar(ticks: u64, job: &Job) -> ProgressBar {
+pub(crate) fn progress_bar(ticks: u64, job: &Job) -> ProgressBar {
     let style = ProgressStyle::with_template("{msg} {wide_bar:.cyan/dim} {pos}/{len} ticks  {per_sec}  {eta}");
     let bar = ProgressBar::new(ticks).with_message(job.scenario.name.clone());
     style.map_or(bar.clone(), |style| bar.with_style(style))
@@ -339,5 +339,9 @@ fn tell(summary: &Summary, folder: &Path) {
             summary.recorder.bytes as f64 / 1e6,
             folder.join(&summary.recorder.file).display()
         );
+    }
+    if summary.recorder.messages_bytes > 0 {
+        let (messages, megabytes) = (recorder::MESSAGES, summary.recorder.messages_bytes as f64 / 1e6);
+        say!("  {messages}/     {megabytes:.1} MB; compute it again with: armplane replay {}", folder.display());
     }
 }

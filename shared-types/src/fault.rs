@@ -179,10 +179,7 @@ const RULES: [Rule; 15] = [
         ways: &[(Way::Bias, 0.01), (Way::Drift, 0.05), (Way::Noise, 0.001), (Way::Quantise, 0.005), (Way::Stuck, 0.0)],
         ..rule(Kind::Sensor, PLANT, 0.5)
     },
-    Rule {
-        ways: &[(Way::Lost, 0.0), (Way::Stuck, 0.0), (Way::Saturated, 0.1), (Way::Friction, 0.05)],
-        ..rule(Kind::Drive, PLANT, 0.5)
-    },
+    Rule { ways: &[(Way::Lost, 0.0), (Way::Stuck, 0.0), (Way::Saturated, 0.1), (Way::Friction, 0.05)], ..rule(Kind::Drive, PLANT, 0.5) },
     Rule { ways: &[(Way::Jump, 5.0), (Way::Skew, 0.01)], ..rule(Kind::Clock, ALL, 0.5) },
     rule(Kind::Starve, ALL, 0.2),
     rule(Kind::DiskFull, RECORDER, f64::INFINITY),
@@ -430,7 +427,11 @@ impl Fault {
             _ => self.amount.unwrap_or(usual),
         };
         if !amount.is_finite() || amount.abs() > 1e12 || (kind == Kind::SlowDisk && !(0.0..=1e3).contains(&amount)) {
-            return Err(Complaint::new("amount", format!("an amount of {amount}"), "a number in the unit of the fault's way; `armplane fault --list`"));
+            return Err(Complaint::new(
+                "amount",
+                format!("an amount of {amount}"),
+                "a number in the unit of the fault's way; `armplane fault --list`",
+            ));
         }
         let jitter = self.jitter_ticks.unwrap_or(0);
         if kind == Kind::Delay && self.delay_ticks.unwrap_or(DELAY_TICKS).saturating_add(jitter) > MOST_DELAY_TICKS {

@@ -49,7 +49,8 @@ pub struct Summary {
     pub faults: Vec<FaultSummary>,
     /// Deadlines (real time only).
     pub deadlines: Deadlines,
-    /// Latency of each hop and end to end; µs.
+    /// Latency of each hop, and of the whole `chain` from the sensor sample to the torque in the plant's hands; µs. In real time the
+    /// chain's and the plant's own count from when the tick was due; ticks that never began or were never answered count too.
     pub latency_us: BTreeMap<String, Latency>,
     /// The recorder's account.
     pub recorder: RecorderSummary,
@@ -206,6 +207,12 @@ pub struct RecorderSummary {
     /// Files it is spread over: `run.rrd`, `run-001.rrd`, …
     #[serde(default)]
     pub parts: u32,
+    /// Size of the messages kept beside it, which `armplane replay` reads; bytes, 0 where none were kept.
+    #[serde(default)]
+    pub messages_bytes: u64,
+    /// Processor time that the recorder used, start and end included; s.
+    #[serde(default)]
+    pub cpu_s: f64,
     /// Why there is no (whole) recording; empty when there is.
     pub error: String,
 }

@@ -3,7 +3,8 @@
 use model::Model;
 use nalgebra::SVector;
 use shared_types::codes::{
-    DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_EFFORT, DRIVE_HOLDING, DRIVE_RATE, DRIVE_REFUSED, DRIVE_SPEED, DRIVE_STALE, DRIVE_STOPPING,
+    DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_EFFORT, DRIVE_HOLDING, DRIVE_RATE, DRIVE_REFUSED, DRIVE_SPEED, DRIVE_STALE,
+    DRIVE_STOPPING,
 };
 
 /// Fastest change of applied torque, as a fraction of the effort limit per second: half of it in a millisecond.

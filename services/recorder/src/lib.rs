@@ -54,6 +54,9 @@ fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job) -> Result<Sum
     let mut topics = Topics::open(shell, job.messages.then_some(folder.as_path()))?;
     let mut assembler = Assembler::new(PATIENCE, HORIZON);
     let mut judge = Judge::new(limits(robot), job.scenario.goal.clone(), job.scenario.duration_s() * f64::from(job.scenario.rate_hz));
+    if shell.mode() == Mode::Realtime {
+        judge = judge.on_grid(shell.manifest().period_ns());
+    }
     let mut tape = Tape::<N>::start(robot, job)?;
     while shell.poll(POLL)? {
         topics.drain(&mut assembler)?;
@@ -64,9 +67,13 @@ fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job) -> Result<Sum
     while let Some(row) = assembler.pop(true) {
         take(&row, &mut judge, &mut tape);
     }
-    let summary = summary(robot, job, shell.mode(), judge.verdict(), &topics, tape.finish());
-    topics.finish()?;
-    Ok(summary)
+    let (kept, mut tape) = (topics.finish(), tape.finish());
+    tape.messages_bytes = kept.bytes;
+    if tape.error.is_empty() {
+        tape.error = kept.error;
+    }
+    tape.cpu_s = runtime::realtime::cpu_time_s();
+    Ok(summary(robot, job, shell.mode(), judge.verdict(), &topics, tape))
 }
 
 fn take<const N: usize>(row: &Row, judge: &mut Judge, tape: &mut Tape<N>) {
@@ -75,6 +82,8 @@ fn take<const N: usize>(row: &Row, judge: &mut Judge, tape: &mut Tape<N>) {
     } = row
     {
         judge.tick(Tick { sensor, truth, estimate, report, command });
+    } else if let Some(sensor) = &row.sensor {
+        judge.torn(sensor);
     }
     tape.tick(row);
 }
@@ -167,31 +176,48 @@ struct Tap<M: Message> {
     drain: Drain<M>,
     hash: TopicHash,
     keep: Option<Keep<M>>,
+    kept: Kept,
+}
+
+/// What became of the kept messages; a disk that is full ends the keeping, not the run.
+#[derive(Clone, Debug, Default)]
+struct Kept {
+    bytes: u64,
+    error: String,
 }
 
 impl<M: Message> Tap<M> {
     fn open(shell: &Shell, messages: Option<&Path>) -> Result<Self, ProcessError> {
-        let keep = messages.map(Keep::create).transpose().map_err(ProcessError::setup)?;
-        Ok(Self { drain: shell.drain()?, hash: TopicHash::default(), keep })
+        // A restarted recorder goes on where its predecessor was killed.
+        let keep = |folder| if shell.incarnation() > 1 { Keep::resume(folder) } else { Keep::create(folder) };
+        let keep = messages.map(keep).transpose().map_err(ProcessError::setup)?;
+        Ok(Self { drain: shell.drain()?, hash: TopicHash::default(), keep, kept: Kept::default() })
     }
 
     fn drain(&mut self, assembler: &mut Assembler, place: impl Fn(&mut Row) -> &mut Option<M>) -> Result<(), ProcessError> {
-        let (hash, keep) = (&mut self.hash, &mut self.keep);
-        let mut kept = Ok(());
+        let (hash, keep, kept) = (&mut self.hash, &mut self.keep, &mut self.kept);
         self.drain.drain(|message| {
             hash.add(message);
-            if let (Ok(()), Some(keep)) = (&kept, keep.as_mut()) {
-                kept = keep.add(message);
+            if let Some(keeping) = keep
+                && let Err(error) = keeping.add(message)
+            {
+                eprintln!("{error}");
+                *kept = Kept { bytes: keeping.bytes(), error: error.to_string() };
+                *keep = None;
             }
             if let Some(row) = assembler.row(message.header().tick) {
                 *place(row) = Some(*message);
             }
         })?;
-        kept.map_err(ProcessError::setup)
+        Ok(())
     }
 
-    fn finish(self) -> Result<(), ProcessError> {
-        self.keep.map_or(Ok(()), |keep| keep.finish().map_err(ProcessError::setup))
+    fn finish(&mut self) -> Kept {
+        match self.keep.take().map(|keep| (keep.bytes(), keep.finish())) {
+            None => self.kept.clone(),
+            Some((_, Ok(bytes))) => Kept { bytes, error: String::new() },
+            Some((bytes, Err(error))) => Kept { bytes, error: error.to_string() },
+        }
     }
 }
 
@@ -214,12 +240,11 @@ impl Topics {
         })
     }
 
-    fn finish(self) -> Result<(), ProcessError> {
-        self.sensor.finish()?;
-        self.truth.finish()?;
-        self.estimate.finish()?;
-        self.report.finish()?;
-        self.command.finish()
+    /// Ends the keeping of messages: how many bytes there are, and the first thing that went wrong.
+    fn finish(&mut self) -> Kept {
+        let all = [self.sensor.finish(), self.truth.finish(), self.estimate.finish(), self.report.finish(), self.command.finish()];
+        let error = all.iter().find(|kept| !kept.error.is_empty()).map(|kept| kept.error.clone()).unwrap_or_default();
+        Kept { bytes: all.iter().map(|kept| kept.bytes).sum(), error }
     }
 
     fn drain(&mut self, assembler: &mut Assembler) -> Result<(), ProcessError> {

@@ -15,6 +15,7 @@ use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use rustix::thread::futex;
 
 use crate::clock::timespec;
+use crate::gauge::{Glance, Glimpse, Spread, Times};
 use crate::ledger::Ledger;
 use crate::run_dir::RunDir;
 
@@ -188,6 +189,8 @@ pub struct Line {
     incarnation: AtomicU32,
     state: AtomicU32,
     counts: [AtomicU64; COUNTS],
+    step: Times,
+    age: Times,
 }
 
 impl Line {
@@ -260,6 +263,26 @@ impl Line {
         self.counts[count as usize].load(Ordering::Relaxed)
     }
 
+    /// How long it takes from its input in hand to its output sent; for the source of ticks in real time from the tick's due time.
+    #[must_use]
+    pub fn step(&self) -> Spread {
+        self.step.read()
+    }
+
+    /// How old the tick is when its output is sent, or for the source of ticks, when its answer is in hand; in real time since it was due.
+    #[must_use]
+    pub fn age(&self) -> Spread {
+        self.age.read()
+    }
+
+    pub(crate) fn note_step(&self, ns: u64) {
+        self.step.record(ns);
+    }
+
+    pub(crate) fn note_age(&self, ns: u64) {
+        self.age.record(ns);
+    }
+
     pub(crate) fn add(&self, count: Count, n: u64) {
         self.counts[count as usize].fetch_add(n, Ordering::Relaxed);
     }
@@ -300,6 +323,7 @@ struct Page {
     /// Origin of the real-time grid on `CLOCK_MONOTONIC`; 0 until the source of ticks has set it.
     grid_origin_ns: AtomicU64,
     ledger: Ledger,
+    glance: Glance,
     lines: [Line; MAX_PROCESSES],
 }
 
@@ -388,6 +412,16 @@ impl Board {
     #[must_use]
     pub fn line(&self, index: usize) -> &Line {
         &self.page().lines[index]
+    }
+
+    /// What the arm is doing.
+    #[must_use]
+    pub fn glimpse(&self) -> Glimpse {
+        self.page().glance.read()
+    }
+
+    pub(crate) fn glance(&self) -> &Glance {
+        &self.page().glance
     }
 
     /// The launcher, when all processes are through with the phase before.

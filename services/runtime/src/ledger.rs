@@ -183,9 +183,9 @@ impl Ledger {
     }
 
     fn of(&self, process: usize) -> impl Iterator<Item = &Entry> {
-        self.taken().iter().filter(move |entry| {
-            entry.standing.load(Ordering::Acquire) == IN_FORCE && entry.strike().process as usize == process
-        })
+        self.taken()
+            .iter()
+            .filter(move |entry| entry.standing.load(Ordering::Acquire) == IN_FORCE && entry.strike().process as usize == process)
     }
 }
 

@@ -16,6 +16,7 @@ mod difference;
 mod edge;
 mod fate;
 pub mod floor;
+mod gauge;
 mod hash;
 mod kept;
 mod ledger;
@@ -26,6 +27,7 @@ mod ports;
 pub mod realtime;
 mod run_dir;
 mod shell;
+pub mod stock;
 mod topics;
 
 #[cfg(test)]
@@ -33,8 +35,9 @@ mod tests;
 
 pub use board::{Board, BoardError, Count, Counts, Line, MAX_PROCESSES, Phase, State, Stop};
 pub use clock::{now_ns, sleep_until};
-pub use difference::{Difference, first_difference};
+pub use difference::{Difference, Differences, FieldDifference, first_difference};
 pub use edge::random;
+pub use gauge::{Glimpse, SingularityGlimpse, Spread};
 pub use hash::TopicHash;
 pub use kept::{Keep, KeepError, Kept};
 pub use ledger::{Account, Ledger, MOST_FAULTS, Origin};

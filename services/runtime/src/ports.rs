@@ -15,7 +15,7 @@ use crate::clock::now_ns;
 use crate::edge::{Fence, first_not_finite, happens, random, spoil};
 use crate::fate::Outlet;
 use crate::memory::Memory;
-use crate::pace::cause;
+use crate::pace::{USAGE_EVERY, cause};
 use crate::realtime::Usage;
 use crate::shell::{Interrupted, Shared, Wait, Waited};
 use crate::topics::{Publishing, Subscribing, TopicError, Wire};
@@ -98,9 +98,14 @@ impl<M: Message> Reader<M> {
         shared.pause();
         loop {
             let (tick, last) = (shared.tick.get(), self.last);
-            let found = shared.wait(self.bit, None, || expected::<M>(&shared, last.map(|last| last + 1)), || {
-                if shared.is_lockstep() { self.look_for_next(tick) } else { self.look_for_newest() }
-            })?;
+            let found = shared.wait(
+                self.bit,
+                None,
+                || expected::<M>(&shared, last.map(|last| last + 1)),
+                || {
+                    if shared.is_lockstep() { self.look_for_next(tick) } else { self.look_for_newest() }
+                },
+            )?;
             let Waited::Ready(found) = found else { return Ok(None) };
             // The tick in hand: in real time it is the message's.
             let tick = if shared.is_lockstep() { tick } else { self.current.header().tick };
@@ -167,32 +172,37 @@ impl<M: Message> Reader<M> {
             shared.close(tick);
         }
         let (before, mut newest) = (self.last, self.last);
-        let found = shared.wait(self.bit, deadline_ns, || expected::<M>(&shared, Some(tick)), || {
-            loop {
-                while let Some(message) = self.inlet.receive()? {
-                    let came = message.header().tick;
-                    if newest.is_some_and(|newest| came <= newest) {
-                        shared.line().add(Count::Repeated, 1);
-                        shared.notice();
-                        continue;
+        let found = shared.wait(
+            self.bit,
+            deadline_ns,
+            || expected::<M>(&shared, Some(tick)),
+            || {
+                loop {
+                    while let Some(message) = self.inlet.receive()? {
+                        let came = message.header().tick;
+                        if newest.is_some_and(|newest| came <= newest) {
+                            shared.line().add(Count::Repeated, 1);
+                            shared.notice();
+                            continue;
+                        }
+                        self.current = *message;
+                        newest = Some(came);
+                        if came == tick && !(is_shaped && shared.is_lockstep()) {
+                            return Ok(Some(()));
+                        }
                     }
-                    self.current = *message;
-                    newest = Some(came);
-                    if came == tick && !(is_shaped && shared.is_lockstep()) {
+                    if shared.is_unordered() && tick > 0 && before == Some(tick - 1) {
                         return Ok(Some(()));
                     }
+                    // What came between the last look and the closing is still to be taken in: look once more.
+                    match shared.is_lockstep() && self.inlet.is_over(tick) {
+                        true if self.inlet.has_more()? => {}
+                        true => return Ok(Some(())),
+                        false => return Ok(None),
+                    }
                 }
-                if shared.is_unordered() && tick > 0 && before == Some(tick - 1) {
-                    return Ok(Some(()));
-                }
-                // What came between the last look and the closing is still to be taken in: look once more.
-                match shared.is_lockstep() && self.inlet.is_over(tick) {
-                    true if self.inlet.has_more()? => {}
-                    true => return Ok(Some(())),
-                    false => return Ok(None),
-                }
-            }
-        })?;
+            },
+        )?;
         if matches!(found, Waited::Stopped) {
             return Ok(None);
         }
@@ -501,23 +511,27 @@ impl<M: Message> Writer<M> {
                 shared.tick.set(tick + 1);
             }
         }
+        shared.board.glance().note(&message);
         outlet.ring();
         count_lateness(&mut self.usage, shared, message.header(), sent_ns);
         Ok(())
     }
 }
 
-/// In real time an output is due one period after the sensor sample that it answers.
-fn count_lateness(usage: &mut Usage, shared: &Shared, header: &shared_types::Header, sent_ns: u64) {
-    let (sampled_ns, period_ns) = (header.stamps.sent_ns[0], shared.manifest.period_ns());
-    if shared.is_lockstep() || sampled_ns == 0 || sent_ns <= sampled_ns + period_ns {
+/// In real time an output is due one period after its tick was.
+fn count_lateness(last: &mut Usage, shared: &Shared, header: &shared_types::Header, sent_ns: u64) {
+    let due_ns = header.stamps.origin_ns() + shared.manifest.period_ns();
+    let is_late = header.stamps.origin_ns() > 0 && sent_ns > due_ns;
+    if shared.is_lockstep() || !(is_late || header.tick.is_multiple_of(USAGE_EVERY)) {
         return;
     }
-    let now = Usage::now();
-    let was_late_already = header.stamps.received_ns.iter().any(|&ns| ns > sampled_ns + period_ns);
-    let cause = if was_late_already { Count::MissedLateInput } else { cause(*usage, now, false) };
-    *usage = now;
-    shared.line().add(cause, 1);
+    let usage = Usage::now();
+    let was_late_already = header.stamps.received_ns.iter().any(|&ns| ns > due_ns);
+    if is_late {
+        let cause = if was_late_already { Count::MissedLateInput } else { cause(*last, usage, false) };
+        shared.line().add(cause, 1);
+    }
+    *last = usage;
 }
 
 /// Room for what a delay can hold back.

@@ -150,6 +150,10 @@ pub(crate) struct Shared {
     ports: RefCell<Vec<Rc<dyn Connect>>>,
     /// The stamps of the inputs of the tick in hand.
     input: Cell<Input>,
+    /// When the source's tick in hand was due; 0 in lockstep.
+    pub(crate) due_ns: Cell<u64>,
+    /// The last tick of which something was sent.
+    sent_tick: Cell<Option<u64>>,
     /// Deliberate pauses, in a run of `verify`.
     pauses: RefCell<Option<Pauses>>,
     /// The tick in hand: everything before it is closed.
@@ -291,7 +295,12 @@ impl Shared {
             mine.received_ns[hop] = mine.received_ns[hop].max(theirs.received_ns[hop]);
             mine.sent_ns[hop] = mine.sent_ns[hop].max(theirs.sent_ns[hop]);
         }
+        input.stamps.due_ns = input.stamps.due_ns.max(header.stamps.due_ns);
         self.input.set(input);
+        if self.hop == Some(0) {
+            // The answer to its own tick.
+            self.line().note_age(input.received_ns.saturating_sub(input.stamps.origin_ns()));
+        }
     }
 
     /// Fills an output's header: the stamps of the inputs of the same tick, and this hop's own. Returns the time of sending.
@@ -302,12 +311,28 @@ impl Shared {
         let now = self.clock_ns();
         if let Some(hop) = self.hop {
             if hop == 0 {
-                header.stamps = Stamps::default();
+                header.stamps = Stamps { due_ns: self.due_ns.get(), ..Stamps::default() };
             }
             header.stamps.received_ns[hop] = input.received_ns;
             header.stamps.sent_ns[hop] = now;
+            self.note_times(hop, header, now);
         }
         now
+    }
+
+    /// Shows on the board how long the tick in hand took; once a tick, whatever is sent of it.
+    fn note_times(&self, hop: usize, header: &Header, now_ns: u64) {
+        if self.sent_tick.replace(Some(header.tick)) == Some(header.tick) {
+            return;
+        }
+        let Stamps { received_ns, due_ns, .. } = header.stamps;
+        let began_ns = if hop == 0 && due_ns > 0 { due_ns } else { received_ns[hop] };
+        if began_ns > 0 {
+            self.line().note_step(now_ns.saturating_sub(began_ns));
+        }
+        if hop > 0 && header.stamps.origin_ns() > 0 {
+            self.line().note_age(now_ns.saturating_sub(header.stamps.origin_ns()));
+        }
     }
 
     /// In lockstep: waits until no polled process lags so far that it could lose this tick, and all are back whom the ledger has back by then.
@@ -390,9 +415,6 @@ impl Shell {
         let node = topics::join(&run, process, false)?;
         let stops_at = if manifest.processes[me].polled { Stop::Everything } else { Stop::Chain };
         let hop = HOPS.iter().position(|&hop| hop == process);
-        let (started, input, ports) = (Cell::new(false), Cell::new(Input::default()), RefCell::default());
-        let pauses = RefCell::new(disturbance.pauses.map(Pauses::new));
-        let (tick, fates, hog, outlets) = (Cell::new(0), RefCell::new(Copied::new()), RefCell::default(), RefCell::default());
         let shared = Shared {
             run,
             manifest,
@@ -402,14 +424,16 @@ impl Shell {
             stops_at,
             hop,
             signalled,
-            started,
-            ports,
-            input,
-            pauses,
-            tick,
-            fates,
-            hog,
-            outlets,
+            started: Cell::new(false),
+            ports: RefCell::default(),
+            input: Cell::default(),
+            due_ns: Cell::new(0),
+            sent_tick: Cell::new(None),
+            pauses: RefCell::new(disturbance.pauses.map(Pauses::new)),
+            tick: Cell::new(0),
+            fates: RefCell::new(Copied::new()),
+            hog: RefCell::default(),
+            outlets: RefCell::default(),
         };
         shared.learn();
         shared.tick.set(shared.returns_at());
@@ -562,6 +586,10 @@ impl Shell {
     #[must_use]
     pub fn count(&self, count: Count) -> u64 {
         self.shared.line().count(count)
+    }
+
+    pub(crate) fn shared(&self) -> Rc<Shared> {
+        Rc::clone(&self.shared)
     }
 
     fn declared<M: Message>(&self, action: &'static str) -> Result<(), TopicError> {
