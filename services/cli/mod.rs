@@ -4,6 +4,7 @@ mod bench;
 mod clean;
 mod doctor;
 mod failure;
+mod fault;
 mod graph;
 mod inspect;
 mod list;
@@ -21,6 +22,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use shared_types::fault::{Kind, Way};
 use shared_types::job::Mode;
 
 use failure::Failure;
@@ -81,6 +83,13 @@ enum Command {
     /// Watch a running graph: processes, ticks, rates, misses.
     #[command(after_help = "Examples:\n  armplane top\n  armplane top --once --json")]
     Top(TopArgs),
+    /// Let something go wrong in a running graph.
+    #[command(
+        long_about = "Injects a fault into one process of a running graph, from its next tick on. The run records it with that tick, and leaves \
+                      a scenario.toml beside its results in which the fault is planned: `armplane run` of it gives the same bytes again.",
+        after_help = "Examples:\n  armplane fault --list\n  armplane fault controller kill\n  armplane fault estimator delay --delay 3 --for 0.5s\n  armplane fault plant sensor --as bias --joint 5 --amount 0.02"
+    )]
+    Fault(FaultArgs),
     /// List the built-in scenarios and robots.
     #[command(after_help = "Example:\n  armplane list --json")]
     List,
@@ -262,6 +271,44 @@ struct TopArgs {
 }
 
 #[derive(Args)]
+struct FaultArgs {
+    /// To which process.
+    process: Option<String>,
+    /// What happens (see --list).
+    kind: Option<Kind>,
+    /// Show all kinds of faults, what they do and to whom they can happen.
+    #[arg(long)]
+    list: bool,
+    /// In which way, for the kinds that have several.
+    #[arg(long = "as", value_name = "WAY")]
+    way: Option<Way>,
+    /// How long: 100ms, 0.5s, or a number of ticks [default: the kind's].
+    #[arg(long = "for", value_name = "LENGTH")]
+    length: Option<fault::Length>,
+    /// The share of messages it concerns, 0 to 1.
+    #[arg(long, value_name = "P")]
+    probability: Option<f64>,
+    /// Ticks by which messages are late.
+    #[arg(long, value_name = "TICKS")]
+    delay: Option<u64>,
+    /// Up to so many ticks more.
+    #[arg(long, value_name = "TICKS")]
+    jitter: Option<u64>,
+    /// Which field of the message is spoilt, as tau[2].
+    #[arg(long, value_name = "FIELD")]
+    field: Option<String>,
+    /// Which joint, from 1.
+    #[arg(long, value_name = "N")]
+    joint: Option<u32>,
+    /// By how much, in the way's unit.
+    #[arg(long, value_name = "X", allow_negative_numbers = true)]
+    amount: Option<f64>,
+    /// The run's name, where several are alive (see `armplane doctor --json`).
+    #[arg(long, value_name = "RUN")]
+    run: Option<String>,
+}
+
+#[derive(Args)]
 struct InspectArgs {
     /// A built-in robot's name, or a URDF file.
     #[arg(long, value_name = "NAME|FILE.urdf", default_value = "puma560")]
@@ -318,6 +365,7 @@ pub(crate) fn main() -> ExitCode {
         Command::Bench(args) => bench::bench(&args, json),
         Command::Top(args) => top::top(&args, json),
         Command::BenchPeer(args) => bench::peer(&args.name, &args.run),
+        Command::Fault(args) => fault::fault(&args, json),
         Command::List => list::list(json),
         Command::Inspect(args) => inspect::inspect(&args, json),
         Command::Graph(args) => graph::graph(&args, json),

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use hdrhistogram::Histogram;
 use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
 use shared_types::codes::{self, MODE_REGULAR};
 use shared_types::scenario::Goal;
 use shared_types::summary::{JointSummary, Latency, ModeChange, SingularitySummary, TaskSummary};
@@ -26,7 +27,7 @@ pub struct Tick<'a> {
 }
 
 /// What the judge needs to know of the arm: limits, one entry a joint.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Limits {
     /// N·m.
     pub effort: Vec<f64>,
@@ -35,7 +36,7 @@ pub struct Limits {
 }
 
 /// Gathers a run's figures tick by tick.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Judge {
     limits: Limits,
     goal: Goal,
@@ -44,11 +45,15 @@ pub struct Judge {
     task: TaskSummary,
     position_square_sum: f64,
     joints: JointSummary,
+    #[serde(with = "stored")]
     torque_steps: Histogram<u64>,
     last_tau: Option<Vec<f64>>,
     singularities: Vec<Watched>,
     modes: Vec<ModeChange>,
+    #[serde(with = "stored_by_name")]
     latencies: BTreeMap<String, Histogram<u64>>,
+    /// Not stored: who goes on after a gap measures no latency over it.
+    #[serde(skip)]
     last_sensor: Option<SensorSample>,
     /// Between two points of the real-time grid; 0 without one.
     period_ns: u64,
@@ -60,13 +65,13 @@ pub struct Judge {
     last_ns: u64,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 struct Watched {
     summary: SingularitySummary,
     mode: u32,
     inside: bool,
     /// ζ when the neighbourhood was entered last.
-    zeta_at_entry: Vector3<f64>,
+    zeta_at_entry: [f64; 3],
 }
 
 /// The judge's findings.
@@ -97,11 +102,54 @@ pub struct Verdict {
 /// Torque steps are kept in millionths of the limit: a ratio of 1 is 1 000 000.
 const STEP_UNIT: f64 = 1e6;
 
+/// Larger steps than this many limits, which only a fault makes, count as it.
+const STEP_MOST: f64 = 1e3;
+
 fn histogram() -> Histogram<u64> {
     // 3 significant digits up to 100 s in ns; resizes by itself beyond, so that no sample is left out.
     let mut histogram = Histogram::new_with_bounds(1, 100_000_000_000, 3).expect("constant bounds are valid");
     histogram.auto(true);
     histogram
+}
+
+/// A histogram as the values in it and how often each occurred.
+mod stored {
+    use super::{Histogram, histogram};
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub(super) type Values = Vec<(u64, u64)>;
+
+    pub(super) fn values(histogram: &Histogram<u64>) -> Values {
+        histogram.iter_recorded().map(|one| (one.value_iterated_to(), one.count_at_value())).collect()
+    }
+
+    pub(super) fn of(values: Values) -> Histogram<u64> {
+        let mut histogram = histogram();
+        values.into_iter().for_each(|(value, count)| histogram.saturating_record_n(value, count));
+        histogram
+    }
+
+    pub(super) fn serialize<S: Serializer>(histogram: &Histogram<u64>, serializer: S) -> Result<S::Ok, S::Error> {
+        values(histogram).serialize(serializer)
+    }
+
+    pub(super) fn deserialize<'a, D: Deserializer<'a>>(deserializer: D) -> Result<Histogram<u64>, D::Error> {
+        Values::deserialize(deserializer).map(of)
+    }
+}
+
+mod stored_by_name {
+    use super::{BTreeMap, Histogram, stored};
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    pub(super) fn serialize<S: Serializer>(all: &BTreeMap<String, Histogram<u64>>, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(all.iter().map(|(name, histogram)| (name, stored::values(histogram))))
+    }
+
+    pub(super) fn deserialize<'a, D: Deserializer<'a>>(deserializer: D) -> Result<BTreeMap<String, Histogram<u64>>, D::Error> {
+        let all = BTreeMap::<String, stored::Values>::deserialize(deserializer)?;
+        Ok(all.into_iter().map(|(name, values)| (name, stored::of(values))).collect())
+    }
 }
 
 impl Judge {
@@ -189,7 +237,7 @@ impl Judge {
         if let Some(last) = &self.last_tau {
             let step = (0..n).fold(0.0f64, |step, i| step.max(ratio(tau[i] - last[i], self.limits.effort[i])));
             joints.torque_step_max_ratio = joints.torque_step_max_ratio.max(step);
-            self.torque_steps.saturating_record((step * STEP_UNIT) as u64 + 1);
+            self.torque_steps.saturating_record((step.min(STEP_MOST) * STEP_UNIT) as u64 + 1);
         } else {
             joints.q_start = tick.truth.q[..n].to_vec();
         }
@@ -203,7 +251,7 @@ impl Judge {
             if self.singularities.len() <= i {
                 let name = codes::singularity_name(singularity.kind, i);
                 let summary = SingularitySummary { name, s_min: f64::INFINITY, ..SingularitySummary::default() };
-                self.singularities.push(Watched { summary, mode: MODE_REGULAR, inside: false, zeta_at_entry: Vector3::zeros() });
+                self.singularities.push(Watched { summary, mode: MODE_REGULAR, inside: false, zeta_at_entry: [0.0; 3] });
             }
             let watched = &mut self.singularities[i];
             let summary = &mut watched.summary;
@@ -216,10 +264,10 @@ impl Judge {
             let (linear, angular) = halves(&singularity.zeta_B);
             let zeta = if singularity.angular != 0 { angular } else { linear };
             if inside && !watched.inside {
-                watched.zeta_at_entry = zeta;
+                watched.zeta_at_entry = zeta.into();
             }
             if inside {
-                let entry = watched.zeta_at_entry;
+                let entry = Vector3::from(watched.zeta_at_entry);
                 let turned = entry.cross(&zeta).norm().atan2(entry.dot(&zeta)).to_degrees();
                 summary.zeta_turned_deg = summary.zeta_turned_deg.max(turned);
             }
