@@ -110,6 +110,7 @@ fn state(state: State) -> &'static str {
         State::Connected => "connected",
         State::Running => "running",
         State::Gone => "gone",
+        State::Stopped => "stopped",
     }
 }
 

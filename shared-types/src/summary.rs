@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use crate::fault::Fault;
+
 /// `summary.json`, whole.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
@@ -138,10 +140,11 @@ pub struct ModeChange {
     pub mode: String,
 }
 
-/// A fault, refusal or loss.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+/// A fault, planned or live or noticed, and what became of it; or a process's end that ended the run (`kind` `"exit"`).
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct FaultSummary {
-    /// When.
+    /// The first tick it concerns.
     pub tick: u64,
     /// Which process.
     pub process: String,
@@ -149,6 +152,19 @@ pub struct FaultSummary {
     pub kind: String,
     /// One sentence.
     pub detail: String,
+    /// `"planned"`, `"live"` or `"noticed"`.
+    pub origin: String,
+    /// Whether it came to pass: the run may have ended before.
+    pub struck: bool,
+    /// How long it took until anything noticed, wall-clock time; ms.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub detected_ms: Option<f64>,
+    /// How long it took until a process that was down worked again, wall-clock time; ms.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub restored_ms: Option<f64>,
+    /// The fault that repeats it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fault: Option<Fault>,
 }
 
 /// Deadlines met and missed.

@@ -16,6 +16,7 @@ use rustix::thread::futex;
 
 use crate::clock::timespec;
 use crate::gauge::{Glance, Glimpse, Spread, Times};
+use crate::ledger::Ledger;
 use crate::run_dir::RunDir;
 
 /// Most processes a run may have.
@@ -125,6 +126,8 @@ pub enum State {
     Running = 4,
     /// It has ended.
     Gone = 5,
+    /// It stands still (SIGSTOP).
+    Stopped = 6,
 }
 
 /// Declares what is counted: the variants, and the record of all of them.
@@ -169,6 +172,10 @@ counts! {
     Repeated repeated,
     /// Ticks never received.
     Lost lost,
+    /// Received messages refused because a number in them was not finite.
+    Refused refused,
+    /// Messages sent.
+    Sent sent,
 }
 
 /// One process on the board.
@@ -224,6 +231,7 @@ impl Line {
             3 => State::Connected,
             4 => State::Running,
             5 => State::Gone,
+            6 => State::Stopped,
             _ => State::Absent,
         }
     }
@@ -314,6 +322,7 @@ struct Page {
     stop: AtomicU32,
     /// Origin of the real-time grid on `CLOCK_MONOTONIC`; 0 until the source of ticks has set it.
     grid_origin_ns: AtomicU64,
+    ledger: Ledger,
     glance: Glance,
     lines: [Line; MAX_PROCESSES],
 }
@@ -441,7 +450,14 @@ impl Board {
         self.ring_all();
     }
 
-    fn ring_all(&self) {
+    /// The faults of the run.
+    #[must_use]
+    pub fn ledger(&self) -> &Ledger {
+        &self.page().ledger
+    }
+
+    /// Wakes everybody: something has changed that is no message.
+    pub fn ring_all(&self) {
         for line in &self.page().lines {
             line.bell.ring(ANYTHING);
         }

@@ -38,8 +38,9 @@ impl Pace {
             return Ok(None);
         }
         let tick = self.next_tick;
+        self.shared.board.ledger().adopt(tick);
         if self.shared.is_lockstep() {
-            if !matches!(self.shared.wait_for_recorder(tick)?, Waited::Ready(())) {
+            if !matches!(self.shared.wait_for_others(tick)?, Waited::Ready(())) {
                 return Ok(None);
             }
         } else {
@@ -49,18 +50,24 @@ impl Pace {
             return Ok(None);
         }
         self.next_tick += 1;
+        self.shared.tick.set(tick);
+        // The arm's time is its own: where the plant stood still, no tick has passed.
+        self.shared.meet_fate(tick);
         Ok(Some(tick))
     }
 
-    /// The end of the tick in hand on `CLOCK_MONOTONIC`; in lockstep there is none.
+    /// Until when a tick's torque is waited for, on this process's clock; in lockstep without limit.
+    ///
+    /// A tenth of a period, at most 100 µs, before the next tick: whoever waits in vain is in time for the next grid point nevertheless.
     #[must_use]
     pub fn deadline_ns(&self) -> Option<u64> {
-        (!self.shared.is_lockstep()).then(|| self.grid_ns + self.shared.manifest.period_ns())
+        let period = self.shared.manifest.period_ns();
+        (!self.shared.is_lockstep()).then(|| self.grid_ns + period - (period / 10).min(100_000))
     }
 
     fn wait_for_grid(&mut self) {
         let period = self.shared.manifest.period_ns();
-        let now = now_ns();
+        let now = self.shared.clock_ns();
         let incarnations = self.incarnations_of_all();
         if self.grid_ns == 0 {
             let origin = self.shared.board.grid_origin(now + period);
@@ -79,8 +86,10 @@ impl Pace {
         }
         self.incarnations = incarnations;
         self.shared.due_ns.set(self.grid_ns);
-        while now_ns() < self.grid_ns && !self.shared.is_stopping() {
-            sleep_until(self.grid_ns);
+        while self.shared.clock_ns() < self.grid_ns && !self.shared.is_stopping() {
+            // By the machine's clock, of which the process's own may be ahead.
+            let ahead_ns = self.shared.clock_ns().saturating_sub(now_ns());
+            sleep_until(self.grid_ns - ahead_ns);
         }
     }
 
