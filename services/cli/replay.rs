@@ -170,7 +170,8 @@ impl Tape<'_> {
     fn plant(&self, robot: &Robot, scenario: &Scenario) -> Result<Replayed, Failure> {
         let (mut samples, mut truths, mut commands) = (self.open::<SensorSample>()?, self.open()?, self.open::<TorqueCommand>()?);
         let mut cycle = plant::cycle(robot, scenario).map_err(Failure::input)?;
-        let faults = scenario.strikes(|process| Some(u32::from(process != "plant"))).map_err(|complaint| Failure::Input(complaint.message))?;
+        let faults =
+            scenario.strikes(|process| Some(u32::from(process != "plant"))).map_err(|complaint| Failure::Input(complaint.message))?;
         let faults: Vec<Strike> =
             faults.into_iter().filter(|strike| strike.process == 0 && matches!(strike.kind(), Some(Kind::Sensor | Kind::Drive))).collect();
         let (mut sensor, mut state) = (Comparison::<SensorSample>::default(), Comparison::<PlantState>::default());
