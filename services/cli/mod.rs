@@ -6,6 +6,7 @@ mod doctor;
 mod failure;
 mod fault;
 mod graph;
+mod hogs;
 mod inspect;
 mod list;
 mod load;
@@ -75,9 +76,9 @@ enum Command {
     /// Measure hand-overs, cycles and steps beside what the machine itself charges.
     #[command(
         long_about = "Measures in one run, in turns, the topics of armplane and floors built into the same program: a bare futex, a pipe, a \
-                      spinning reader. Times are of real processes, pinned and under SCHED_FIFO where the machine allows; a first round warms \
+                      spinning reader, iceoryx2's own wake-ups. Times are of real processes, pinned and under SCHED_FIFO where the machine allows; a first round warms \
                       everything up, after it no sample is left out. Ratios are against the futex of the same placement and payload.",
-        after_help = "Examples:\n  armplane bench\n  armplane bench hop cycle --samples 100000 --json"
+        after_help = "Examples:\n  armplane bench\n  armplane bench hop cycle --samples 100000 --json\n  armplane bench --out bench          table, JSON and pictures\n  armplane bench realtime             the whole graph for 80 s beside a busy thread on every core"
     )]
     Bench(BenchArgs),
     /// Watch a running graph: processes, ticks, rates, misses.
@@ -243,9 +244,18 @@ struct BenchArgs {
     /// Samples of each hop and cycle.
     #[arg(long, value_name = "N", default_value_t = 20_000, value_parser = clap::value_parser!(u64).range(1000..=10_000_000))]
     samples: u64,
-    /// How long each paced measurement lasts; s.
-    #[arg(long, value_name = "S", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=3600))]
-    seconds: u64,
+    /// How long each paced measurement lasts; s [default: 5; `realtime` 60 at 1 kHz and 20 at 4 kHz].
+    #[arg(long, value_name = "S", value_parser = clap::value_parser!(u64).range(1..=3600))]
+    seconds: Option<u64>,
+    /// Rates of `realtime`; Hz [default: 1000 4000].
+    #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u32).range(50..=20_000))]
+    rate: Vec<u32>,
+    /// Run `realtime` without the competing load.
+    #[arg(long)]
+    idle: bool,
+    /// Save bench.json and a picture of the distributions, bench.svg and bench.png, in this folder.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
 }
 
 #[derive(Args)]

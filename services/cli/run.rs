@@ -200,7 +200,7 @@ fn named_in(graph: &Graph, sentence: &str) -> String {
     graph.process.iter().find(|process| sentence.starts_with(&process.name)).map(|process| process.name.clone()).unwrap_or_default()
 }
 
-fn deadlines(job: &Job, outcome: &Outcome) -> Deadlines {
+pub(crate) fn deadlines(job: &Job, outcome: &Outcome) -> Deadlines {
     if job.mode == Mode::Lockstep {
         return Deadlines::default();
     }

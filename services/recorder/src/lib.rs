@@ -119,13 +119,15 @@ fn take<const N: usize>(row: &Row, judge: &mut Judge, tape: &mut Tape<N>) {
     tape.tick(row);
 }
 
-fn limits(robot: &Robot) -> Limits {
+/// What the judge needs to know of a robot.
+#[must_use]
+pub fn limits(robot: &Robot) -> Limits {
     let of = |value: fn(&model::Joint) -> f64| robot.joints.iter().map(value).collect();
     Limits { effort: of(|joint| joint.effort), velocity: of(|joint| joint.velocity) }
 }
 
 /// The recording, as long as it can be written; the first error ends it and is kept.
-struct Tape<const N: usize> {
+pub struct Tape<const N: usize> {
     recording: Option<Recording<N>>,
     folder: PathBuf,
     limits: PartLimits,
@@ -147,7 +149,11 @@ impl PartLimits {
 }
 
 impl<const N: usize> Tape<N> {
-    fn start(robot: &Robot, job: &Job, incarnation: u32) -> Result<Self, ProcessError> {
+    /// A recording in the job's folder, where the job wants one; a further file of it for a later incarnation.
+    ///
+    /// # Errors
+    /// When the file cannot be made.
+    pub fn start(robot: &Robot, job: &Job, incarnation: u32) -> Result<Self, ProcessError> {
         let tape =
             Self { recording: None, folder: job.out.clone(), limits: PartLimits::new(&job.scenario), result: RecorderSummary::default() };
         if !job.record {
@@ -169,7 +175,8 @@ impl<const N: usize> Tape<N> {
         Ok(Self { recording: Some(recording), result: first, ..tape })
     }
 
-    fn tick(&mut self, row: &Row) {
+    /// Adds a tick; what is missing of it is left out.
+    pub fn tick(&mut self, row: &Row) {
         let Some(recording) = &mut self.recording else { return };
         let row = TickRow {
             tick: row.tick,
@@ -209,7 +216,8 @@ impl<const N: usize> Tape<N> {
         }
     }
 
-    fn finish(mut self) -> RecorderSummary {
+    /// Ends the recording.
+    pub fn finish(mut self) -> RecorderSummary {
         if let Some(recording) = self.recording.take()
             && let Err(error) = recording.finish()
         {

@@ -508,6 +508,7 @@ impl<M: Message> Writer<M> {
         }
         let sent_ns = shared.stamp(message.header_mut());
         outlet.memory.keep(&message);
+        shared.board.glance().note(&message);
         let failed = |reason| SendError::Port { process: shared.name().to_owned(), topic: M::TOPIC, reason };
         if shared.is_shaped() && shaped_topic(M::TOPIC) {
             outlet.shape(&message).map_err(failed)?;
@@ -533,19 +534,19 @@ impl<M: Message> Writer<M> {
 }
 
 /// In real time an output is due one period after its tick was.
-fn count_lateness(last: &mut Usage, shared: &Shared, header: &shared_types::Header, sent_ns: u64) {
-    let due_ns = header.stamps.origin_ns() + shared.manifest.period_ns();
-    let is_late = header.stamps.origin_ns() > 0 && sent_ns > due_ns;
+fn count_lateness(usage: &mut Usage, shared: &Shared, header: &shared_types::Header, sent_ns: u64) {
+    let origin_ns = header.stamps.origin_ns();
+    let due_ns = origin_ns + shared.manifest.period_ns();
+    let is_late = origin_ns > 0 && sent_ns > due_ns;
     if shared.is_lockstep() || !(is_late || header.tick.is_multiple_of(USAGE_EVERY)) {
         return;
     }
-    let usage = Usage::now();
-    let was_late_already = header.stamps.received_ns.iter().any(|&ns| ns > due_ns);
+    let now = Usage::now();
     if is_late {
-        let cause = if was_late_already { Count::MissedLateInput } else { cause(*last, usage, false) };
-        shared.line().add(cause, 1);
+        let was_late_already = header.stamps.received_ns.iter().any(|&ns| ns > due_ns);
+        shared.line().add(if was_late_already { Count::MissedLateInput } else { cause(*usage, now, false) }, 1);
     }
-    *last = usage;
+    *usage = now;
 }
 
 /// Room for what a delay can hold back.
