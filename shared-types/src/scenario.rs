@@ -19,6 +19,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::fault::{Fault, Strike};
 use crate::file::{Complaint, InvalidFile};
 
 /// A validated scenario file. Every field but `name`, `robot`, `start` and `segment` has a default that works.
@@ -69,6 +70,12 @@ pub struct Scenario {
     /// What the recording shows first.
     #[serde(default)]
     pub view: View,
+    /// What goes wrong, and when.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub fault: Vec<Fault>,
+    /// How the recording is kept.
+    #[serde(default)]
+    pub record: Record,
 }
 
 /// Start posture: exactly one of the fields.
@@ -354,6 +361,22 @@ pub enum Layout {
     Faults,
 }
 
+/// How the recording is kept: a long one goes on in further files, each of which opens alone, and all together.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Record {
+    /// A file holds at most so much of the run; s.
+    pub part_s: f64,
+    /// A file is at most so large, to within a chunk; MB (10⁶ bytes).
+    pub part_mb: u64,
+}
+
+impl Default for Record {
+    fn default() -> Self {
+        Self { part_s: 600.0, part_mb: 1000 }
+    }
+}
+
 fn rate_hz() -> u32 {
     1000
 }
@@ -459,10 +482,28 @@ impl Scenario {
             positive(&format!("control.aux_rate_max.{i}"), self.control.aux_rate_max[i])?;
             positive(&format!("control.aux_slew.{i}"), self.control.aux_slew[i])?;
         }
+        positive("record.part_s", self.record.part_s)?;
+        positive("record.part_mb", self.record.part_mb as f64)?;
         positive("goal.position_mm", self.goal.position_mm)?;
         positive("goal.orientation_deg", self.goal.orientation_deg)?;
         positive("goal.orthogonal_mm", self.goal.orthogonal_mm)?;
-        positive("goal.orthogonal_deg", self.goal.orthogonal_deg)
+        positive("goal.orthogonal_deg", self.goal.orthogonal_deg)?;
+        self.strikes(|_| Some(0)).map(drop)
+    }
+
+    /// Its faults in their fixed-size form; `index` says where a process stands in the manifest (`None`: it is not there).
+    ///
+    /// # Errors
+    /// [`Complaint`]: a fault that makes no sense, or of a process that the graph does not have.
+    pub fn strikes(&self, index: impl Fn(&str) -> Option<u32>) -> Result<Vec<Strike>, Complaint> {
+        let strike = |(i, fault): (usize, &Fault)| {
+            let place = index(&fault.process).ok_or_else(|| {
+                Complaint::new("process", format!("the graph has no process `{}`", fault.process), "take the fault out, or the process in")
+            });
+            let seed = self.seed.wrapping_mul(0x0100_0000_01b3).wrapping_add(i as u64);
+            place.and_then(|place| fault.strike(place, self.rate_hz, seed)).map_err(|complaint| complaint.within(&format!("fault.{i}")))
+        };
+        self.fault.iter().enumerate().map(strike).collect()
     }
 }
 
