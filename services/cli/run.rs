@@ -319,6 +319,12 @@ fn tell(summary: &Summary, folder: &Path) {
         ]);
     }
     say!("{rows}");
+    for turn in &summary.turns {
+        let joints = |moves: &[f64]| moves.iter().map(|by| format!("{by:+.2}")).collect::<Vec<_>>().join(" ");
+        say!("ζ turned   {} at tick {}", turn.singularity, turn.tick);
+        say!("           said before: joints by {} ° in {:.2} s", joints(&turn.planned_deg), turn.planned_s);
+        say!("           done:        joints by {} ° in {:.2} s", joints(&turn.moved_deg), turn.took_ticks as f64 / f64::from(summary.rate_hz.max(1)));
+    }
     let percent = |ratio: f64| format!("{:.0} %", ratio * 100.0);
     let joints = &summary.joints;
     say!(
@@ -327,6 +333,9 @@ fn tell(summary: &Summary, folder: &Path) {
         percent(joints.torque_step_max_ratio),
         percent(joints.speed_max_ratio)
     );
+    if joints.switches > 0 {
+        say!("switches   {} changes of mode, {} J put in by them", joints.switches, digits(joints.switch_energy_j));
+    }
     let simulated_s = summary.ticks as f64 / f64::from(summary.rate_hz.max(1));
     say!(
         "time       {} ticks at {} Hz in {:.2} s: {:.0} ticks/s, {:.1} × real time, {}",

@@ -398,6 +398,7 @@ fn summary(robot: &Robot, job: &Job, mode: Mode, verdict: Verdict, topics: &Topi
         task: verdict.task,
         joints: verdict.joints,
         singularities: verdict.singularities,
+        turns: verdict.turns,
         modes: verdict.modes,
         faults: Vec::new(),
         deadlines: Default::default(),
