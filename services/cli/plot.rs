@@ -157,10 +157,6 @@ impl Axis {
     pub(crate) fn names(names: impl IntoIterator<Item = String>) -> Self {
         Self { scale: Scale::Names(names.into_iter().collect()), ..Self::default() }
     }
-
-    pub(crate) fn hidden() -> Self {
-        Self { hidden: true, ..Self::default() }
-    }
 }
 
 #[derive(Clone, Debug)]
@@ -169,7 +165,6 @@ enum Mark {
     Dots { points: Vec<(f64, f64)>, color: Color, radius: f64 },
     Bar { row: usize, to: f64, color: Color, text: String },
     Band { x: Range<f64>, color: Color },
-    Words { at: (f64, f64), text: String, color: Color },
 }
 
 /// One diagram.
@@ -210,6 +205,18 @@ impl Panel {
         self.marks.push(Mark::Line { points: points.to_vec(), color, width: 1.2, dashed: true });
     }
 
+    /// Every line measured from its first point.
+    pub(crate) fn shifted_to_start(mut self) -> Self {
+        for mark in &mut self.marks {
+            if let Mark::Line { points, .. } = mark
+                && let Some((_, first)) = points.first().copied()
+            {
+                points.iter_mut().for_each(|(_, y)| *y -= first);
+            }
+        }
+        self
+    }
+
     /// Dots.
     pub(crate) fn dots(&mut self, color: Color, radius: f64, points: &[(f64, f64)]) {
         self.marks.push(Mark::Dots { points: points.to_vec(), color, radius });
@@ -236,11 +243,6 @@ impl Panel {
         self.marks.push(Mark::Band { x, color });
     }
 
-    /// Words at a place.
-    pub(crate) fn words(&mut self, at: (f64, f64), color: Color, text: &str) {
-        self.marks.push(Mark::Words { at, text: text.to_owned(), color });
-    }
-
     /// What the data span, each axis by its own scale.
     fn data(&self) -> (Range<f64>, Range<f64>) {
         let (mut x, mut y) = (Extent::default(), Extent::default());
@@ -251,10 +253,6 @@ impl Panel {
                     y.add(self.y.place(point.1));
                 }),
                 Mark::Bar { to, .. } => x.add(self.x.place(*to)),
-                Mark::Words { at, .. } => {
-                    x.add(self.x.place(at.0));
-                    y.add(self.y.place(at.1));
-                }
                 Mark::Band { .. } => {}
             }
         }
@@ -499,7 +497,6 @@ impl Panel {
                         pen.text((end + 5.0, middle), text, 11.0, false, INK, HPos::Left)?;
                     }
                 }
-                Mark::Words { at, text, color } => pen.text((at_x(at.0), at_y(at.1)), text, 11.0, false, *color, HPos::Left)?,
             }
         }
         let mut left = outer_x.start;

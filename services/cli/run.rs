@@ -189,19 +189,23 @@ fn deadlines(job: &Job, outcome: &Outcome) -> Deadlines {
 }
 
 /// The results folder: made before anything starts, removed again if nothing came of it.
-struct Results {
-    folder: PathBuf,
+pub(crate) struct Results {
+    pub(crate) folder: PathBuf,
     made: bool,
 }
 
 impl Results {
-    fn create(wanted: Option<&Path>, scenario: &str) -> Result<Self, Failure> {
+    /// The folder asked for, or the next free `runs/NAME-NNN`.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] if it cannot be written to.
+    pub(crate) fn create(wanted: Option<&Path>, name: &str) -> Result<Self, Failure> {
         let cannot = |path: &Path, error: std::io::Error| {
             Failure::Input(format!("cannot write results to {}: {error}; choose another folder with --out", path.display()))
         };
         let folder = match wanted {
             Some(folder) => folder.to_owned(),
-            None => (1..).map(|n| PathBuf::from(format!("runs/{scenario}-{n:03}"))).find(|path| !path.exists()).unwrap_or_default(),
+            None => (1..).map(|n| PathBuf::from(format!("runs/{name}-{n:03}"))).find(|path| !path.exists()).unwrap_or_default(),
         };
         let made = !folder.exists();
         std::fs::create_dir_all(&folder).map_err(|error| cannot(&folder, error))?;

@@ -16,7 +16,7 @@ use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEs
 use viz::{RecordError, Recording, RunInfo, TickRow};
 
 pub use assemble::{Assembler, Row};
-pub use judge::{Judge, Limits, Tick, Verdict};
+pub use judge::{Judge, Limits, TaskError, Tick, Verdict};
 
 /// Name of the recording in the results folder.
 pub const RECORDING: &str = "run.rrd";
@@ -78,7 +78,9 @@ fn take<const N: usize>(row: &Row, judge: &mut Judge, tape: &mut Tape<N>) {
     tape.tick(row);
 }
 
-fn limits(robot: &Robot) -> Limits {
+/// A robot's limits, as the judge wants them.
+#[must_use]
+pub fn limits(robot: &Robot) -> Limits {
     let of = |value: fn(&model::Joint) -> f64| robot.joints.iter().map(value).collect();
     Limits { effort: of(|joint| joint.effort), velocity: of(|joint| joint.velocity) }
 }
