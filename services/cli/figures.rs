@@ -38,8 +38,13 @@ pub(crate) fn figures(args: &FiguresArgs, as_json: bool) -> Result<ExitCode, Fai
     let traces = traces.into_iter().collect::<Result<Vec<_>, _>>().map_err(Failure::input)?;
     let [pseudo_inverse, consistent, fig4, fig5] = traces.as_slice() else { return Err(Failure::work("a figure's run is missing")) };
     let figures = [
-        null_space("fig1", "Figure 1: null-space motion through the pseudo-inverse", pseudo_inverse, consistent),
-        null_space("fig2", "Figure 2: the same motion, dynamically consistent", consistent, pseudo_inverse),
+        null_space(
+            "fig1",
+            "Figure 1: null-space motion through the pseudo-inverse",
+            pseudo_inverse,
+            ("dynamically consistent", consistent),
+        ),
+        null_space("fig2", "Figure 2: null-space motion, dynamically consistent", consistent, ("pseudo-inverse", pseudo_inverse)),
         two_locks(fig4),
         wrist_lock(fig5),
     ];
@@ -90,49 +95,43 @@ fn joint_angles(trace: &Trace, title: &str, joints: std::ops::Range<usize>) -> P
     panel
 }
 
+fn pale(color: Color) -> Color {
+    Color { 3: 0.09, ..color }
+}
+
 fn subscript(n: usize) -> char {
     ['₀', '₁', '₂', '₃', '₄', '₅', '₆', '₇', '₈', '₉'][n % 10]
 }
 
 /// Figures 1 and 2: a planar arm whose spare joint moves while its tip should stand still.
-fn null_space(name: &'static str, title: &str, trace: &Trace, other: &Trace) -> Figure {
-    let [x, y] = [Vector3::x(), Vector3::y()];
-    let mut arm = Panel::new("the arm, y over x, m (later is darker)", Axis::default(), Axis::default());
+fn null_space(name: &'static str, title: &str, trace: &Trace, other: (&str, &Trace)) -> Figure {
+    let mut arm = Panel::new("postures, m (later is darker)", Axis::default(), Axis::default());
     arm.equal = true;
     // The way there; the way back is the same.
-    postures(&mut arm, trace, 0.0..=1.0, [x, y]);
-    let tip: Vec<_> = trace.samples.iter().map(|sample| (sample.p.x, sample.p.y)).collect();
-    arm.line("path of the tip", RED, &tip);
+    postures(&mut arm, trace, 0.0..=1.0, [Vector3::x(), Vector3::y()]);
     let start = trace.samples.first().map_or(Vector3::zeros(), |sample| sample.p);
-    arm.dots(INK, 3.0, &[(start.x, start.y)]);
-    let mut error = Panel::new("distance of the tip from where it should stay, mm", time(), Axis::default());
-    error.line("", RED, &over_time(trace, |sample| sample.error_mm[0]));
+    let way: Vec<_> = trace.samples.iter().map(|sample| (sample.p - start) * 1e3).map(|way| (way.x, way.y)).collect();
+    let mut path = Panel::new("path of the tip, mm", Axis::default().within(-10.0..10.0), Axis::default().within(-10.0..10.0));
+    path.equal = true;
+    path.line("", RED, &way);
+    path.dots(INK, 2.5, &[(0.0, 0.0)]);
+    let mut error = Panel::new("error of the tip, mm", time(), Axis::default().logarithmic().within(1e-4..100.0));
+    let tip = |trace| over_time(trace, |sample: &Sample| sample.error_mm[0]);
+    error.dashed(other.0, GREY, &tip(other.1));
+    error.line("this figure", RED, &tip(trace));
     let angles = joint_angles(trace, "joint angles, °", 0..3);
-    let largest = trace.largest(|sample| sample.error_mm[0]);
-    let others = other.largest(|sample| sample.error_mm[0]);
-    let comparison = if largest > others {
-        ("times that of the dynamically consistent inverse", largest / others)
-    } else {
-        ("times that of the pseudo-inverse", largest / others)
-    };
+    let [largest, others] = [trace, other.1].map(|trace| trace.largest(|sample| sample.error_mm[0]));
     Figure {
         name,
         page: Page {
             title: title.to_owned(),
-            subtitle: "planar arm of three joints; the posture changes and comes back while the tip should stand still".to_owned(),
-            rows: vec![row_beside(arm, [error, angles])],
-            notes: vec![format!("The tip moves by up to {} mm: {} {}.", digits(largest), digits(comparison.1), comparison.0)],
-            width: 980.0,
+            subtitle: "planar arm of three joints: the posture changes and comes back while the tip should stand still".to_owned(),
+            rows: vec![Row::of(330.0, [arm, path]), Row::of(240.0, [error, angles])],
+            notes: vec![format!("Largest error of the tip {} mm; {} {} mm.", digits(largest), other.0, digits(others))],
+            width: 820.0,
         },
-        numbers: json!({"tip_error_max_mm": largest, "other_projector_tip_error_max_mm": others, "joint_1_moved_deg": trace.moved_deg(0, 1.0)}),
+        numbers: json!({"tip_error_max_mm": largest, "joint_1_moved_deg": trace.moved_deg(0, 1.0)}),
     }
-}
-
-/// A square panel and a few beside it.
-fn row_beside(square: Panel, others: impl IntoIterator<Item = Panel>) -> Row {
-    let mut square = square;
-    square.share = 1.05;
-    Row::of(330.0, [square].into_iter().chain(others))
 }
 
 /// Figure 4: elbow and wrist locked at once, moved along ζ of the elbow.
@@ -142,27 +141,31 @@ fn two_locks(trace: &Trace) -> Figure {
     let up = Vector3::z();
     let across = (zeta - up * zeta.dot(&up)).try_normalize(1e-9).unwrap_or_else(Vector3::x);
     let across = if trace.samples.first().is_some_and(|sample| sample.p.dot(&across) < 0.0) { -across } else { across };
-    let mut arm = Panel::new("the arm from the side, m (later is darker)", Axis::default(), Axis::default());
+    let mut arm = Panel::new("from the side, m (later is darker)", Axis::default(), Axis::default());
     arm.equal = true;
     postures(&mut arm, trace, 0.0..=2.0, [across, up]);
 
     let start = trace.samples.first().map_or(Vector3::zeros(), |sample| sample.p);
-    let mut along = Panel::new("way along the singular direction, mm", time(), Axis::default());
+    let mut along = Panel::new("way of the hand along ζ, mm", time(), Axis::default());
     let way = |p: &Vector3<f64>| (p - start).dot(&zeta) * 1e3;
-    along.line("hand", BLUE, &over_time(trace, |sample| way(&sample.p)));
+    along.line("true", BLUE, &over_time(trace, |sample| way(&sample.p)));
     along.dashed("wanted", INK, &over_time(trace, |sample| way(&sample.p_d)));
 
     let mut error = Panel::new("position error, mm", time(), Axis::default());
-    error.line("along ζ", RED, &over_time(trace, |sample| sample.error_mm[2]));
-    error.line("across ζ", BLUE, &over_time(trace, |sample| sample.error_mm[1]));
+    // By ζ at the start, which stays the direction of the task.
+    let along_zeta = |sample: &Sample| (sample.p_d - sample.p).dot(&zeta).abs() * 1e3;
+    let across_zeta = |sample: &Sample| (sample.p_d - sample.p - zeta * zeta.dot(&(sample.p_d - sample.p))).norm() * 1e3;
+    error.line("along ζ", RED, &over_time(trace, along_zeta));
+    error.line("across ζ", BLUE, &over_time(trace, across_zeta));
     let mut turn = Panel::new("orientation error, °", time(), Axis::default());
     turn.line("", BLUE, &over_time(trace, |sample| sample.error_deg[0]));
     let mut measures = Panel::new("singularity measures", time(), Axis::default());
-    for (place, (name, color)) in [("s elbow", numbered(0)), ("s wrist", numbered(1))].into_iter().enumerate() {
+    measures.band("in both neighbourhoods", pale(BLUE), 0.0..trace.inside_until(0).min(trace.inside_until(1)));
+    for (place, (name, color)) in [("elbow", numbered(0)), ("wrist", numbered(1))].into_iter().enumerate() {
         measures.line(name, color, &over_time(trace, |sample| sample.s[place]));
     }
     let angles = joint_angles(trace, "joint angles from the start, °", 0..6).shifted_to_start();
-    let [along_mm, across_mm] = [2, 1].map(|part| trace.largest(|sample| sample.error_mm[part]));
+    let (along_mm, across_mm) = (trace.largest(along_zeta), trace.largest(across_zeta));
     let orientation = trace.largest(|sample| sample.error_deg[0]);
     let (end_mm, moved) = (trace.last(|sample| sample.error_mm[0]), trace.last(|sample| way(&sample.p)));
     Figure {
@@ -172,8 +175,8 @@ fn two_locks(trace: &Trace) -> Figure {
             subtitle: "PUMA 560, stretched: the hand moves along the direction that the elbow has lost, all else held".to_owned(),
             rows: vec![Row::of(280.0, [arm, along, error]), Row::of(250.0, [turn, measures, angles])],
             notes: vec![format!(
-                "Moved {} mm along ζ; largest error along ζ {} mm, across ζ {} mm, orientation {}°; at the end {} mm.",
-                digits(moved),
+                "Moved {} mm inwards along ζ; largest error along ζ {} mm, across ζ {} mm, orientation {}°; at the end {} mm.",
+                digits(moved.abs()),
                 digits(along_mm),
                 digits(across_mm),
                 digits(orientation),
@@ -193,20 +196,16 @@ fn wrist_lock(trace: &Trace) -> Figure {
     let up = (Vector3::z() - zeta * zeta.z).try_normalize(1e-9).unwrap_or_else(Vector3::x);
     let across = up.cross(&zeta);
     let across = if trace.samples.first().is_some_and(|sample| sample.p.dot(&across) < 0.0) { -across } else { across };
-    let mut arm = Panel::new("the arm along ζ at the start, m (later is darker)", Axis::default(), Axis::default());
+    let mut arm = Panel::new("seen along ζ, m (later is darker)", Axis::default(), Axis::default());
     arm.equal = true;
     postures(&mut arm, trace, trace.phase_change()..=f64::INFINITY, [across, up]);
 
     let turned = |sample: &Sample| sample.zeta[place].angle(&zeta).to_degrees();
     let rotated = |sample: &Sample| sample.turned_about(&zeta, trace.samples.first()).to_degrees();
-    let mut turn = Panel::new("angles, °", time(), Axis::default());
-    turn.band("ζ is turned", Color { 3: 0.09, ..BLUE }, 0.0..trace.phase_change());
-    turn.line(
-        "turn of ζ",
-        numbered(1),
-        &over_time(trace, |sample| if sample.t <= trace.phase_change() { turned(sample) } else { f64::NAN }),
-    );
-    turn.line("turn of the hand about ζ at the start", numbered(0), &over_time(trace, rotated));
+    let mut turn = Panel::new("turns, °", time(), Axis::default());
+    turn.band("turning ζ", pale(BLUE), 0.0..trace.phase_change());
+    turn.line("ζ", numbered(1), &over_time(trace, |sample| if sample.t <= trace.phase_change() { turned(sample) } else { f64::NAN }));
+    turn.line("hand about ζ as it was", numbered(0), &over_time(trace, rotated));
     let mut angles = joint_angles(trace, "wrist joints from the start, °", 3..6).shifted_to_start();
     angles.dashed("", GREY, &[(0.0, 0.0), (trace.samples.last().map_or(0.0, |sample| sample.t), 0.0)]);
     let mut position = Panel::new("position error, mm", time(), Axis::default());

@@ -1,6 +1,6 @@
 //! The tables as pictures: small bars, one row a law.
 
-use shared_types::scenario::Scenario;
+use shared_types::scenario::{Scenario, Strategy};
 
 use super::score::Score;
 use super::sweep::{KINDS, Sweep};
@@ -88,10 +88,10 @@ pub(super) fn sweep(sweep: &Sweep) -> Page {
     let panels = near.enumerate().map(|(column, near)| {
         let title = near.map_or("all lines".to_owned(), |kind| format!("near {} lock", name_of(kind)));
         let y = if column == 0 { Axis::names(names()) } else { Axis { hidden: true, ..Axis::names(names()) } };
-        let mut panel = Panel::new(&title, Axis::named("lines with S2 (pale) and S1 (full), %").within(0.0..118.0), y);
+        let mut panel = Panel::new(&title, Axis::named("% of the lines").within(0.0..118.0), y);
         let pale = |color: Color| Color { 3: 0.35, ..color };
-        for (row, (_, scores)) in sweep.laws.iter().enumerate() {
-            let color = numbered(if row < 2 { 0 } else { 1 });
+        for (row, (law, scores)) in sweep.laws.iter().enumerate() {
+            let color = numbered(usize::from(!matches!(law, Strategy::Blended | Strategy::ChangKhatib)));
             let share = |so: fn(&Score) -> bool| {
                 let (yes, all) = sweep.count(scores, near, so);
                 100.0 * yes as f64 / all.max(1) as f64
@@ -107,7 +107,7 @@ pub(super) fn sweep(sweep: &Sweep) -> Page {
         title: format!("{} straight lines through and near each singularity, {} m/s", sweep.near.len(), sweep.speed),
         subtitle: format!("PUMA 560, every law on the same lines, plant and seed ({})", sweep.seed),
         rows: vec![Row::of(24.0 * sweep.laws.len() as f64 + AROUND, panels)],
-        notes: vec!["S1, S2: see `armplane compare --help`".to_owned()],
+        notes: vec!["Full bars: S1; with the pale part: S2, which is the number. What they ask: armplane compare --help.".to_owned()],
         width: 1100.0,
     }
 }

@@ -30,8 +30,8 @@ fn points(law: Strategy) -> Vec<Point> {
     let base = Baseline::default();
     match law {
         Strategy::DampedLeastSquares | Strategy::JointPd => {
-            for onset in [0.01, 0.02, 0.04, 0.08, 0.16] {
-                for largest in [0.005, 0.01, 0.02, 0.04, 0.08, 0.16] {
+            for onset in [0.02, 0.04, 0.08, 0.16, 0.32, 0.64] {
+                for largest in [0.005, 0.01, 0.02, 0.03, 0.04, 0.08] {
                     let damping = Damping { onset, largest };
                     let (name, baseline) = match law {
                         Strategy::JointPd => ("joint_pd", Baseline { joint_pd: damping, ..base.clone() }),
@@ -42,14 +42,14 @@ fn points(law: Strategy) -> Vec<Point> {
             }
         }
         Strategy::TruncatedSvd => {
-            for truncated_svd_floor in [0.003, 0.005, 0.01, 0.015, 0.02, 0.03, 0.04, 0.06, 0.08, 0.12] {
+            for truncated_svd_floor in [0.003, 0.005, 0.01, 0.015, 0.02, 0.025, 0.03, 0.04, 0.06, 0.08] {
                 baselines.push((format!("truncated_svd_floor={truncated_svd_floor}"), Baseline { truncated_svd_floor, ..base.clone() }));
             }
         }
         Strategy::HoldAndBlend => {
-            for blend in [[0.001, 0.004], [0.001, 0.01], [0.003, 0.03], [0.006, 0.06], [0.02, 0.1]] {
-                for (hold_k_p, hold_k_v) in [(0.0001, 5.0), (50.0, 14.0), (400.0, 40.0)] {
-                    for push in [0.0001, 0.01, 0.1] {
+            for blend in [[0.001, 0.004], [0.001, 0.01], [0.001, 0.02], [0.003, 0.02], [0.006, 0.06]] {
+                for (hold_k_p, hold_k_v) in [(0.001, 2.0), (0.001, 5.0), (5.0, 4.5), (50.0, 14.0), (400.0, 40.0)] {
+                    for push in [0.001, 0.01, 0.1] {
                         let tuned = HoldAndBlend { blend, hold_k_p, hold_k_v, push, ..base.hold_and_blend };
                         let text = format!("hold_and_blend={{blend={blend:?},hold_k_p={hold_k_p},hold_k_v={hold_k_v},push={push}}}");
                         baselines.push((text, Baseline { hold_and_blend: tuned, ..base.clone() }));

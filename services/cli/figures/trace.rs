@@ -1,12 +1,10 @@
-//! What a figure needs of a run, every few ticks.
+//! What a figure needs of a run.
 
 use model::{Model, Refused, Robot, with_dof};
 use nalgebra::{Matrix3, Rotation3, SVector, Vector3};
 use recorder::TaskError;
 use shared_types::scenario::Scenario;
 
-/// Ticks between samples.
-const EVERY: u64 = 4;
 /// Length of the hand in stick figures, m.
 const HAND: f64 = 0.15;
 
@@ -32,6 +30,7 @@ pub(super) struct Sample {
     /// Per singularity: measure and direction.
     pub(super) s: Vec<f64>,
     pub(super) zeta: Vec<Vector3<f64>>,
+    inside: Vec<bool>,
     kind: Vec<u32>,
     segment: u32,
 }
@@ -47,7 +46,6 @@ impl Sample {
 #[derive(Clone, Debug)]
 pub(super) struct Trace {
     pub(super) samples: Vec<Sample>,
-    /// Largest errors count every tick, not only the samples.
     dt: f64,
 }
 
@@ -84,6 +82,11 @@ impl Trace {
         self.samples.first().and_then(|sample| sample.kind.iter().position(|known| *known == kind)).unwrap_or_default()
     }
 
+    /// Until when a singularity's neighbourhood is not left, from the start; s.
+    pub(super) fn inside_until(&self, place: usize) -> f64 {
+        self.samples.iter().take_while(|sample| sample.inside.get(place) == Some(&true)).last().map_or(0.0, |sample| sample.t)
+    }
+
     /// When the second segment begins; s.
     pub(super) fn phase_change(&self) -> f64 {
         self.samples.iter().find(|sample| sample.segment > 0).map_or(0.0, |sample| sample.t) - self.dt
@@ -95,21 +98,9 @@ fn sized<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<Trace, Re
     let model = Model::<N>::new(robot, frame).map_err(Refused::because)?;
     let is_planar = !robot.task.0[2];
     let mut trace = Trace { samples: Vec::new(), dt: scenario.dt_s() };
-    let mut worst: Option<TaskError> = None;
     chain::run(robot, scenario, |tick| {
         let chain::Tick { sensor, truth, estimate, report, command } = tick;
         let error = TaskError::of(&recorder::Tick { sensor, truth, estimate, report, command });
-        let larger = |a: [f64; 3], b: [f64; 3]| std::array::from_fn(|i| f64::max(a[i], b[i]));
-        // The largest since the last sample, so that none is lost.
-        let error = worst.map_or(error, |worst| TaskError {
-            position: larger(worst.position, error.position),
-            orientation: larger(worst.orientation, error.orientation),
-        });
-        if truth.header.tick % EVERY != 0 {
-            worst = Some(error);
-            return;
-        }
-        worst = None;
         let q = SVector::<f64, N>::from_fn(|i, _| truth.q[i]);
         let terms = model.evaluate(&q, &SVector::zeros());
         let (p, R) = (Vector3::from(truth.p_BE), Matrix3::from_column_slice(&truth.R_BE));
@@ -127,6 +118,7 @@ fn sized<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<Trace, Re
             error_deg: error.orientation,
             s: singularities.iter().map(|s| s.s).collect(),
             zeta: singularities.iter().map(|s| zeta(&s.zeta_B, s.angular != 0)).collect(),
+            inside: singularities.iter().map(|s| s.inside != 0).collect(),
             kind: singularities.iter().map(|s| s.kind).collect(),
             segment: command.segment,
         });
