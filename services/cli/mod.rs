@@ -14,6 +14,7 @@ mod out;
 mod plot;
 mod pool;
 mod process;
+mod replay;
 mod run;
 mod table;
 mod top;
@@ -64,6 +65,14 @@ enum Command {
         after_help = "Examples:\n  armplane verify fig5-wrist-rotation\n  armplane verify my.toml --runs 12 --json\n\nExit code 1: some bytes differ."
     )]
     Verify(VerifyArgs),
+    /// Feed a run's recorded inputs to one process and say where its outputs first differ.
+    #[command(
+        long_about = "Takes the messages that a run kept, feeds its inputs to the step of one process as this program computes it, and compares every \
+                      output with the recorded one: where they first differ (tick, topic, field, both values), and by how much each field \
+                      differs at most. For a changed control law: build it, replay an old run, see what has changed and what has not.",
+        after_help = "Examples:\n  armplane replay runs/fig5-wrist-rotation-001\n  armplane replay runs/fig5-wrist-rotation-001 --process estimator --json\n  armplane replay runs/fig5-wrist-rotation-001 --set control.k_p=900\n\nExit code 1: an output differs."
+    )]
+    Replay(ReplayArgs),
     /// Measure hand-overs, cycles and steps beside what the machine itself charges.
     #[command(
         long_about = "Measures in one run, in turns, the topics of armplane and floors built into the same program: a bare futex, a pipe, a \
@@ -141,6 +150,9 @@ struct RunArgs {
     /// Judge and hash, but write no recording.
     #[arg(long)]
     no_record: bool,
+    /// Do not keep the messages themselves, which `armplane replay` reads.
+    #[arg(long)]
+    no_messages: bool,
 }
 
 impl Default for RunArgs {
@@ -153,6 +165,7 @@ impl Default for RunArgs {
             set: Vec::new(),
             graph: None,
             no_record: false,
+            no_messages: false,
         }
     }
 }
@@ -197,6 +210,42 @@ struct VerifyArgs {
     /// Let the plant take the torque of the tick before where the right one is late: shows that `verify` can fail.
     #[arg(long, hide = true)]
     unordered: bool,
+}
+
+#[derive(Args)]
+struct ReplayArgs {
+    /// The results folder of a run.
+    #[arg(value_name = "RUN")]
+    run: PathBuf,
+    /// Which process.
+    #[arg(long, value_enum, default_value = "controller")]
+    process: Replayable,
+    /// Lay a value over the recorded scenario's, for example control.k_p=900 (repeatable).
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Replayable {
+    /// Torques in; sensor samples and the simulator's truth out.
+    Plant,
+    /// Sensor samples in, estimates out.
+    Estimator,
+    /// Estimates in, singularity reports out.
+    Analyzer,
+    /// Estimates and singularity reports in, torques out.
+    Controller,
+}
+
+impl Replayable {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Plant => "plant",
+            Self::Estimator => "estimator",
+            Self::Analyzer => "analyzer",
+            Self::Controller => "controller",
+        }
+    }
 }
 
 #[derive(Args)]
@@ -325,6 +374,7 @@ pub(crate) fn main() -> ExitCode {
     let done = match cli.command.unwrap_or_else(|| Command::Run(RunArgs::default())) {
         Command::Run(args) => run::run(&args, json),
         Command::Verify(args) => verify::verify(&args, json),
+        Command::Replay(args) => replay::replay(&args, json),
         Command::Bench(args) => bench::bench(&args, json),
         Command::Compare(args) => compare::compare(&args, json),
         Command::Figures(args) => figures::figures(&args, json),

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use launcher::{Child, End, Event, Launcher, Limits, Outcome, Plan, Restart};
+use runtime::Account;
 use runtime::realtime::allowed_cores;
 use shared_types::graph::{self, Graph};
 use shared_types::job::{Job, Mode};
@@ -31,13 +32,13 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
         mode,
         out: results.folder.clone(),
         record: !args.no_record,
-        messages: false,
+        messages: !args.no_record && !args.no_messages,
         robot: load::robot_text(&robot),
         scenario,
         graph,
     };
     let planned_ticks = (job.scenario.duration_s() * f64::from(job.scenario.rate_hz)).round() as u64;
-    let (outcome, account) = launch(&job, plan(&job), planned_ticks)?;
+    let (outcome, account) = launch(&job, plan(&job)?, planned_ticks)?;
     let summary = summarise(&job, &outcome, account);
     let kept = results.keep(&job, &summary);
     if as_json {
@@ -64,6 +65,9 @@ pub(crate) fn launch(job: &Job, plan: Plan, planned_ticks: u64) -> Result<(Outco
     let outcome = launcher.run(&launcher::reexec, &mut |event| match event {
         Event::Progress { ticks } => bar.set_position(ticks),
         Event::Line { process, line } => bar.suspend(|| eprintln!("{process}: {line}")),
+        Event::Silenced { process, silent } => {
+            bar.suspend(|| eprintln!("{process} has done nothing for {} ms and is killed", silent.as_millis()));
+        }
         Event::Restarted { process, exit, pid, incarnation } => {
             bar.suspend(|| eprintln!("{process} ended with {exit} and was started again (start {incarnation}, process {pid})"));
         }
@@ -75,14 +79,16 @@ pub(crate) fn launch(job: &Job, plan: Plan, planned_ticks: u64) -> Result<(Outco
 }
 
 /// A bar on a terminal, nothing elsewhere.
-fn progress_bar(ticks: u64, job: &Job) -> ProgressBar {
+pub(crate) fn progress_bar(ticks: u64, job: &Job) -> ProgressBar {
     let style = ProgressStyle::with_template("{msg} {wide_bar:.cyan/dim} {pos}/{len} ticks  {per_sec}  {eta}");
     let bar = ProgressBar::new(ticks).with_message(job.scenario.name.clone());
     style.map_or(bar.clone(), |style| bar.with_style(style))
 }
 
 /// From the graph, as people write it, to the launcher's plan.
-pub(crate) fn plan(job: &Job) -> Plan {
+pub(crate) fn plan(job: &Job) -> Result<Plan, Failure> {
+    let place = |name: &str| job.graph.process.iter().position(|process| process.name == name).and_then(|place| u32::try_from(place).ok());
+    let faults = job.scenario.strikes(place).map_err(|complaint| Failure::Input(format!("{}: {complaint}", job.scenario.name)))?;
     let cores = allowed_cores();
     // Lockstep runs side by side shall not all crowd the same core: which one is "core 0" turns with the process id.
     let turn = if job.mode == Mode::Lockstep { std::process::id() as usize } else { 0 };
@@ -92,6 +98,7 @@ pub(crate) fn plan(job: &Job) -> Plan {
             reads: process.reads.iter().chain(&process.feedback).cloned().collect(),
             writes: process.writes.clone(),
             polled: process.writes.is_empty(),
+            makes_ticks: !process.feedback.is_empty(),
             core: (!cores.is_empty()).then(|| cores[(process.core + turn) % cores.len()]),
             priority: (process.priority > 0).then_some(process.priority as u8),
             disturbance: runtime::Disturbance::default(),
@@ -99,10 +106,10 @@ pub(crate) fn plan(job: &Job) -> Plan {
         ends_run: !process.feedback.is_empty(),
         restart: match process.restart {
             graph::Restart::Never => Restart::Never,
-            graph::Restart::Always => Restart::Budget { times: 5, back_off: Duration::from_millis(100) },
+            graph::Restart::Always => Restart::Budget { times: 5, back_off: Duration::from_millis(10) },
         },
     });
-    Plan {
+    Ok(Plan {
         mode: match job.mode {
             Mode::Lockstep => runtime::Mode::Lockstep,
             Mode::Realtime => runtime::Mode::Realtime,
@@ -110,7 +117,8 @@ pub(crate) fn plan(job: &Job) -> Plan {
         rate_hz: job.scenario.rate_hz,
         children: children.collect(),
         limits: Limits::default(),
-    }
+        faults,
+    })
 }
 
 /// The recorder's part, completed by what only the launcher knows.
@@ -144,10 +152,14 @@ fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summary 
                 process: named_in(&job.graph, &first),
                 kind: "exit".to_owned(),
                 detail: first.clone(),
+                ..FaultSummary::default()
             });
             summary.reason = first;
         }
     }
+    let mut faults: Vec<_> = outcome.faults.iter().map(|account| fault_summary(job, account)).collect();
+    faults.append(&mut summary.faults);
+    summary.faults = faults;
     summary.deadlines = deadlines(job, outcome);
     summary.processes = outcome
         .processes
@@ -160,6 +172,24 @@ fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summary 
         })
         .collect();
     summary
+}
+
+/// What a fault was and what became of it.
+fn fault_summary(job: &Job, account: &Account) -> FaultSummary {
+    let process = job.graph.process.get(account.strike.process as usize).map(|process| process.name.clone()).unwrap_or_default();
+    let fault = account.strike.fault(&process);
+    let since_ms = |ns: u64| (account.struck_ns != 0 && ns != 0).then(|| ns.saturating_sub(account.struck_ns) as f64 * 1e-6);
+    FaultSummary {
+        tick: account.strike.at,
+        kind: fault.as_ref().map(|fault| fault.kind.name().to_owned()).unwrap_or_default(),
+        detail: fault.as_ref().map(ToString::to_string).unwrap_or_default(),
+        origin: account.origin.name().to_owned(),
+        struck: account.struck_ns != 0,
+        detected_ms: since_ms(account.noticed_ns),
+        restored_ms: since_ms(account.restored_ns),
+        fault,
+        process,
+    }
 }
 
 fn named_in(graph: &Graph, sentence: &str) -> String {
@@ -313,5 +343,9 @@ fn tell(summary: &Summary, folder: &Path) {
             summary.recorder.bytes as f64 / 1e6,
             folder.join(&summary.recorder.file).display()
         );
+    }
+    if summary.recorder.messages_bytes > 0 {
+        let (messages, megabytes) = (recorder::MESSAGES, summary.recorder.messages_bytes as f64 / 1e6);
+        say!("  {messages}/     {megabytes:.1} MB; compute it again with: armplane replay {}", folder.display());
     }
 }

@@ -216,7 +216,7 @@ fn on_one_thread(robot: &Robot, scenario: &Scenario) -> Result<Ran, Failure> {
 }
 
 fn in_processes(job: &Job, condition: Condition, seed: u64, unordered: bool, ticks: u64) -> Result<Ran, Failure> {
-    let mut plan = run::plan(job);
+    let mut plan = run::plan(job)?;
     condition.disturb(&mut plan, seed, unordered);
     let hogs = condition.hogs.then(Hogs::start);
     let (outcome, account) = run::launch(job, plan, ticks)?;

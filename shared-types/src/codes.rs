@@ -103,6 +103,8 @@ codes! {
         DRIVE_RATE = 8 "rate",
         /// A torque would have driven a joint further beyond its speed limit.
         DRIVE_SPEED = 16 "speed",
+        /// A torque came that was computed from too old a state, and was refused: it counts as absent.
+        DRIVE_STALE = 64 "stale",
         /// The simulated motion left the finite numbers; the arm was stopped where it last was.
         DRIVE_DIVERGED = 32 "diverged",
     }

@@ -19,6 +19,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::fault::{Fault, Strike};
 use crate::file::{Complaint, InvalidFile};
 
 /// A validated scenario file. Every field but `name`, `robot`, `start` and `segment` has a default that works.
@@ -69,6 +70,12 @@ pub struct Scenario {
     /// What the recording shows first.
     #[serde(default)]
     pub view: View,
+    /// What goes wrong, and when.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub fault: Vec<Fault>,
+    /// How the recording is kept.
+    #[serde(default)]
+    pub record: Record,
 }
 
 /// Start posture: exactly one of the fields.
@@ -315,7 +322,7 @@ pub struct Damping {
     pub largest: f64,
 }
 
-/// See [`Baseline::hold_and_blend`].
+/// See [`Baseline::hold_and_blend`]. Published defaults: blend = [0.006, 0.06], hold_k_p = 50, hold_k_v = 14, push = 0.01, push_k_v = 5.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct HoldAndBlend {
@@ -334,9 +341,9 @@ pub struct HoldAndBlend {
 impl Default for Baseline {
     fn default() -> Self {
         Self {
-            damped_least_squares: Damping { onset: 0.08, largest: 0.06 },
-            joint_pd: Damping { onset: 0.08, largest: 0.06 },
-            truncated_svd_floor: 0.06,
+            damped_least_squares: Damping { onset: 0.16, largest: 0.02 },
+            joint_pd: Damping { onset: 0.16, largest: 0.04 },
+            truncated_svd_floor: 0.02,
             hold_and_blend: HoldAndBlend::default(),
         }
     }
@@ -344,7 +351,7 @@ impl Default for Baseline {
 
 impl Default for HoldAndBlend {
     fn default() -> Self {
-        Self { blend: [0.006, 0.06], hold_k_p: 50.0, hold_k_v: 14.0, push: 0.01, push_k_v: 5.0 }
+        Self { blend: [0.001, 0.01], hold_k_p: 0.001, hold_k_v: 5.0, push: 0.01, push_k_v: 5.0 }
     }
 }
 
@@ -443,6 +450,22 @@ pub enum Layout {
     Timing,
     /// Lives, faults and torques first.
     Faults,
+}
+
+/// How the recording is kept: a long one goes on in further files, each of which opens alone, and all together.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Record {
+    /// A file holds at most so much of the run; s.
+    pub part_s: f64,
+    /// A file is at most so large, to within a chunk; MB (10⁶ bytes).
+    pub part_mb: u64,
+}
+
+impl Default for Record {
+    fn default() -> Self {
+        Self { part_s: 600.0, part_mb: 1000 }
+    }
 }
 
 fn rate_hz() -> u32 {
@@ -566,10 +589,28 @@ impl Scenario {
         ] {
             positive(&format!("control.baseline.{name}"), value)?;
         }
+        positive("record.part_s", self.record.part_s)?;
+        positive("record.part_mb", self.record.part_mb as f64)?;
         positive("goal.position_mm", self.goal.position_mm)?;
         positive("goal.orientation_deg", self.goal.orientation_deg)?;
         positive("goal.orthogonal_mm", self.goal.orthogonal_mm)?;
-        positive("goal.orthogonal_deg", self.goal.orthogonal_deg)
+        positive("goal.orthogonal_deg", self.goal.orthogonal_deg)?;
+        self.strikes(|_| Some(0)).map(drop)
+    }
+
+    /// Its faults in their fixed-size form; `index` says where a process stands in the manifest (`None`: it is not there).
+    ///
+    /// # Errors
+    /// [`Complaint`]: a fault that makes no sense, or of a process that the graph does not have.
+    pub fn strikes(&self, index: impl Fn(&str) -> Option<u32>) -> Result<Vec<Strike>, Complaint> {
+        let strike = |(i, fault): (usize, &Fault)| {
+            let place = index(&fault.process).ok_or_else(|| {
+                Complaint::new("process", format!("the graph has no process `{}`", fault.process), "take the fault out, or the process in")
+            });
+            let seed = self.seed.wrapping_mul(0x0100_0000_01b3).wrapping_add(i as u64);
+            place.and_then(|place| fault.strike(place, self.rate_hz, seed)).map_err(|complaint| complaint.within(&format!("fault.{i}")))
+        };
+        self.fault.iter().enumerate().map(strike).collect()
     }
 }
 

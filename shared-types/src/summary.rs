@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use crate::fault::Fault;
+
 /// `summary.json`, whole.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
@@ -47,7 +49,8 @@ pub struct Summary {
     pub faults: Vec<FaultSummary>,
     /// Deadlines (real time only).
     pub deadlines: Deadlines,
-    /// Latency of each hop and end to end; µs.
+    /// Latency of each hop, and of the whole `chain` from the sensor sample to the torque in the plant's hands; µs. In real time the
+    /// chain's and the plant's own count from when the tick was due; ticks that never began or were never answered count too.
     pub latency_us: BTreeMap<String, Latency>,
     /// The recorder's account.
     pub recorder: RecorderSummary,
@@ -137,10 +140,11 @@ pub struct ModeChange {
     pub mode: String,
 }
 
-/// A fault, refusal or loss.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+/// A fault, planned or live or noticed, and what became of it; or a process's end that ended the run (`kind` `"exit"`).
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct FaultSummary {
-    /// When.
+    /// The first tick it concerns.
     pub tick: u64,
     /// Which process.
     pub process: String,
@@ -148,6 +152,19 @@ pub struct FaultSummary {
     pub kind: String,
     /// One sentence.
     pub detail: String,
+    /// `"planned"`, `"live"` or `"noticed"`.
+    pub origin: String,
+    /// Whether it came to pass: the run may have ended before.
+    pub struck: bool,
+    /// How long it took until anything noticed, wall-clock time; ms.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub detected_ms: Option<f64>,
+    /// How long it took until a process that was down worked again, wall-clock time; ms.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub restored_ms: Option<f64>,
+    /// The fault that repeats it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fault: Option<Fault>,
 }
 
 /// Deadlines met and missed.
@@ -183,10 +200,19 @@ pub struct RecorderSummary {
     pub messages: u64,
     /// Messages known to be lost (gaps in the ticks).
     pub lost: u64,
-    /// Size of the recording; bytes.
+    /// Size of the recording, all parts; bytes.
     pub bytes: u64,
-    /// The recording, relative to `summary.json`; empty without one.
+    /// The recording's first part, relative to `summary.json`; empty without one.
     pub file: String,
+    /// Files it is spread over: `run.rrd`, `run-001.rrd`, …
+    #[serde(default)]
+    pub parts: u32,
+    /// Size of the messages kept beside it, which `armplane replay` reads; bytes, 0 where none were kept.
+    #[serde(default)]
+    pub messages_bytes: u64,
+    /// Processor time that the recorder used, start and end included; s.
+    #[serde(default)]
+    pub cpu_s: f64,
     /// Why there is no (whole) recording; empty when there is.
     pub error: String,
 }

@@ -82,7 +82,13 @@ impl Ring {
             ends_run: index == 0,
             restart: Restart::Never,
         });
-        let plan = Plan { mode: runtime::Mode::Lockstep, rate_hz: 1000, children: children.collect(), limits: Limits::default() };
+        let plan = Plan {
+            mode: runtime::Mode::Lockstep,
+            rate_hz: 1000,
+            children: children.collect(),
+            limits: Limits::default(),
+            faults: Vec::new(),
+        };
         let launcher = Launcher::prepare(plan).map_err(Failure::work)?;
         let folder = launcher.run_dir().to_owned();
         let task = serde_json::to_vec(self).map_err(Failure::work)?;

@@ -8,9 +8,7 @@ use shared_types::codes::{self, MODE_REGULAR};
 use shared_types::scenario::Goal;
 use shared_types::summary::{JointSummary, Latency, ModeChange, SingularitySummary, TaskSummary};
 use shared_types::wire::HOPS;
-use shared_types::{
-    MAX_SINGULARITIES, Message, PlantState, SensorSample, SingularityReport, SingularityState, StateEstimate, TorqueCommand,
-};
+use shared_types::{MAX_SINGULARITIES, PlantState, SensorSample, SingularityReport, SingularityState, StateEstimate, TorqueCommand};
 
 /// One tick, whole: what each process said about it.
 #[derive(Clone, Copy, Debug)]
@@ -52,6 +50,10 @@ pub struct Judge {
     modes: Vec<ModeChange>,
     latencies: BTreeMap<String, Histogram<u64>>,
     last_sensor: Option<SensorSample>,
+    /// Between two points of the real-time grid; 0 without one.
+    period_ns: u64,
+    /// When the tick before the last one was due.
+    due_before_ns: u64,
     clipped: bool,
     phase: u32,
     first_ns: u64,
@@ -150,6 +152,8 @@ impl Judge {
             modes: Vec::new(),
             latencies: BTreeMap::new(),
             last_sensor: None,
+            period_ns: 0,
+            due_before_ns: 0,
             clipped: false,
             phase: 0,
             first_ns: 0,
@@ -157,15 +161,27 @@ impl Judge {
         }
     }
 
+    /// The same for a run paced on a grid: a grid point at which no tick began, because the one before took too long, is a sample too.
+    #[must_use]
+    pub fn on_grid(self, period_ns: u64) -> Self {
+        Self { period_ns, ..self }
+    }
+
     /// Takes in one whole tick.
     pub fn tick(&mut self, tick: Tick<'_>) {
         self.watch_singularities(&tick);
         self.measure_task(&tick);
         self.measure_joints(&tick);
-        self.measure_latency(&tick);
+        self.measure_hops(tick.command);
+        self.measure_chain(tick.sensor);
         self.clipped |= tick.command.clipped != 0;
         self.phase = tick.command.phase;
         self.ticks += 1;
+    }
+
+    /// Takes in a tick that not every process answered: nothing can be judged on it but that it took its time.
+    pub fn torn(&mut self, sensor: &SensorSample) {
+        self.measure_chain(sensor);
     }
 
     fn measure_task(&mut self, tick: &Tick<'_>) {
@@ -238,30 +254,52 @@ impl Judge {
         }
     }
 
-    /// Latencies from the stamps: each hand-over, each computation, and sensor to torque in the plant's hands.
-    fn measure_latency(&mut self, tick: &Tick<'_>) {
-        let stamps = &tick.command.header().stamps;
-        let mut record = |name: String, from: u64, to: u64| {
-            if from != 0 && to != 0 {
-                self.latencies.entry(name).or_insert_with(histogram).saturating_record(to.saturating_sub(from));
-            }
-        };
-        for hop in 1..HOPS.len() {
-            record(format!("{} to {}", HOPS[hop - 1], HOPS[hop]), stamps.sent_ns[hop - 1], stamps.received_ns[hop]);
-            record(HOPS[hop].to_owned(), stamps.received_ns[hop], stamps.sent_ns[hop]);
+    /// Adds a time to a distribution; the histogram grows with its samples: there is no time that it cannot hold.
+    fn measure(&mut self, name: &str, from_ns: u64, to_ns: u64) {
+        if !self.latencies.contains_key(name) {
+            self.latencies.insert(name.to_owned(), histogram());
         }
-        // The sample of tick k + 1 says when the plant received torque k.
-        if let Some(last) = &self.last_sensor
-            && last.header.tick + 1 == tick.sensor.header.tick
+        if let Some(histogram) = self.latencies.get_mut(name)
+            && from_ns != 0
+            && to_ns != 0
         {
-            let (sent, received) = (last.header.stamps.sent_ns[0], tick.sensor.header.stamps.received_ns[0]);
-            record("chain".to_owned(), sent, received);
-            record(HOPS[0].to_owned(), received, tick.sensor.header.stamps.sent_ns[0]);
+            let _ = histogram.record(to_ns.saturating_sub(from_ns));
         }
-        let sent = tick.sensor.header.stamps.sent_ns[0];
+    }
+
+    /// Each hand-over and each computation, from the stamps of the last message of the way.
+    fn measure_hops(&mut self, command: &TorqueCommand) {
+        let stamps = command.header.stamps;
+        for hop in 1..HOPS.len() {
+            self.measure(&format!("{} to {}", HOPS[hop - 1], HOPS[hop]), stamps.sent_ns[hop - 1], stamps.received_ns[hop]);
+            self.measure(HOPS[hop], stamps.received_ns[hop], stamps.sent_ns[hop]);
+        }
+    }
+
+    /// Sensor to torque in the plant's hands, and the plant's own part; on a grid both from when the tick was due.
+    fn measure_chain(&mut self, sensor: &SensorSample) {
+        let now = sensor.header.stamps;
+        let sent = now.sent_ns[0];
+        // The sample of tick k + 1 says when the plant received torque k.
+        if let Some(last) = self.last_sensor
+            && last.header.tick + 1 == sensor.header.tick
+        {
+            let then = last.header.stamps;
+            // A torque that never came counts with all the time that the plant gave it.
+            let ended = if now.received_ns[0] > then.sent_ns[0] { now.received_ns[0] } else { sent };
+            self.measure("chain", then.origin_ns(), ended);
+            if self.period_ns > 0 && self.due_before_ns > 0 {
+                // No coordinated omission: who asked at a skipped grid point had to wait for this answer.
+                let skipped = (self.due_before_ns + self.period_ns..then.due_ns).step_by(self.period_ns as usize);
+                skipped.for_each(|due| self.measure("chain", due, ended));
+            }
+            self.due_before_ns = then.due_ns;
+            let began = if now.due_ns > 0 { now.due_ns } else { now.received_ns[0] };
+            self.measure(HOPS[0], began, sent);
+        }
         self.first_ns = if self.first_ns == 0 { sent } else { self.first_ns };
         self.last_ns = sent.max(self.last_ns);
-        self.last_sensor = Some(*tick.sensor);
+        self.last_sensor = Some(*sensor);
     }
 
     /// Speaks the verdict.
@@ -426,5 +464,30 @@ mod tests {
         let hop = &verdict.latency_us["plant to estimator"];
         assert_eq!(hop.count, 10);
         assert!((hop.p50 - 2.0).abs() < 0.01 && (verdict.latency_us["chain"].p50 - 100.0).abs() < 0.2);
+    }
+
+    #[test]
+    fn on_a_grid_latencies_count_from_the_due_time_and_skipped_points_count_too() {
+        const MS: u64 = 1_000_000;
+        // Due at 10, 11, then 14 ms: the second tick took until 13.5 ms. It began 0.2 ms late. The third torque never came.
+        let (due, sent, received) = ([10, 11, 14, 15].map(|ms| ms * MS), [10_000, 11_200, 14_000, 15_000], [0, 10_500, 13_500, 13_500]);
+        let mut judge = Judge::new(Limits { effort: vec![10.0; 6], velocity: vec![2.0; 6] }, Goal::default(), 4.0).on_grid(MS);
+        for k in 0..4 {
+            let mut sensor = SensorSample::default();
+            sensor.header.tick = k as u64;
+            (sensor.header.stamps.due_ns, sensor.header.stamps.sent_ns[0]) = (due[k], sent[k] * 1000);
+            sensor.header.stamps.received_ns[0] = received[k] * 1000;
+            let (truth, estimate) = (PlantState { R_BE: IDENTITY, ..PlantState::default() }, StateEstimate::default());
+            let (report, command) = (SingularityReport::default(), TorqueCommand { R_BE_d: IDENTITY, ..TorqueCommand::default() });
+            judge.tick(Tick { sensor: &sensor, truth: &truth, estimate: &estimate, report: &report, command: &command });
+        }
+        let mut chain: Vec<f64> =
+            judge.latencies["chain"].iter_recorded().map(|bucket| bucket.value_iterated_to() as f64 / MS as f64).collect();
+        chain.sort_by(f64::total_cmp);
+        // 0.5 from 10; 2.5 from 11; of the third 1.0 until the plant went on, and 3.0 and 2.0 from the skipped points 12 and 13.
+        let expected = [0.5, 1.0, 2.0, 2.5, 3.0];
+        assert!(chain.len() == 5 && chain.iter().zip(expected).all(|(a, b)| (a / b - 1.0).abs() < 2e-3), "{chain:?}");
+        let plant = &judge.verdict().latency_us["plant"];
+        assert!(plant.count == 3 && (plant.max - 200.0).abs() < 1.0, "late beginnings: {plant:?}");
     }
 }

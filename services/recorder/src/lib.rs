@@ -5,21 +5,19 @@ mod assemble;
 mod judge;
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use model::{Robot, with_dof};
 use runtime::{Drain, Keep, Mode, ProcessError, Shell, TopicHash};
 use shared_types::job::Job;
+use shared_types::scenario::{Record, Scenario};
 use shared_types::summary::{RecorderSummary, Summary, TopicSummary};
 use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
 use viz::{RecordError, Recording, RunInfo, TickRow};
 
 pub use assemble::{Assembler, Row};
 pub use judge::{Judge, Limits, TaskError, Tick, Verdict};
-
-/// Name of the recording in the results folder.
-pub const RECORDING: &str = "run.rrd";
 
 /// Name of the recorder's part of the summary in the run's directory.
 pub const SUMMARY: &str = "summary.json";
@@ -32,6 +30,9 @@ const POLL: Duration = Duration::from_micros(500);
 
 /// Ticks for which an incomplete row waits for its missing messages.
 const PATIENCE: usize = 256;
+
+/// Ticks that one topic may be ahead of another while they are drained in turn: twice what a buffer holds.
+const HORIZON: usize = 2 * runtime::RECORDER_DEPTH;
 
 /// Records and judges until the run has stopped and everything on the way has arrived, then leaves its part of the summary in `run_dir`.
 ///
@@ -51,8 +52,11 @@ pub fn run(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<()
 fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
     let folder = job.out.join(MESSAGES);
     let mut topics = Topics::open(shell, job.messages.then_some(folder.as_path()))?;
-    let mut assembler = Assembler::new(PATIENCE);
+    let mut assembler = Assembler::new(PATIENCE, HORIZON);
     let mut judge = Judge::new(limits(robot), job.scenario.goal.clone(), job.scenario.duration_s() * f64::from(job.scenario.rate_hz));
+    if shell.mode() == Mode::Realtime {
+        judge = judge.on_grid(shell.manifest().period_ns());
+    }
     let mut tape = Tape::<N>::start(robot, job)?;
     while shell.poll(POLL)? {
         topics.drain(&mut assembler)?;
@@ -63,9 +67,13 @@ fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job) -> Result<Sum
     while let Some(row) = assembler.pop(true) {
         take(&row, &mut judge, &mut tape);
     }
-    let summary = summary(robot, job, shell.mode(), judge.verdict(), &topics, tape.finish());
-    topics.finish()?;
-    Ok(summary)
+    let (kept, mut tape) = (topics.finish(), tape.finish());
+    tape.messages_bytes = kept.bytes;
+    if tape.error.is_empty() {
+        tape.error = kept.error;
+    }
+    tape.cpu_s = runtime::realtime::cpu_time_s();
+    Ok(summary(robot, job, shell.mode(), judge.verdict(), &topics, tape))
 }
 
 fn take<const N: usize>(row: &Row, judge: &mut Judge, tape: &mut Tape<N>) {
@@ -74,6 +82,8 @@ fn take<const N: usize>(row: &Row, judge: &mut Judge, tape: &mut Tape<N>) {
     } = row
     {
         judge.tick(Tick { sensor, truth, estimate, report, command });
+    } else if let Some(sensor) = &row.sensor {
+        judge.torn(sensor);
     }
     tape.tick(row);
 }
@@ -88,17 +98,39 @@ pub fn limits(robot: &Robot) -> Limits {
 /// The recording, as long as it can be written; the first error ends it and is kept.
 struct Tape<const N: usize> {
     recording: Option<Recording<N>>,
+    folder: PathBuf,
+    limits: PartLimits,
     result: RecorderSummary,
+}
+
+/// When a recording goes on in a further file.
+#[derive(Clone, Copy)]
+struct PartLimits {
+    ticks: u64,
+    bytes: u64,
+}
+
+impl PartLimits {
+    fn new(scenario: &Scenario) -> Self {
+        let Record { part_s, part_mb } = scenario.record;
+        Self { ticks: (part_s * f64::from(scenario.rate_hz)).round().max(1.0) as u64, bytes: part_mb.saturating_mul(1_000_000) }
+    }
 }
 
 impl<const N: usize> Tape<N> {
     fn start(robot: &Robot, job: &Job) -> Result<Self, ProcessError> {
+        let tape =
+            Self { recording: None, folder: job.out.clone(), limits: PartLimits::new(&job.scenario), result: RecorderSummary::default() };
         if !job.record {
-            return Ok(Self { recording: None, result: RecorderSummary::default() });
+            return Ok(tape);
         }
         let info = RunInfo { scenario: &job.scenario, robot, run: &job.run, version: &job.version, seed: job.scenario.seed };
-        let recording = Recording::create(&job.out.join(RECORDING), &info).map_err(ProcessError::setup)?;
-        Ok(Self { recording: Some(recording), result: RecorderSummary { file: RECORDING.to_owned(), ..RecorderSummary::default() } })
+        // A folder given with --out may hold an older recording with more parts.
+        for old in viz::parts_in(&job.out) {
+            std::fs::remove_file(&old).map_err(|error| ProcessError::setup(format!("cannot replace {}: {error}", old.display())))?;
+        }
+        let recording = Recording::create(&job.out, &info).map_err(ProcessError::setup)?;
+        Ok(Self { recording: Some(recording), result: RecorderSummary { file: viz::part_name(0), ..RecorderSummary::default() }, ..tape })
     }
 
     fn tick(&mut self, row: &Row) {
@@ -111,7 +143,9 @@ impl<const N: usize> Tape<N> {
             report: row.report.as_ref(),
             command: row.command.as_ref(),
         };
-        if let Err(error) = recording.tick(&row) {
+        let full = recording.part_ticks() >= self.limits.ticks || recording.part_bytes() >= self.limits.bytes;
+        let turned = if full { recording.next_part(&self.folder) } else { Ok(()) };
+        if let Err(error) = turned.and_then(|()| recording.tick(&row)) {
             self.fail(&error);
         }
     }
@@ -121,13 +155,15 @@ impl<const N: usize> Tape<N> {
         eprintln!("{error}");
         self.result.error = error.to_string();
         if let Some(recording) = self.recording.take() {
-            self.result.bytes = recording.bytes();
+            (self.result.bytes, self.result.parts) = (recording.bytes(), recording.part() + 1);
+            // A part that could not be followed by another still gets its end.
+            let _ = recording.finish();
         }
     }
 
     fn finish(mut self) -> RecorderSummary {
         if let Some(recording) = self.recording.take() {
-            self.result.bytes = recording.bytes();
+            (self.result.bytes, self.result.parts) = (recording.bytes(), recording.part() + 1);
             match recording.finish() {
                 Ok(info) => self.result.bytes = info.bytes,
                 Err(error) => self.fail(&error),
@@ -142,31 +178,48 @@ struct Tap<M: Message> {
     drain: Drain<M>,
     hash: TopicHash,
     keep: Option<Keep<M>>,
+    kept: Kept,
+}
+
+/// What became of the kept messages; a disk that is full ends the keeping, not the run.
+#[derive(Clone, Debug, Default)]
+struct Kept {
+    bytes: u64,
+    error: String,
 }
 
 impl<M: Message> Tap<M> {
     fn open(shell: &Shell, messages: Option<&Path>) -> Result<Self, ProcessError> {
-        let keep = messages.map(Keep::create).transpose().map_err(ProcessError::setup)?;
-        Ok(Self { drain: shell.drain()?, hash: TopicHash::default(), keep })
+        // A restarted recorder goes on where its predecessor was killed.
+        let keep = |folder| if shell.incarnation() > 1 { Keep::resume(folder) } else { Keep::create(folder) };
+        let keep = messages.map(keep).transpose().map_err(ProcessError::setup)?;
+        Ok(Self { drain: shell.drain()?, hash: TopicHash::default(), keep, kept: Kept::default() })
     }
 
     fn drain(&mut self, assembler: &mut Assembler, place: impl Fn(&mut Row) -> &mut Option<M>) -> Result<(), ProcessError> {
-        let (hash, keep) = (&mut self.hash, &mut self.keep);
-        let mut kept = Ok(());
+        let (hash, keep, kept) = (&mut self.hash, &mut self.keep, &mut self.kept);
         self.drain.drain(|message| {
             hash.add(message);
-            if let (Ok(()), Some(keep)) = (&kept, keep.as_mut()) {
-                kept = keep.add(message);
+            if let Some(keeping) = keep
+                && let Err(error) = keeping.add(message)
+            {
+                eprintln!("{error}");
+                *kept = Kept { bytes: keeping.bytes(), error: error.to_string() };
+                *keep = None;
             }
             if let Some(row) = assembler.row(message.header().tick) {
                 *place(row) = Some(*message);
             }
         })?;
-        kept.map_err(ProcessError::setup)
+        Ok(())
     }
 
-    fn finish(self) -> Result<(), ProcessError> {
-        self.keep.map_or(Ok(()), |keep| keep.finish().map_err(ProcessError::setup))
+    fn finish(&mut self) -> Kept {
+        match self.keep.take().map(|keep| (keep.bytes(), keep.finish())) {
+            None => self.kept.clone(),
+            Some((_, Ok(bytes))) => Kept { bytes, error: String::new() },
+            Some((bytes, Err(error))) => Kept { bytes, error: error.to_string() },
+        }
     }
 }
 
@@ -189,12 +242,11 @@ impl Topics {
         })
     }
 
-    fn finish(self) -> Result<(), ProcessError> {
-        self.sensor.finish()?;
-        self.truth.finish()?;
-        self.estimate.finish()?;
-        self.report.finish()?;
-        self.command.finish()
+    /// Ends the keeping of messages: how many bytes there are, and the first thing that went wrong.
+    fn finish(&mut self) -> Kept {
+        let all = [self.sensor.finish(), self.truth.finish(), self.estimate.finish(), self.report.finish(), self.command.finish()];
+        let error = all.iter().find(|kept| !kept.error.is_empty()).map(|kept| kept.error.clone()).unwrap_or_default();
+        Kept { bytes: all.iter().map(|kept| kept.bytes).sum(), error }
     }
 
     fn drain(&mut self, assembler: &mut Assembler) -> Result<(), ProcessError> {
