@@ -223,19 +223,23 @@ pub(crate) fn deadlines(job: &Job, outcome: &Outcome) -> Deadlines {
 }
 
 /// The results folder: made before anything starts, removed again if nothing came of it.
-struct Results {
-    folder: PathBuf,
+pub(crate) struct Results {
+    pub(crate) folder: PathBuf,
     made: bool,
 }
 
 impl Results {
-    fn create(wanted: Option<&Path>, scenario: &str) -> Result<Self, Failure> {
+    /// The folder asked for, or the next free `runs/NAME-NNN`.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] if it cannot be written to.
+    pub(crate) fn create(wanted: Option<&Path>, name: &str) -> Result<Self, Failure> {
         let cannot = |path: &Path, error: std::io::Error| {
             Failure::Input(format!("cannot write results to {}: {error}; choose another folder with --out", path.display()))
         };
         let folder = match wanted {
             Some(folder) => folder.to_owned(),
-            None => (1..).map(|n| PathBuf::from(format!("runs/{scenario}-{n:03}"))).find(|path| !path.exists()).unwrap_or_default(),
+            None => (1..).map(|n| PathBuf::from(format!("runs/{name}-{n:03}"))).find(|path| !path.exists()).unwrap_or_default(),
         };
         let made = !folder.exists();
         std::fs::create_dir_all(&folder).map_err(|error| cannot(&folder, error))?;
@@ -323,7 +327,11 @@ fn tell(summary: &Summary, folder: &Path) {
         let joints = |moves: &[f64]| moves.iter().map(|by| format!("{by:+.2}")).collect::<Vec<_>>().join(" ");
         say!("ζ turned   {} at tick {}", turn.singularity, turn.tick);
         say!("           said before: joints by {} ° in {:.2} s", joints(&turn.planned_deg), turn.planned_s);
-        say!("           done:        joints by {} ° in {:.2} s", joints(&turn.moved_deg), turn.took_ticks as f64 / f64::from(summary.rate_hz.max(1)));
+        say!(
+            "           done:        joints by {} ° in {:.2} s",
+            joints(&turn.moved_deg),
+            turn.took_ticks as f64 / f64::from(summary.rate_hz.max(1))
+        );
     }
     let percent = |ratio: f64| format!("{:.0} %", ratio * 100.0);
     let joints = &summary.joints;

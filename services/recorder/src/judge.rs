@@ -168,6 +168,36 @@ mod stored_by_name {
     }
 }
 
+/// Desired against true pose at one tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TaskError {
+    /// Whole, across the engaged singular directions, and along them; mm.
+    pub position: [f64; 3],
+    /// The same; degrees.
+    pub orientation: [f64; 3],
+}
+
+impl TaskError {
+    /// The error split at the directions of the singularities that are engaged: inside their neighbourhood, or not yet left by the law.
+    #[must_use]
+    pub fn of(tick: &Tick<'_>) -> Self {
+        let (truth, command) = (tick.truth, tick.command);
+        let position = Vector3::from(command.p_BE_d) - Vector3::from(truth.p_BE);
+        let orientation = rotation_vector(&(matrix(&command.R_BE_d) * matrix(&truth.R_BE).transpose()));
+        let (mut across_m, mut across_rad) = (position, orientation);
+        for (i, singularity) in active(tick.report).iter().enumerate() {
+            if command.mode[i] == MODE_REGULAR && singularity.inside == 0 {
+                continue;
+            }
+            let (linear, angular) = halves(&singularity.zeta_B);
+            across_m -= linear * linear.dot(&across_m);
+            across_rad -= angular * angular.dot(&across_rad);
+        }
+        let split = |whole: Vector3<f64>, across: Vector3<f64>, unit: f64| [whole, across, whole - across].map(|x| x.norm() * unit);
+        Self { position: split(position, across_m, 1e3), orientation: split(orientation, across_rad, 1f64.to_degrees()) }
+    }
+}
+
 impl Judge {
     /// A judge for an arm with these limits and a task planned to take `planned_ticks`.
     #[must_use]
@@ -224,24 +254,12 @@ impl Judge {
     }
 
     fn measure_task(&mut self, tick: &Tick<'_>) {
-        let (truth, command) = (tick.truth, tick.command);
-        let position = Vector3::from(command.p_BE_d) - Vector3::from(truth.p_BE);
-        let orientation = rotation_vector(&(matrix(&command.R_BE_d) * matrix(&truth.R_BE).transpose()));
-        let (mut across_m, mut across_rad) = (position, orientation);
-        for (i, singularity) in active(tick.report).iter().enumerate() {
-            if command.mode[i] == MODE_REGULAR && singularity.inside == 0 {
-                continue;
-            }
-            let (linear, angular) = halves(&singularity.zeta_B);
-            across_m -= linear * linear.dot(&across_m);
-            across_rad -= angular * angular.dot(&across_rad);
-        }
-        let (mm, deg) = (position.norm() * 1e3, orientation.norm().to_degrees());
+        let TaskError { position: [mm, across_mm, _], orientation: [deg, across_deg, _] } = TaskError::of(tick);
         let task = &mut self.task;
         task.position_max_mm = task.position_max_mm.max(mm);
         task.orientation_max_deg = task.orientation_max_deg.max(deg);
-        task.orthogonal_max_mm = task.orthogonal_max_mm.max(across_m.norm() * 1e3);
-        task.orthogonal_max_deg = task.orthogonal_max_deg.max(across_rad.norm().to_degrees());
+        task.orthogonal_max_mm = task.orthogonal_max_mm.max(across_mm);
+        task.orthogonal_max_deg = task.orthogonal_max_deg.max(across_deg);
         (task.final_position_mm, task.final_orientation_deg) = (mm, deg);
         self.position_square_sum += mm * mm;
     }
@@ -282,7 +300,8 @@ impl Judge {
     fn watch_turns(&mut self, tick: &Tick<'_>) {
         let (command, n) = (tick.command, self.limits.effort.len());
         let place = (command.planned as usize).wrapping_sub(1);
-        let going_on = self.turns.last().is_some_and(|turn| turn.planned != 0 && (turn.planned, turn.segment) == (command.planned, command.segment));
+        let going_on =
+            self.turns.last().is_some_and(|turn| turn.planned != 0 && (turn.planned, turn.segment) == (command.planned, command.segment));
         if let Some(singularity) = active(tick.report).get(place)
             && !going_on
         {

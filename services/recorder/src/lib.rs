@@ -22,7 +22,7 @@ use checkpoint::{Checkpoint, Memory, Progress, StoredRow};
 use witness::Witness;
 
 pub use assemble::{Assembler, Row};
-pub use judge::{Judge, Limits, Tick, Verdict};
+pub use judge::{Judge, Limits, TaskError, Tick, Verdict};
 
 /// Name of the recorder's part of the summary in the run's directory.
 pub const SUMMARY: &str = "summary.json";
@@ -119,7 +119,7 @@ fn take<const N: usize>(row: &Row, judge: &mut Judge, tape: &mut Tape<N>) {
     tape.tick(row);
 }
 
-/// What the judge needs to know of a robot.
+/// A robot's limits, as the judge wants them.
 #[must_use]
 pub fn limits(robot: &Robot) -> Limits {
     let of = |value: fn(&model::Joint) -> f64| robot.joints.iter().map(value).collect();
