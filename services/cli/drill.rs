@@ -466,7 +466,7 @@ fn picture(cells: &[Cell]) -> Page {
             }
         }
     }
-    let mut place = |title: &str, value: &dyn Fn(&Cell) -> Option<f64>, range: std::ops::Range<f64>| {
+    let place = |title: &str, value: &dyn Fn(&Cell) -> Option<f64>, range: std::ops::Range<f64>| {
         let mut panel = Panel::new(title, Axis::names(processes.clone()), Axis::names(faults.clone()));
         for cell in &singles {
             let column = processes.iter().position(|process| *process == cell.process).unwrap_or_default();

@@ -90,7 +90,9 @@ pub(crate) fn launch_quietly(
     let text = serde_json::to_vec(&job).map_err(Failure::work)?;
     std::fs::write(&path, text).map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))?;
     let board = RunDir::open(&run_dir).map_err(Failure::work).and_then(|run| Board::open(&run).map_err(Failure::work))?;
-    live.iter().for_each(|strike| drop(board.ledger().request(strike)));
+    if live.iter().any(|strike| board.ledger().request(strike).is_none()) {
+        return Err(Failure::Work(format!("a run has room for {} faults", runtime::MOST_FAULTS)));
+    }
     let mut account = None;
     let outcome = launcher.run(&launcher::reexec, &mut |event| {
         if event == Event::Stopped {

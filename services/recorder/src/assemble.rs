@@ -71,9 +71,12 @@ impl Assembler {
         self.rows.get_mut(place)
     }
 
-    /// The next row, if it is whole or too old to wait for; with `flush`, whatever there is.
-    pub fn pop(&mut self, flush: bool) -> Option<Row> {
-        let due = self.rows.front()?.is_whole() || self.rows.len() > self.patience || flush;
+    /// The next row, if it is whole, or too old to wait for at tick `now`; with `flush`, whatever there is.
+    ///
+    /// The age counts from what was on its way before the topics were looked at, not from what has come since: topics are taken in one after
+    /// the other, and the last of them may be far ahead of the first.
+    pub fn pop(&mut self, now: u64, flush: bool) -> Option<Row> {
+        let due = self.rows.front()?.is_whole() || self.next + (self.patience as u64) < now || flush;
         if !due {
             return None;
         }
@@ -99,10 +102,10 @@ mod tests {
     fn rows_come_whole_and_in_order() {
         let mut assembler = Assembler::new(10, 20);
         fill(&mut assembler, 1);
-        assert!(assembler.pop(false).is_none(), "tick 0 is still missing");
+        assert!(assembler.pop(0, false).is_none(), "tick 0 is still missing");
         fill(&mut assembler, 0);
-        assert_eq!((assembler.pop(false).unwrap().tick, assembler.pop(false).unwrap().tick), (0, 1));
-        assert!(assembler.pop(false).is_none());
+        assert_eq!((assembler.pop(0, false).unwrap().tick, assembler.pop(0, false).unwrap().tick), (0, 1));
+        assert!(assembler.pop(0, false).is_none());
         assert!(assembler.row(0).is_none(), "given out already");
     }
 
@@ -111,9 +114,10 @@ mod tests {
         let mut assembler = Assembler::new(3, 6);
         assembler.row(0).unwrap().sensor = Some(SensorSample::default());
         (1..=3).for_each(|tick| fill(&mut assembler, tick));
-        let torn = assembler.pop(false).unwrap();
+        assert!(assembler.pop(3, false).is_none(), "the rest of tick 0 may still be in a buffer");
+        let torn = assembler.pop(4, false).unwrap();
         assert!(torn.tick == 0 && torn.truth.is_none());
-        assert_eq!(assembler.pop(false).unwrap().tick, 1);
+        assert_eq!(assembler.pop(4, false).unwrap().tick, 1);
     }
 
     #[test]
@@ -132,7 +136,7 @@ mod tests {
                 }
             }
         }
-        let rows: Vec<Row> = std::iter::from_fn(|| assembler.pop(false)).collect();
+        let rows: Vec<Row> = std::iter::from_fn(|| assembler.pop(0, false)).collect();
         assert!(rows.len() == depth && rows.iter().all(Row::is_whole));
     }
 
@@ -140,8 +144,8 @@ mod tests {
     fn the_end_gives_out_everything() {
         let mut assembler = Assembler::new(3, 6);
         assembler.row(1).unwrap().sensor = Some(SensorSample::default());
-        assert_eq!((assembler.pop(true).unwrap().tick, assembler.pop(true).unwrap().tick), (0, 1));
-        assert!(assembler.pop(true).is_none());
+        assert_eq!((assembler.pop(0, true).unwrap().tick, assembler.pop(0, true).unwrap().tick), (0, 1));
+        assert!(assembler.pop(0, true).is_none());
         assert!(assembler.row(1_000_000).is_some(), "a jump does not fill memory");
     }
 }

@@ -74,7 +74,7 @@ fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Pat
     }
     while shell.poll(POLL)? {
         topics.drain(&mut assembler)?;
-        while let Some(row) = assembler.pop(false) {
+        while let Some(row) = assembler.pop(shell.ticks_begun(), false) {
             take(&row, &mut judge, &mut tape);
         }
         if !tape.result.error.is_empty() || topics.has_failed() {
@@ -91,7 +91,7 @@ fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Pat
             (judge, tape.result) = (checkpoint.judge, checkpoint.result);
         }
     }
-    while let Some(row) = assembler.pop(true) {
+    while let Some(row) = assembler.pop(0, true) {
         take(&row, &mut judge, &mut tape);
     }
     witness.tell(shell, &mut tape);

@@ -266,6 +266,19 @@ impl Shared {
         (0..self.manifest.processes.len()).find(lags)
     }
 
+    /// Whether nothing of the ticks before `tick` is still to be sent: in lockstep the maker of ticks waits, and all others have come as far.
+    pub(crate) fn is_settled(&self, tick: u64) -> bool {
+        let has_come = |index: usize| {
+            let (process, line) = (&self.manifest.processes[index], self.board.line(index));
+            let done = line.ticks();
+            match process.makes_ticks {
+                true => line.bell().is_armed_for(PROGRESS),
+                false => index == self.me || process.polled || done >= tick || self.is_down(index, done),
+            }
+        };
+        !self.is_lockstep() || (0..self.manifest.processes.len()).all(has_come)
+    }
+
     /// Tells those that wait for no message but for the others' progress: the maker of ticks that everybody follows it, and everybody who
     /// reads of a dead one that a tick has begun.
     pub(crate) fn report_progress(&self) {

@@ -377,6 +377,8 @@ pub(crate) struct Wait {
 pub struct Shell {
     shared: Rc<Shared>,
     round: Cell<Round>,
+    /// A polled process is in its last round before a fault takes it down.
+    is_falling: Cell<bool>,
 }
 
 /// Where a polled process is between two rounds.
@@ -440,7 +442,7 @@ impl Shell {
         shared.learn();
         shared.tick.set(shared.returns_at());
         let shared = Rc::new(shared);
-        Ok(Self { shared, round: Cell::new(Round::Before) })
+        Ok(Self { shared, round: Cell::new(Round::Before), is_falling: Cell::new(false) })
     }
 
     /// Reads a topic message by message: the next tick in lockstep, the newest in real time.
@@ -499,9 +501,13 @@ impl Shell {
                     shared.line().set_ticks(ticks);
                     self.each_other(|line| line.bell().ring(PROGRESS));
                 }
-                // It dies when everything before the tick of its death has been taken in.
                 shared.tick.set(shared.line().ticks());
-                shared.meet_fate(shared.tick.get());
+                if self.is_falling.replace(false) {
+                    shared.meet_fate(shared.tick.get());
+                }
+                // Not before one more round: everything before the tick of its fall is taken in and safe by then.
+                shared.learn();
+                self.is_falling.set(shared.downfall(ticks).is_some() && shared.is_settled(ticks));
             }
             Round::Before => {
                 if matches!(shared.start()?, Waited::Stopped) {
@@ -512,7 +518,7 @@ impl Shell {
         }
         let is_awaited = Cell::new(false);
         self.each_other(|line| is_awaited.set(is_awaited.get() || line.bell().is_armed_for(PROGRESS)));
-        if !is_awaited.get() && !shared.is_stopping() {
+        if !is_awaited.get() && !shared.is_stopping() && !self.is_falling.get() {
             let bell = shared.line().bell();
             let seen = bell.rings();
             bell.arm(ANYTHING);
@@ -563,12 +569,16 @@ impl Shell {
         }
     }
 
+    /// For a polled process: ticks that had begun before the round in hand.
+    #[must_use]
+    pub fn ticks_begun(&self) -> u64 {
+        if let Round::From(ticks) = self.round.get() { ticks } else { 0 }
+    }
+
     /// Whether this polled process dies, or stands still, when it has said how far it is: what it has taken in must be safe before.
     #[must_use]
     pub fn is_about_to_fall(&self) -> bool {
-        let Round::From(ticks) = self.round.get() else { return false };
-        self.shared.learn();
-        self.shared.downfall(ticks).is_some()
+        self.is_falling.get()
     }
 
     /// Does something that writes to another volume than the one that a fault may have filled.
