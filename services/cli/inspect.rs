@@ -63,6 +63,7 @@ fn start_only(robot: &Robot, frame: Option<&str>, start: Start) -> Scenario {
         goal: Default::default(),
         view: Default::default(),
         fault: Vec::new(),
+        record: Default::default(),
     }
 }
 

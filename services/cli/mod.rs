@@ -2,8 +2,11 @@
 
 mod bench;
 mod clean;
+mod compare;
 mod doctor;
 mod failure;
+mod fault;
+mod figures;
 mod graph;
 mod hogs;
 mod inspect;
@@ -11,6 +14,7 @@ mod list;
 mod load;
 mod out;
 mod plot;
+mod pool;
 mod process;
 mod replay;
 mod run;
@@ -22,6 +26,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use shared_types::fault::{Kind, Way};
 use shared_types::job::Mode;
 
 use failure::Failure;
@@ -79,9 +84,35 @@ enum Command {
         after_help = "Examples:\n  armplane bench\n  armplane bench hop cycle --samples 100000 --json\n  armplane bench --out bench          table, JSON and pictures\n  armplane bench realtime             the whole graph for 80 s beside a busy thread on every core"
     )]
     Bench(BenchArgs),
+    /// Run scenarios under every control law, on the same plant and seed, and put them side by side.
+    #[command(
+        long_about = "Runs each scenario once per control law on one thread (the same bytes as the processes give), with the same plant, seed, \
+                      gains and governor, and prints one table per scenario. SCENARIO `sweep` stands for seeded straight lines through and near \
+                      each singularity of a PUMA. Saves compare.json and a picture per scenario (SVG and PNG).\n\n\
+                      Errors are desired against true pose, split along and across the singular directions ζ while those are engaged. A switch is \
+                      a tick in which a torque changes by more than a tenth of its limit; chatter counts switches back within 10 ms; energy sums \
+                      ½ΔΓᵀA⁻¹ΔΓ/k_v² over the switches. S1: end within 1 mm and 0.5°, across within 1 mm and 0.5°, no joint beyond its speed or \
+                      position, no torque at its limit for more than 10 ms. S2: the same, but across within 1 mm and 3°, along within 10 mm and 5°.",
+        after_help = "Examples:\n  armplane compare fig5-wrist-rotation elbow-in-and-out\n  armplane compare sweep --count 90 --speed 0.5 --json\n  armplane compare my.toml --law blended,damped-least-squares --set control.baseline.damped_least_squares.largest=0.1\n  armplane compare sweep --tune --count 30"
+    )]
+    Compare(CompareArgs),
+    /// Draw the paper's Figures 1, 2, 4 and 5 from runs made for it.
+    #[command(
+        long_about = "Runs the scenarios of Chang & Khatib's Figures 1, 2, 4 and 5 on one thread and draws them: arm postures, errors, joint motion, \
+                      with the numbers below. Saves each as SVG and PNG, and the numbers as figures.json.",
+        after_help = "Examples:\n  armplane figures\n  armplane figures --out figures --set plant.encoder_bits=0"
+    )]
+    Figures(FiguresArgs),
     /// Watch a running graph: processes, ticks, rates, misses.
     #[command(after_help = "Examples:\n  armplane top\n  armplane top --once --json")]
     Top(TopArgs),
+    /// Let something go wrong in a running graph.
+    #[command(
+        long_about = "Injects a fault into one process of a running graph, from its next tick on. The run records it with that tick, and leaves \
+                      a scenario.toml beside its results in which the fault is planned: `armplane run` of it gives the same bytes again.",
+        after_help = "Examples:\n  armplane fault --list\n  armplane fault controller kill\n  armplane fault estimator delay --delay 3 --for 0.5s\n  armplane fault plant sensor --as bias --joint 5 --amount 0.02"
+    )]
+    Fault(FaultArgs),
     /// List the built-in scenarios and robots.
     #[command(after_help = "Example:\n  armplane list --json")]
     List,
@@ -259,6 +290,44 @@ struct BenchPeerArgs {
 }
 
 #[derive(Args)]
+struct CompareArgs {
+    /// Built-in scenarios' names, or scenario files.
+    #[arg(value_name = "SCENARIO|FILE.toml", default_value = load::DEFAULT_SCENARIO)]
+    scenarios: Vec<String>,
+    /// Only these laws, separated by commas [default: ours in both forms, and the baselines].
+    #[arg(long, value_name = "LAW", value_delimiter = ',')]
+    law: Vec<String>,
+    /// Folder for the results [default: the next free runs/compare-NNN].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Seed of every random number of the runs, and of the sweep's lines [default: the scenario's].
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Lay a value over every scenario's, for example control.k_p=900 (repeatable).
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Lines of the sweep.
+    #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    count: u32,
+    /// Peak speed of the sweep's lines; m/s.
+    #[arg(long, value_name = "M/S", default_value_t = 0.28)]
+    speed: f64,
+    /// Search the baselines' parameters for the most lines of the sweep, on a seed of its own.
+    #[arg(long)]
+    tune: bool,
+}
+
+#[derive(Args)]
+struct FiguresArgs {
+    /// Folder for the figures [default: the next free runs/figures-NNN].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Lay a value over every scenario's, for example plant.encoder_bits=0 (repeatable).
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+}
+
+#[derive(Args)]
 struct TopArgs {
     /// The run's name, where several are alive (see `armplane doctor --json`).
     #[arg(long, value_name = "RUN")]
@@ -269,6 +338,44 @@ struct TopArgs {
     /// Time between two looks; ms.
     #[arg(long, value_name = "MS", default_value_t = 500, value_parser = clap::value_parser!(u64).range(10..=60_000))]
     every_ms: u64,
+}
+
+#[derive(Args)]
+struct FaultArgs {
+    /// To which process.
+    process: Option<String>,
+    /// What happens (see --list).
+    kind: Option<Kind>,
+    /// Show all kinds of faults, what they do and to whom they can happen.
+    #[arg(long)]
+    list: bool,
+    /// In which way, for the kinds that have several.
+    #[arg(long = "as", value_name = "WAY")]
+    way: Option<Way>,
+    /// How long: 100ms, 0.5s, or a number of ticks [default: the kind's].
+    #[arg(long = "for", value_name = "LENGTH")]
+    length: Option<fault::Length>,
+    /// The share of messages it concerns, 0 to 1.
+    #[arg(long, value_name = "P")]
+    probability: Option<f64>,
+    /// Ticks by which messages are late.
+    #[arg(long, value_name = "TICKS")]
+    delay: Option<u64>,
+    /// Up to so many ticks more.
+    #[arg(long, value_name = "TICKS")]
+    jitter: Option<u64>,
+    /// Which field of the message is spoilt, as tau[2].
+    #[arg(long, value_name = "FIELD")]
+    field: Option<String>,
+    /// Which joint, from 1.
+    #[arg(long, value_name = "N")]
+    joint: Option<u32>,
+    /// By how much, in the way's unit.
+    #[arg(long, value_name = "X", allow_negative_numbers = true)]
+    amount: Option<f64>,
+    /// The run's name, where several are alive (see `armplane doctor --json`).
+    #[arg(long, value_name = "RUN")]
+    run: Option<String>,
 }
 
 #[derive(Args)]
@@ -326,8 +433,11 @@ pub(crate) fn main() -> ExitCode {
         Command::Verify(args) => verify::verify(&args, json),
         Command::Replay(args) => replay::replay(&args, json),
         Command::Bench(args) => bench::bench(&args, json),
+        Command::Compare(args) => compare::compare(&args, json),
+        Command::Figures(args) => figures::figures(&args, json),
         Command::Top(args) => top::top(&args, json),
         Command::BenchPeer(args) => bench::peer(&args.name, &args.run),
+        Command::Fault(args) => fault::fault(&args, json),
         Command::List => list::list(json),
         Command::Inspect(args) => inspect::inspect(&args, json),
         Command::Graph(args) => graph::graph(&args, json),

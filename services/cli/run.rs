@@ -10,6 +10,7 @@ use runtime::Account;
 use runtime::realtime::allowed_cores;
 use shared_types::graph::{self, Graph};
 use shared_types::job::{Job, Mode};
+use shared_types::scenario::Scenario;
 use shared_types::summary::{Deadlines, FaultSummary, ProcessSummary, Summary};
 
 use super::failure::Failure;
@@ -19,6 +20,9 @@ use super::table::{digits, number, table};
 use super::{RunArgs, load};
 
 const SUMMARY: &str = "summary.json";
+const SCENARIO: &str = "scenario.toml";
+const ROBOT_URDF: &str = "robot.urdf";
+const ROBOT_TOML: &str = "robot.toml";
 
 pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let load::Loaded { scenario, robot } = load::scenario(&args.scenario, &args.set, args.seed)?;
@@ -219,19 +223,23 @@ pub(crate) fn deadlines(job: &Job, outcome: &Outcome) -> Deadlines {
 }
 
 /// The results folder: made before anything starts, removed again if nothing came of it.
-struct Results {
-    folder: PathBuf,
+pub(crate) struct Results {
+    pub(crate) folder: PathBuf,
     made: bool,
 }
 
 impl Results {
-    fn create(wanted: Option<&Path>, scenario: &str) -> Result<Self, Failure> {
+    /// The folder asked for, or the next free `runs/NAME-NNN`.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] if it cannot be written to.
+    pub(crate) fn create(wanted: Option<&Path>, name: &str) -> Result<Self, Failure> {
         let cannot = |path: &Path, error: std::io::Error| {
             Failure::Input(format!("cannot write results to {}: {error}; choose another folder with --out", path.display()))
         };
         let folder = match wanted {
             Some(folder) => folder.to_owned(),
-            None => (1..).map(|n| PathBuf::from(format!("runs/{scenario}-{n:03}"))).find(|path| !path.exists()).unwrap_or_default(),
+            None => (1..).map(|n| PathBuf::from(format!("runs/{name}-{n:03}"))).find(|path| !path.exists()).unwrap_or_default(),
         };
         let made = !folder.exists();
         std::fs::create_dir_all(&folder).map_err(|error| cannot(&folder, error))?;
@@ -242,13 +250,14 @@ impl Results {
         Ok(results)
     }
 
-    /// Writes what makes the run repeatable and readable.
+    /// Writes what makes the run repeatable and readable: the summary, the job, and the scenario with every fault planned that came to pass.
     fn keep(&self, job: &Job, summary: &Summary) -> Result<(), Failure> {
         let cannot =
             |name: &str, error: std::io::Error| Failure::Work(format!("cannot write {}: {error}", self.folder.join(name).display()));
+        let repeated = repeated(job, summary)?;
         let summary = serde_json::to_vec_pretty(summary).map_err(Failure::work)?;
-        let job = serde_json::to_vec_pretty(job).map_err(Failure::work)?;
-        for (name, text) in [(SUMMARY, summary), (JOB, job)] {
+        let job_text = serde_json::to_vec_pretty(job).map_err(Failure::work)?;
+        for (name, text) in [(SUMMARY, summary), (JOB, job_text)].into_iter().chain(repeated) {
             // Whole or not at all: a full disk leaves no half file.
             let (draft, path) = (self.folder.join(format!(".{name}")), self.folder.join(name));
             let written = std::fs::write(&draft, text).and_then(|()| std::fs::rename(&draft, &path));
@@ -268,6 +277,22 @@ impl Drop for Results {
             let _ = std::fs::remove_dir(&self.folder);
         }
     }
+}
+
+/// The scenario that gives the same bytes again, and the robot beside it where it is not a built-in one.
+fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(&'static str, Vec<u8>)>, Failure> {
+    let fault = summary.faults.iter().filter_map(|fault| fault.fault.clone()).collect();
+    let mut files = Vec::new();
+    let mut scenario = Scenario { fault, ..job.scenario.clone() };
+    if scenario.robot.ends_with(".urdf") {
+        ROBOT_URDF.clone_into(&mut scenario.robot);
+        files.push((ROBOT_URDF, job.robot.urdf.clone().into_bytes()));
+        if !job.robot.description.is_empty() {
+            files.push((ROBOT_TOML, job.robot.description.clone().into_bytes()));
+        }
+    }
+    files.push((SCENARIO, toml::to_string(&scenario).map_err(Failure::work)?.into_bytes()));
+    Ok(files)
 }
 
 fn tell(summary: &Summary, folder: &Path) {
@@ -298,6 +323,16 @@ fn tell(summary: &Summary, folder: &Path) {
         ]);
     }
     say!("{rows}");
+    for turn in &summary.turns {
+        let joints = |moves: &[f64]| moves.iter().map(|by| format!("{by:+.2}")).collect::<Vec<_>>().join(" ");
+        say!("ζ turned   {} at tick {}", turn.singularity, turn.tick);
+        say!("           said before: joints by {} ° in {:.2} s", joints(&turn.planned_deg), turn.planned_s);
+        say!(
+            "           done:        joints by {} ° in {:.2} s",
+            joints(&turn.moved_deg),
+            turn.took_ticks as f64 / f64::from(summary.rate_hz.max(1))
+        );
+    }
     let percent = |ratio: f64| format!("{:.0} %", ratio * 100.0);
     let joints = &summary.joints;
     say!(
@@ -306,6 +341,9 @@ fn tell(summary: &Summary, folder: &Path) {
         percent(joints.torque_step_max_ratio),
         percent(joints.speed_max_ratio)
     );
+    if joints.switches > 0 {
+        say!("switches   {} changes of mode, {} J put in by them", joints.switches, digits(joints.switch_energy_j));
+    }
     let simulated_s = summary.ticks as f64 / f64::from(summary.rate_hz.max(1));
     say!(
         "time       {} ticks at {} Hz in {:.2} s: {:.0} ticks/s, {:.1} × real time, {}",
@@ -324,6 +362,15 @@ fn tell(summary: &Summary, folder: &Path) {
         for (cause, count) in &summary.deadlines.by_cause {
             say!("           {count} {cause}");
         }
+    }
+    for fault in summary.faults.iter().filter(|fault| fault.fault.is_some()) {
+        let ms = |what: &str, ms: Option<f64>| ms.map(|ms| format!(", {what} after {ms:.2} ms")).unwrap_or_default();
+        let became = if fault.struck {
+            ms("noticed", fault.detected_ms) + &ms("mended", fault.restored_ms)
+        } else {
+            ", did not come to pass".into()
+        };
+        say!("fault      {} ({}){became}", fault.detail, fault.origin);
     }
     if !summary.recorder.error.is_empty() {
         say!("recording  {}", summary.recorder.error);

@@ -1,5 +1,5 @@
 //! Records the synthetic run over and over and says what it cost:
-//! `cargo run --release -p viz --example synthetic -- OUT.rrd [REPEATS] [control|timing|faults]`.
+//! `cargo run --release -p viz --example synthetic -- FOLDER [REPEATS] [control|timing|faults]`.
 
 #![allow(non_snake_case)]
 
@@ -14,7 +14,7 @@ mod synthetic;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
-    let path: PathBuf = arguments.next().ok_or("usage: synthetic OUT.rrd [REPEATS] [control|timing|faults]")?.into();
+    let folder: PathBuf = arguments.next().ok_or("usage: synthetic FOLDER [REPEATS] [control|timing|faults]")?.into();
     let repeats: u64 = arguments.next().map_or(Ok(1), |text| text.parse())?;
     let layout = match arguments.next().as_deref() {
         None | Some("control") => Layout::Control,
@@ -29,7 +29,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut motion = synthetic::Run::new(&robot);
     let messages: Vec<_> = (0..(synthetic::Run::DURATION_S * 1e3) as u64).map(|_| motion.step()).collect();
 
-    let mut recording = Recording::<6>::create(&path, &run)?;
+    let mut recording = Recording::<6>::create(&folder, &run)?;
     let mut best_us = f64::INFINITY;
     let mut tick = 0;
     let begin = cpu_ns()?;
@@ -49,7 +49,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         best_us = best_us.min((cpu_ns()? - start) * 1e-3 / messages.len() as f64);
     }
     let mean_us = (cpu_ns()? - begin) * 1e-3 / tick as f64;
-    recording.save_blueprint(&path.with_extension("rbl"), layout)?;
+    recording.save_blueprint(&folder.join("run.rbl"), layout)?;
     let start = cpu_ns()?;
     let file = recording.finish()?;
     let minutes = tick as f64 / 60e3;

@@ -28,7 +28,13 @@ impl Figure {
         let reach = ((joints + tool) as f32).max(0.1);
         let (base, links) = match robot.factors {
             Factors::Puma { .. } => puma(robot, floor_m),
-            Factors::Numeric if !robot.shapes.is_empty() => shapes(robot),
+            Factors::Numeric if !robot.shapes.is_empty() => {
+                let (mut base, links) = shapes(robot);
+                if robot.task.0[2] && floor_m < -0.05 {
+                    pedestal(&mut base, floor_m, 0.09 * reach);
+                }
+                (base, links)
+            }
             Factors::Numeric => capsules(robot, reach),
         };
         Self { base, links, reach }
@@ -126,6 +132,13 @@ fn puma(robot: &Robot, floor: f32) -> (Mesh, Vec<Mesh>) {
         flange.add_box(Placement { p: Vec3::new(side * 0.032, 0.0, 0.108), ..upright }, Vec3::new(0.012, 0.024, 0.055), METAL);
     }
     (base, vec![shoulder, upper, fore, fork, hub, flange])
+}
+
+/// What an arm stands on whose base is above the floor.
+fn pedestal(base: &mut Mesh, floor: f32, radius: f32) {
+    base.add_extrusion(Placement::IDENTITY, &[disc(0.0, 0.0, 1.7 * radius)], floor, floor + 0.02, 0.006, DARK);
+    base.add_extrusion(Placement::IDENTITY, &[disc(0.0, 0.0, radius)], floor + 0.01, -0.01, 0.004, JOINT);
+    base.add_extrusion(Placement::IDENTITY, &[disc(0.0, 0.0, 1.35 * radius)], -0.025, -0.001, 0.004, DARK);
 }
 
 /// The robot's own visual geometry.

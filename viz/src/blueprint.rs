@@ -5,7 +5,7 @@
 
 use glam::Vec3;
 use re_chunk::{Chunk, ChunkResult, EntityPath, RowId, Timeline};
-use re_log_types::{ApplicationId, StoreId, StoreKind};
+use re_log_types::StoreId;
 use re_sdk_types::AsComponents;
 use re_sdk_types::archetypes::SeriesLines;
 use re_sdk_types::blueprint::archetypes::{
@@ -45,7 +45,7 @@ const LIMITS: Option<[f64; 2]> = Some([-1.1, 1.1]);
 /// What a blueprint needs to know of its run.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Subject {
-    pub(crate) joints: Vec<String>,
+    pub(crate) joints: usize,
     /// Name and colour of each singularity, in the report's order.
     pub(crate) singularities: Vec<(String, Rgba)>,
     /// Distinct thresholds (η_in, η_out).
@@ -296,7 +296,8 @@ struct Desk<'a> {
 
 impl Desk<'_> {
     fn per_joint(&self, signal: Signal) -> Vec<Lines> {
-        vec![Lines::of(signal, self.subject.joints.clone(), JOINTS)]
+        let names = (1..=self.subject.joints).map(|i| format!("q{i}")).collect();
+        vec![Lines::of(signal, names, JOINTS)]
     }
 
     fn per_singularity(&self, signal: Signal, prefix: &str) -> Lines {
@@ -349,15 +350,15 @@ impl Desk<'_> {
     }
 
     fn torques(&mut self) -> EntityPath {
-        let task = self.sheet.plot("Torque on the hand / limit", self.per_joint(Signal::TorqueTaskRatio), LIMITS, None);
-        let null = self.sheet.plot("Torque in the null space / limit", self.per_joint(Signal::TorqueNullRatio), LIMITS, None);
+        let task = self.sheet.plot("Torque on the hand / limit", self.per_joint(Signal::TorqueTaskRatio), None, None);
+        let null = self.sheet.plot("Torque in the null space / limit", self.per_joint(Signal::TorqueNullRatio), None, None);
         self.sheet.row(vec![(1.0, task), (1.0, null)])
     }
 
     fn joints(&mut self) -> EntityPath {
         let range = self.per_joint(Signal::PositionInRange);
         let range = self.sheet.plot("Joints between limits ±1", range, LIMITS, Some(Corner2D::LeftBottom));
-        let speed = self.sheet.plot("Joint speeds / limit", self.per_joint(Signal::SpeedRatio), LIMITS, None);
+        let speed = self.sheet.plot("Joint speeds / limit", self.per_joint(Signal::SpeedRatio), None, None);
         self.sheet.row(vec![(1.0, range), (1.0, speed)])
     }
 
@@ -377,7 +378,7 @@ impl Desk<'_> {
     }
 
     fn singular_values(&mut self) -> EntityPath {
-        let names = (1..=self.subject.joints.len().min(6)).map(|i| format!("σ{i}")).collect();
+        let names = (1..=self.subject.joints.min(6)).map(|i| format!("σ{i}")).collect();
         self.sheet.plot("Singular values", vec![Lines::of(Signal::SingularValues, names, JOINTS)], None, Some(Corner2D::RightTop))
     }
 
@@ -387,12 +388,11 @@ impl Desk<'_> {
     }
 }
 
-/// Writes a layout as a blueprint store of its own into `sink` and activates it.
-pub(crate) fn send<W: Storage>(sink: &mut Sink<W>, application: &ApplicationId, subject: &Subject, which: Layout) {
-    let store = StoreId::random(StoreKind::Blueprint, application.clone());
-    sink.announce(&store);
+/// Writes a layout as a blueprint store into `sink` and activates it.
+pub(crate) fn send<W: Storage>(sink: &mut Sink<W>, store: &StoreId, subject: &Subject, which: Layout) {
+    sink.announce(store);
     for chunk in layout(subject, which) {
-        sink.chunk(&store, chunk);
+        sink.chunk(store, chunk);
     }
-    sink.activate(&store);
+    sink.activate(store);
 }

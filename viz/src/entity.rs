@@ -20,6 +20,10 @@ pub(crate) const BASE: &str = "/world/arm/base";
 pub(crate) const HAND: &str = "/world/hand";
 /// The desired end-effector frame.
 pub(crate) const TARGET: &str = "/world/target";
+/// What speeds the hand can reach.
+pub(crate) const VELOCITY: &str = "/world/ability/velocity";
+/// What accelerations forces give it.
+pub(crate) const MOBILITY: &str = "/world/ability/mobility";
 /// The ways of the joints in null-space motion.
 pub(crate) const TRAIL: &str = "/world/null_motion/trail";
 
@@ -36,6 +40,11 @@ pub(crate) fn ghost(index: usize) -> String {
 /// A singularity's frame.
 pub(crate) fn singularity(name: &str) -> String {
     format!("/world/singularity/{name}")
+}
+
+/// A singularity's mark, which grows.
+pub(crate) fn glyph(name: &str) -> String {
+    format!("/world/singularity/{name}/glyph")
 }
 
 /// Where ζ has been.

@@ -2,7 +2,7 @@
 //!
 //! * [`Recording`] takes one complete tick at a time and writes an `.rrd` that ends cleanly: on a full disk, and when its process is killed.
 //! * What is recorded: [`Signal`] names the numbers (1 kHz); the picture (50 Hz) is the arm, its target and path, the singular frame with
-//!   the lost direction ζ, ghosts of null-space motion; modes, states and words come as they change.
+//!   the lost direction ζ, the ellipsoids that go flat along it, ghosts of null-space motion; modes, states and words come as they change.
 //! * How it is shown: a blueprint in the file, one layout per purpose, also as `.rbl` ([`Recording::save_blueprint`]).
 //!
 //! Cost, six joints at 1 kHz with everything on: 9 µs CPU a tick and 24 MB a minute (`examples/synthetic.rs`). It grows with the number
@@ -18,10 +18,11 @@
 //! s = table["/signals:singularity:s"]          # each row a list: one number per singularity
 //! ```
 //!
-//! PURE inside: `signals`, `scene`, `arm`, `solid` and `story` map messages to data; `sink`, `blueprint` and `recording` write them.
+//! PURE inside: `ability`, `signals`, `scene`, `arm`, `solid` and `story` map messages to data; `sink`, `blueprint` and `recording` write them.
 
 #![allow(non_snake_case)]
 
+mod ability;
 mod arm;
 mod blueprint;
 mod entity;
@@ -34,6 +35,6 @@ mod story;
 #[cfg(test)]
 mod synthetic;
 
-pub use recording::{Level, Options, Recording, RunInfo};
+pub use recording::{Level, Options, Recording, RunInfo, part_name, parts_in};
 pub use signals::{HOP_NAMES, Signal, TickRow};
 pub use sink::{FileInfo, RecordError, Storage};

@@ -1,7 +1,7 @@
 //! A recording in the making.
 
 use std::fs::File;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use glam::Vec3;
 use model::{Model, Robot};
@@ -10,7 +10,7 @@ use re_chunk::external::arrow::array::{Array, ArrayRef, Float32Array, Float64Arr
 use re_chunk::external::arrow::buffer::{NullBuffer, OffsetBuffer, ScalarBuffer};
 use re_chunk::external::arrow::datatypes::Field;
 use re_chunk::{Chunk, ChunkComponents, ChunkId, EntityPath, RowId, TimeColumn, TimePoint, Timeline};
-use re_log_types::{ApplicationId, StoreId, TimeCell};
+use re_log_types::{ApplicationId, StoreId, StoreKind, TimeCell};
 use re_sdk_types::archetypes::{
     Arrows3D, Clear, InstancePoses3D, LineStrips3D, Mesh3D, Points3D, RecordingInfo, StateChange, StateConfiguration, TextDocument,
     TextLog, Transform3D,
@@ -23,10 +23,11 @@ use shared_types::messages::SingularityState;
 use shared_types::scenario::{Layout, Scenario};
 use shared_types::{MAX_SINGULARITIES, Message};
 
+use crate::ability::{Ellipsoid, Half, at_point};
 use crate::arm::{Figure, placement, vec3};
 use crate::blueprint::{self, Eye, Subject};
 use crate::entity;
-use crate::scene::{Look, Mark, NullMotion, Presence, differs, glyph, rotation};
+use crate::scene::{self, Look, Mark, NullMotion, Presence, differs, glyph, rotation};
 use crate::signals::{Limits, Signal, TickRow, Width, sample};
 use crate::sink::{FileInfo, RecordError, Sink, Storage};
 use crate::solid::{Mesh, Placement, Rgba};
@@ -77,11 +78,20 @@ pub enum Level {
 
 /// A recording in the making: ticks in, an `.rrd` out.
 ///
+/// It may be spread over several files, its parts: each opens alone, all of them together as one recording, because they carry the same
+/// recording id. [`next_part`](Self::next_part) turns to a fresh file within a run; [`create_part`](Self::create_part) lets another
+/// process take up where one was killed.
+///
 /// Ensures: nothing blocks but the storage; the first error ends the file at its last whole message and is answered once, by
 /// [`tick`](Self::tick) or [`finish`](Self::finish). A killed process leaves a file readable up to its last chunk.
 pub struct Recording<const N: usize, W: Storage = File> {
     sink: Sink<W>,
     store: StoreId,
+    title: Title,
+    /// What the parts before this one hold.
+    before: FileInfo,
+    /// Ticks of this part.
+    part_ticks: u64,
     arm: Model<N>,
     figure: Figure,
     /// Whether the arm moves in the base's plane only.
@@ -92,7 +102,6 @@ pub struct Recording<const N: usize, W: Storage = File> {
     rate_hz: u32,
     /// The blueprint waits for the first report, which names the singularities.
     blueprint_sent: bool,
-    ticks: u64,
     last: Option<u64>,
     signals: Table,
     signal_rows: usize,
@@ -112,6 +121,24 @@ pub struct Recording<const N: usize, W: Storage = File> {
     incarnations: [u32; PROCESSES.len()],
 }
 
+/// What a recording says of its run.
+struct Title {
+    name: String,
+    properties: [(&'static str, String); 6],
+}
+
+/// Name of a part of a recording in its folder: `run.rrd`, then `run-001.rrd`, `run-002.rrd` and so on.
+#[must_use]
+pub fn part_name(part: u32) -> String {
+    if part == 0 { "run.rrd".to_owned() } else { format!("run-{part:03}.rrd") }
+}
+
+/// The parts of a recording that a folder holds, in order.
+#[must_use]
+pub fn parts_in(folder: &Path) -> Vec<PathBuf> {
+    (0..).map(|part| folder.join(part_name(part))).take_while(|path| path.exists()).collect()
+}
+
 /// Writers of the five messages.
 const PROCESSES: [&str; 4] = ["plant", "estimator", "analyzer", "controller"];
 
@@ -125,22 +152,42 @@ struct Lanes {
 }
 
 impl<const N: usize> Recording<N> {
-    /// Creates the file and writes what never changes: the run's properties, the arm's figure, styles.
+    /// Creates the first part in `folder` and writes what never changes: the run's properties, the arm's figure, styles.
     ///
     /// # Errors
     /// [`RecordError`] where the file cannot be made or written, or the robot does not have N joints.
-    pub fn create(path: &Path, run: &RunInfo) -> Result<Self, RecordError> {
-        let file = File::create(path).map_err(|source| RecordError::Create { path: path.display().to_string(), source })?;
-        Self::with_storage(file, run, Options::default())
+    pub fn create(folder: &Path, run: &RunInfo) -> Result<Self, RecordError> {
+        Self::create_part(folder, 0, run)
+    }
+
+    /// Creates part `part` of the recording of this run: the next one ([`parts_in`]) after the recorder before was killed.
+    ///
+    /// # Errors
+    /// As [`create`](Self::create).
+    pub fn create_part(folder: &Path, part: u32, run: &RunInfo) -> Result<Self, RecordError> {
+        Self::with_storage(create(&folder.join(part_name(part)))?, part, run, Options::default())
+    }
+
+    /// Ends the present part and goes on in the next one, which repeats what a part needs to be opened alone.
+    ///
+    /// # Errors
+    /// As [`create`](Self::create); the recording has then ended, its parts are whole.
+    pub fn next_part(&mut self, folder: &Path) -> Result<(), RecordError> {
+        let file = create(&folder.join(part_name(self.before.parts + 1)))?;
+        self.turn_over(file)
     }
 }
 
+fn create(path: &Path) -> Result<File, RecordError> {
+    File::create(path).map_err(|source| RecordError::Create { path: path.display().to_string(), source })
+}
+
 impl<const N: usize, W: Storage> Recording<N, W> {
-    /// [`create`](Recording::create) for any storage, with options.
+    /// [`create_part`](Recording::create_part) for any storage, with options.
     ///
     /// # Errors
     /// As [`create`](Recording::create).
-    pub fn with_storage(storage: W, run: &RunInfo, options: Options) -> Result<Self, RecordError> {
+    pub fn with_storage(storage: W, part: u32, run: &RunInfo, options: Options) -> Result<Self, RecordError> {
         let RunInfo { scenario, robot, .. } = *run;
         let frame = Some(scenario.frame.as_str()).filter(|frame| !frame.is_empty());
         let arm =
@@ -149,10 +196,13 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         let figure = Figure::new(robot, floor_m);
         let rate = f64::from(scenario.rate_hz);
         let every = |seconds: f64| (seconds * rate).round().max(1.0);
-        let subject = Subject { joints: robot.joints.iter().map(|joint| joint.name.clone()).collect(), floor_m, ..Subject::default() };
+        let subject = Subject { joints: robot.joints.len(), floor_m, ..Subject::default() };
         let mut recording = Self {
             sink: Sink::new(storage)?,
             store: StoreId::recording(application(robot), run.run),
+            title: Title::new(run),
+            before: FileInfo { parts: part, ..FileInfo::default() },
+            part_ticks: 0,
             arm,
             figure,
             planar: !robot.task.0[2],
@@ -161,7 +211,6 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             layout: scenario.view.layout,
             rate_hz: scenario.rate_hz.max(1),
             blueprint_sent: false,
-            ticks: 0,
             last: None,
             signals: Table::default(),
             signal_rows: every(options.signal_chunk_s) as usize,
@@ -178,11 +227,42 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             lanes: Lanes::default(),
             incarnations: Default::default(),
         };
-        recording.sink.announce(&recording.store);
-        recording.write_properties(run);
-        recording.write_figure();
-        recording.sink.check()?;
+        recording.open()?;
         Ok(recording)
+    }
+
+    /// What every part begins with.
+    fn open(&mut self) -> Result<(), RecordError> {
+        self.sink.announce(&self.store);
+        self.write_properties();
+        self.write_figure();
+        self.sink.check()
+    }
+
+    /// Ends the present part and goes on in another storage.
+    ///
+    /// # Errors
+    /// As [`create`](Recording::create).
+    pub fn turn_over(&mut self, storage: W) -> Result<(), RecordError> {
+        self.flush();
+        let (chunks, ended) = (self.sink.chunks(), std::mem::replace(&mut self.sink, Sink::new(storage)?));
+        let bytes = ended.finish().inspect_err(|_| self.sink.abandon())?;
+        let FileInfo { parts, .. } = self.before;
+        self.before = FileInfo {
+            bytes: self.before.bytes + bytes,
+            chunks: self.before.chunks + chunks,
+            ticks: self.before.ticks + self.part_ticks,
+            parts: parts + 1,
+        };
+        // What is told when it changes is told again.
+        self.part_ticks = 0;
+        self.blueprint_sent = false;
+        self.guides_due = 0;
+        self.marks = Default::default();
+        self.fans = Default::default();
+        self.situation = None;
+        self.lanes = Lanes::default();
+        self.open()
     }
 
     /// Takes a tick in. Ticks must come in order; a tick that was lost leaves a gap.
@@ -193,7 +273,10 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         if self.sink.is_closed() {
             return Ok(());
         }
-        self.ticks += 1;
+        if self.part_ticks == 0 {
+            self.write_ghosts(row.tick, true);
+        }
+        self.part_ticks += 1;
         self.last = Some(row.tick);
         if !self.blueprint_sent && row.report.is_some() {
             self.introduce(row);
@@ -232,9 +315,24 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         self.write_picture();
     }
 
-    /// Size so far; bytes.
+    /// Size of all parts so far; bytes.
     pub fn bytes(&self) -> u64 {
+        self.before.bytes + self.sink.bytes()
+    }
+
+    /// Size of the present part; bytes.
+    pub fn part_bytes(&self) -> u64 {
         self.sink.bytes()
+    }
+
+    /// Ticks in the present part.
+    pub fn part_ticks(&self) -> u64 {
+        self.part_ticks
+    }
+
+    /// Number of the present part, from 0.
+    pub fn part(&self) -> u32 {
+        self.before.parts
     }
 
     /// Ends the recording: everything gathered, the footer, and `sync`.
@@ -249,8 +347,9 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         if let Some(last) = self.last {
             self.write_guides(last);
         }
-        let (chunks, ticks) = (self.sink.chunks(), self.ticks);
-        Ok(FileInfo { bytes: self.sink.finish()?, chunks, ticks })
+        let (before, chunks) = (self.before, self.before.chunks + self.sink.chunks());
+        let ticks = before.ticks + self.part_ticks;
+        Ok(FileInfo { bytes: before.bytes + self.sink.finish()?, chunks, ticks, parts: before.parts + 1 })
     }
 
     /// Writes a layout as a `.rbl` file, to be opened beside any recording of the same robot.
@@ -258,28 +357,19 @@ impl<const N: usize, W: Storage> Recording<N, W> {
     /// # Errors
     /// [`RecordError`] where the file cannot be made or written.
     pub fn save_blueprint(&self, path: &Path, layout: Layout) -> Result<(), RecordError> {
-        let file = File::create(path).map_err(|source| RecordError::Create { path: path.display().to_string(), source })?;
-        let mut sink = Sink::new(file)?;
-        blueprint::send(&mut sink, self.store.application_id(), &self.subject, layout);
+        let mut sink = Sink::new(create(path)?)?;
+        blueprint::send(&mut sink, &self.blueprint(), &self.subject, layout);
         sink.finish().map(drop)
     }
 
     // What never changes.
 
-    fn write_properties(&mut self, run: &RunInfo) {
-        let RunInfo { scenario, robot, .. } = *run;
-        let title = if scenario.title.is_empty() { &scenario.name } else { &scenario.title };
-        let info = RecordingInfo::new().with_name(title.as_str()).with_start_time(Timestamp::now());
+    fn write_properties(&mut self) {
+        let info = RecordingInfo::new().with_name(self.title.name.as_str());
+        // When it began is what the first part says.
+        let info = if self.before.parts == 0 { info.with_start_time(Timestamp::now()) } else { info };
         self.log_static(EntityPath::properties(), &info);
-        let words = [
-            ("scenario", scenario.name.clone()),
-            ("robot", robot.name.clone()),
-            ("run", run.run.to_owned()),
-            ("seed", run.seed.to_string()),
-            ("rate_hz", scenario.rate_hz.to_string()),
-            ("armplane", run.version.to_owned()),
-        ];
-        let columns = words.map(|(name, value)| {
+        let columns = self.title.properties.clone().map(|(name, value)| {
             (custom(name, Some("run")), std::sync::Arc::new(re_chunk::external::arrow::array::StringArray::from(vec![value])) as ArrayRef)
         });
         let chunk = Chunk::builder(EntityPath::properties().join(&"run".into())).with_row(RowId::new(), TimePoint::default(), columns);
@@ -306,13 +396,25 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         let size = 0.11 * self.figure.reach;
         self.log_static(entity::HAND, &triad(size, 0.03 * size, [0xf05050ff, 0x60d060ff, 0x5090ffff]));
         self.log_static(entity::TARGET, &triad(1.35 * size, 0.018 * size, [0x90f0b0ff; 3]));
+        let mut ball = Mesh::default();
+        ball.add_sphere(Placement::IDENTITY, 1.0, [255; 4]);
+        self.log_static(entity::VELOCITY, &mesh3d(&ball, Some([90, 170, 255, 60])));
+        let circle = |x: Vec3, y: Vec3| -> Vec<[f32; 3]> {
+            (0..=48)
+                .map(|k| {
+                    (x * (std::f32::consts::TAU * k as f32 / 48.0).cos() + y * (std::f32::consts::TAU * k as f32 / 48.0).sin()).to_array()
+                })
+                .collect()
+        };
+        let net = LineStrips3D::new([circle(Vec3::X, Vec3::Y), circle(Vec3::Y, Vec3::Z), circle(Vec3::Z, Vec3::X)]);
+        let net = net.with_colors([Color::from_unmultiplied_rgba(150, 235, 225, 255)]).with_radii([Radius::new_ui_points(1.0)]);
+        self.log_static(entity::MOBILITY, &net);
         for (lane, states) in [("drive", story::DRIVE_STATES), ("phase", story::PHASE_STATES)] {
             self.style(entity::state(lane), states);
         }
         for process in PROCESSES {
             self.style(entity::state(&format!("process/{process}")), story::LIFE_STATES);
         }
-        self.write_ghosts(0);
     }
 
     fn style(&mut self, path: String, states: States) {
@@ -323,22 +425,35 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         );
     }
 
-    /// At the first report: names, thresholds, the eye's place, and with them the blueprint.
+    /// At a part's first report: names and thresholds, the eye's place, and with them the blueprint.
     fn introduce(&mut self, row: &TickRow) {
         self.blueprint_sent = true;
+        if self.subject.singularities.is_empty() {
+            self.meet(row);
+        }
+        for (name, _) in self.subject.singularities.clone() {
+            self.style(entity::state(&format!("mode/{name}")), story::MODE_STATES);
+        }
+        let store = self.blueprint();
+        blueprint::send(&mut self.sink, &store, &self.subject, self.layout);
+    }
+
+    fn meet(&mut self, row: &TickRow) {
         for (i, one) in row.singularities().iter().enumerate() {
             let name = shared_types::codes::singularity_name(one.kind, i);
-            self.style(entity::state(&format!("mode/{name}")), story::MODE_STATES);
             self.subject.singularities.push((name, story::colour_of_kind(one.kind, i)));
             if !self.thresholds.contains(&(one.eta_in, one.eta_out)) {
                 self.thresholds.push((one.eta_in, one.eta_out));
             }
         }
         self.subject.bands = self.thresholds.len();
-        let places = row.q().map(|q| self.arm.link_poses(&SVector::from_column_slice(&q[..N])));
-        let hand = places.and_then(|places| places.last().map(|last| vec3(&last.p))).unwrap_or(Vec3::X);
-        self.subject.eye = eye(hand, self.figure.reach, self.subject.floor_m, self.planar);
-        blueprint::send(&mut self.sink, self.store.application_id(), &self.subject, self.layout);
+        let places = row.q().map(|q| self.arm.link_poses(&SVector::from_column_slice(&q[..N])).map(|X| vec3(&X.p)));
+        self.subject.eye = eye(places.as_ref().map_or(&[Vec3::X], |places| &places[..]), self.mark_size(), &self.subject, self.planar);
+    }
+
+    /// The blueprint's own store: one per recording, the same in every part.
+    fn blueprint(&self) -> StoreId {
+        StoreId::new(StoreKind::Blueprint, self.store.application_id().clone(), format!("{}-blueprint", self.store.recording_id()))
     }
 
     // Numbers.
@@ -439,10 +554,31 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             row.report.map_or(Vec::new(), |report| row.singularities().iter().map(|one| Mark::new(one, report.p_BC)).collect());
         self.write_marks(row.tick, row.singularities(), &marks);
         if self.motion.update(row) {
-            self.write_ghosts(row.tick);
+            self.write_ghosts(row.tick, false);
         }
         let unit = self.mark_size();
         self.picture.push(row.tick, &links, &hand, desired.as_ref(), &marks, unit);
+        if let Some(report) = row.report {
+            self.see_ability(row.tick, q, report.p_BC, row.singularities(), &marks);
+        }
+    }
+
+    /// What the hand can do, at C, in the half of the twist that the nearest singularity is of.
+    fn see_ability(&mut self, tick: u64, q: &[f64], p_BC: [f64; 3], singularities: &[SingularityState], marks: &[Mark]) {
+        let near = singularities.iter().zip(marks).filter(|(_, mark)| mark.look.presence != Presence::Hidden);
+        let nearest = near.map(|(one, _)| one).min_by(|a, b| (a.s.abs() / a.eta_out).total_cmp(&(b.s.abs() / b.eta_out)));
+        let half = if nearest.is_some_and(|one| one.angular == 1) { Half::Angular } else { Half::Linear };
+        let (q, p_BC) = (SVector::from_column_slice(&q[..N]), nalgebra::Vector3::from(p_BC));
+        let J = at_point(self.arm.jacobian(&q), &(p_BC - self.arm.forward_kinematics(&q).p));
+        let unit = 0.62 * self.mark_size();
+        let (velocity, mobility) =
+            (Ellipsoid::velocity(&J, self.arm.velocity(), half), Ellipsoid::mobility(&J, &self.arm.mass_matrix(&q), half));
+        for (track, shape) in self.picture.abilities.iter_mut().zip([Some(velocity), mobility]) {
+            let Some(Ellipsoid { axes, half_axes }) = shape else { continue };
+            track.push(tick, &Placement { R: axes, p: vec3(&p_BC) });
+            // Flat, but not so flat that it has no sides.
+            track.sizes.push((half_axes.max(Vec3::splat(0.012)) * unit).to_array());
+        }
     }
 
     /// Marks change their looks rarely; their places go with the picture.
@@ -452,7 +588,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             let (name, fan) = (name.clone(), entity::fan(name));
             if self.marks[i] != mark.look {
                 self.marks[i] = mark.look;
-                self.write_look(tick, &name, mark.look, &story::label(one, i));
+                self.write_look(tick, &name, mark, &story::label(one, i));
             }
             let inside = mark.look.presence == Presence::Inside;
             let zeta = mark.zeta();
@@ -473,20 +609,25 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         }
     }
 
-    /// The mark's solid and, inside, the other axes of the singular frame and the words.
-    fn write_look(&mut self, tick: u64, name: &str, look: Look, words: &str) {
-        let mark = entity::singularity(name);
-        let [solid, axes, label] = [format!("{mark}/glyph"), format!("{mark}/axes"), entity::label(name)];
-        let [r, g, b, _] = story::colour_of_type(look.class);
-        if look.presence == Presence::Hidden {
+    /// The mark's solid, the rings where it is entered and, inside, the other axes of the singular frame and the words.
+    fn write_look(&mut self, tick: u64, name: &str, mark: &Mark, words: &str) {
+        let path = entity::singularity(name);
+        let [solid, rings, axes, label] = [entity::glyph(name), format!("{path}/edge"), format!("{path}/axes"), entity::label(name)];
+        let [r, g, b, _] = story::colour_of_type(mark.look.class);
+        let unit = self.mark_size();
+        if mark.look.presence == Presence::Hidden {
             self.log(tick, solid, &Clear::flat());
+            self.log(tick, rings, &Clear::flat());
         } else {
-            let opacity = if look.presence == Presence::Inside { 255 } else { 70 };
-            self.log(tick, solid, &mesh3d(&glyph(look.angular, [r, g, b, 255]), Some([255, 255, 255, opacity])));
+            let inside = mark.look.presence == Presence::Inside;
+            let opacity = if inside { 255 } else { 70 };
+            self.log(tick, solid, &mesh3d(&glyph(mark.look.angular, [r, g, b, 255]), Some([255, 255, 255, opacity])));
+            let rim = if inside { [255, 110, 110, 255] } else { [190, 195, 205, 255] };
+            self.log(tick, rings, &mesh3d(&scene::rings(mark.edge, unit, rim), None));
         }
-        if look.presence == Presence::Inside {
-            let frame = Arrows3D::from_vectors([[0.0, 0.5, 0.0], [0.0, 0.0, 0.5]]);
-            self.log(tick, axes, &frame.with_colors([0xc8d0dcff_u32]).with_radii([0.012]));
+        if mark.look.presence == Presence::Inside {
+            let frame = Arrows3D::from_vectors([[0.0, 0.5 * unit, 0.0], [0.0, 0.0, 0.5 * unit]]);
+            self.log(tick, axes, &frame.with_colors([0xc8d0dcff_u32]).with_radii([0.012 * unit]));
             let point = Points3D::new([[0.0; 3]]).with_radii([Radius::new_ui_points(0.5)]).with_colors([Color::from_rgb(r, g, b)]);
             self.log(tick, label, &point.with_labels([words]).with_show_labels(true));
         } else {
@@ -496,7 +637,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
     }
 
     /// Where the arm has been in the present null-space motion.
-    fn write_ghosts(&mut self, tick: u64) {
+    fn write_ghosts(&mut self, tick: u64, all: bool) {
         let postures: Vec<[Placement; N]> =
             self.motion.postures.iter().map(|q| self.arm.link_poses(&SVector::from_column_slice(&q[..N])).map(|X| placement(&X))).collect();
         let (now, before) = match postures.split_last() {
@@ -509,7 +650,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             let none_before = std::mem::replace(&mut self.ghosts[i], places.len()) == 0;
             let poses = InstancePoses3D::new();
             let poses = match places.is_empty() {
-                true if none_before && tick > 0 => continue,
+                true if none_before && !all => continue,
                 // No instances would mean the mesh itself, at the origin: one too small to see instead.
                 true => poses.with_translations([[0.0; 3]]).with_scales([[1e-6; 3]]),
                 false => poses
@@ -536,8 +677,10 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         let mut tracks: Vec<(String, Track)> = Vec::new();
         tracks.extend((0..N).map(entity::link).zip(picture.links));
         tracks.extend([(entity::HAND.to_owned(), picture.hand), (entity::TARGET.to_owned(), picture.target)]);
-        for ((name, _), (mark, label)) in self.subject.singularities.iter().zip(picture.marks) {
-            tracks.extend([(entity::singularity(name), mark), (entity::label(name), label)]);
+        let [velocity, mobility] = picture.abilities;
+        tracks.extend([(entity::VELOCITY.to_owned(), velocity), (entity::MOBILITY.to_owned(), mobility)]);
+        for ((name, _), MarkTracks { frame, size, label }) in self.subject.singularities.iter().zip(picture.marks) {
+            tracks.extend([(entity::singularity(name), frame), (entity::glyph(name), size), (entity::label(name), label)]);
         }
         for (path, track) in tracks {
             if !track.ticks.is_empty() {
@@ -617,6 +760,22 @@ impl<const N: usize, W: Storage> Recording<N, W> {
     }
 }
 
+impl Title {
+    fn new(run: &RunInfo) -> Self {
+        let RunInfo { scenario, robot, .. } = *run;
+        let name = if scenario.title.is_empty() { &scenario.name } else { &scenario.title };
+        let properties = [
+            ("scenario", scenario.name.clone()),
+            ("robot", robot.name.clone()),
+            ("run", run.run.to_owned()),
+            ("seed", run.seed.to_string()),
+            ("rate_hz", scenario.rate_hz.to_string()),
+            ("armplane", run.version.to_owned()),
+        ];
+        Self { name: name.clone(), properties }
+    }
+}
+
 /// Recordings of one robot share their blueprint.
 fn application(robot: &Robot) -> ApplicationId {
     ApplicationId::new_or_unknown(format!("armplane-{}", robot.name))
@@ -649,16 +808,22 @@ fn mesh3d(mesh: &Mesh, tint: Option<Rgba>) -> Mesh3D {
     }
 }
 
-/// An eye that sees arm and floor: off to the side of the plane in which the arm reaches out, a little above; a planar arm from above.
-fn eye(hand: Vec3, reach: f32, floor_m: f32, planar: bool) -> Eye {
-    let heading = hand.with_z(0.0).normalize_or(Vec3::X);
+/// An eye that sees the arm from floor to hand, with room for a mark of that size at the hand: off to the side of the plane in which the arm
+/// reaches out, a little above; a planar arm from above.
+fn eye(places: &[Vec3], mark: f32, subject: &Subject, planar: bool) -> Eye {
+    // Half of Rerun's field of view, and a little air.
+    let distance = |radius: f32| 1.06 * radius / 27.5f32.to_radians().sin();
+    let hand = places.last().copied().unwrap_or(Vec3::X);
+    let foot = if planar { Vec3::ZERO } else { Vec3::Z * subject.floor_m.min(0.0) };
+    let room = [hand + Vec3::splat(mark), hand - Vec3::splat(mark), foot];
+    let (low, high) = places.iter().chain(&room).fold((Vec3::ZERO, Vec3::ZERO), |(low, high), p| (low.min(*p), high.max(*p)));
+    let (look_at, radius) = ((low + high) / 2.0, (high - low).length() / 2.0);
     if planar {
-        let look_at = heading * (0.3 * reach);
-        return Eye { position: look_at + Vec3::new(0.0, -0.25, 1.0) * (1.5 * reach), look_at, up: Vec3::Y };
+        return Eye { position: look_at + Vec3::new(0.0, -0.25, 1.0).normalize() * distance(radius), look_at, up: Vec3::Y };
     }
+    let heading = hand.with_z(0.0).normalize_or(Vec3::X);
     let side = Vec3::new(heading.y, -heading.x, 0.0);
-    let look_at = heading * (0.3 * reach) + Vec3::Z * (0.25 * floor_m.min(0.0) + 0.3 * hand.z);
-    let position = look_at + (heading * 0.8 + side + Vec3::Z * 0.4).normalize() * (1.6 * reach);
+    let position = look_at + (heading * 0.7 + side + Vec3::Z * 0.38).normalize() * distance(radius);
     Eye { position, look_at, up: Vec3::Z }
 }
 
@@ -741,7 +906,7 @@ struct Track {
     translations: Vec<[f32; 3]>,
     quaternions: Vec<[f32; 4]>,
     /// Empty for what never changes its size.
-    sizes: Vec<f32>,
+    sizes: Vec<[f32; 3]>,
 }
 
 impl Track {
@@ -752,13 +917,24 @@ impl Track {
     }
 
     fn columns(self) -> Vec<SerializedComponentColumn> {
-        let quaternions = self.quaternions.into_iter().map(Quaternion::from_xyzw);
-        let mut transform = Transform3D::update_fields().with_many_translation(self.translations).with_many_quaternion(quaternions);
+        let mut transform = Transform3D::update_fields();
+        if !self.translations.is_empty() {
+            let quaternions = self.quaternions.into_iter().map(Quaternion::from_xyzw);
+            transform = transform.with_many_translation(self.translations).with_many_quaternion(quaternions);
+        }
         if !self.sizes.is_empty() {
-            transform = transform.with_many_scale(self.sizes.iter().map(|size| [*size; 3]));
+            transform = transform.with_many_scale(self.sizes);
         }
         transform.columns_of_unit_batches().map(Iterator::collect).unwrap_or_default()
     }
+}
+
+/// A singularity's frame at C, the size of its mark there, and the words above it.
+#[derive(Default)]
+struct MarkTracks {
+    frame: Track,
+    size: Track,
+    label: Track,
 }
 
 /// What was seen since the last chunk.
@@ -767,8 +943,10 @@ struct Picture {
     links: Vec<Track>,
     hand: Track,
     target: Track,
-    /// Of each singularity its mark and the words above it.
-    marks: Vec<(Track, Track)>,
+    /// Of each singularity.
+    marks: Vec<MarkTracks>,
+    /// Ellipsoids of velocity and mobility.
+    abilities: [Track; 2],
     /// The paths' points; the last of a chunk is the first of the next.
     actual: Vec<(u64, Vec3)>,
     desired: Vec<(u64, Vec3)>,
@@ -792,12 +970,15 @@ impl Picture {
             self.desired.push((tick, desired.p));
         }
         self.marks.resize_with(self.marks.len().max(marks.len()), Default::default);
-        for ((track, label), mark) in self.marks.iter_mut().zip(marks) {
-            let size = unit * mark.size;
-            track.push(tick, &mark.X_BS);
-            track.sizes.push(size);
+        for (tracks, mark) in self.marks.iter_mut().zip(marks) {
+            // What is hidden need not be anywhere.
+            if mark.look.presence != Presence::Hidden {
+                tracks.frame.push(tick, &mark.X_BS);
+                tracks.size.ticks.push(tick);
+                tracks.size.sizes.push([unit * mark.size; 3]);
+            }
             if mark.look.presence == Presence::Inside {
-                label.push(tick, &Placement { p: mark.X_BS.p + Vec3::Z * (1.25 * size), ..Placement::IDENTITY });
+                tracks.label.push(tick, &Placement { p: mark.X_BS.p + Vec3::Z * (1.25 * unit), ..Placement::IDENTITY });
             }
         }
     }

@@ -34,8 +34,10 @@ pub(crate) struct Look {
 pub(crate) struct Mark {
     pub(crate) look: Look,
     pub(crate) X_BS: Placement,
-    /// 0 where the arm is regular, 1 where it is singular.
+    /// How large it is drawn: 1 where the arm is singular.
     pub(crate) size: f32,
+    /// The size at which the arm enters the neighbourhood.
+    pub(crate) edge: f32,
 }
 
 impl Mark {
@@ -52,11 +54,12 @@ impl Mark {
             _ if s < near => Presence::Near,
             _ => Presence::Hidden,
         };
-        let closeness = ((near - s) / near.max(1e-9)).clamp(0.0, 1.0) as f32;
+        let size = |s: f64| 0.25 + 0.75 * ((near - s) / near.max(1e-9)).clamp(0.0, 1.0) as f32;
         Self {
             look: Look { presence, class: one.class, angular: one.angular == 1 },
             X_BS: Placement { R: Mat3::from_cols(zeta, y, zeta.cross(y)), p: vec3(&Vector3::from(p_BC)) },
-            size: 0.25 + 0.75 * closeness,
+            size: size(s),
+            edge: size(one.eta_in),
         }
     }
 
@@ -66,11 +69,21 @@ impl Mark {
     }
 }
 
-/// The lost direction as a solid of unit size along x: a turning arc for a rotation, a blocked double arrow for a translation.
+/// The lost direction as a solid of unit size along x: an axis with a turning arc for a rotation, a blocked double arrow for a translation.
 pub(crate) fn glyph(angular: bool, colour: Rgba) -> Mesh {
     let mut mesh = Mesh::default();
+    for sense in [-1.0, 1.0] {
+        let out = Placement::along(Vec3::ZERO, Vec3::X * sense, Vec3::Y);
+        if angular {
+            mesh.add_extrusion(out, &[disc(0.0, 0.0, 0.022)], 0.0, 1.0, 0.02, colour);
+        } else {
+            mesh.add_extrusion(out, &[disc(0.0, 0.0, 0.035)], 0.0, 0.75, 0.005, colour);
+            mesh.add_cone(out, 0.1, 0.0, 0.7, 0.96, colour);
+            mesh.add_extrusion(out, &[disc(0.0, 0.0, 0.13)], 0.97, 1.0, 0.01, colour);
+        }
+    }
     if angular {
-        // Three quarters of a turn in the plane across ζ, an arrow head at each end, and the axis itself.
+        // Three quarters of a turn in the plane across ζ, an arrow head at each end.
         let radius = 0.72;
         let point = |turn: f32| {
             let (sin, cos) = (std::f32::consts::TAU * turn).sin_cos();
@@ -83,14 +96,21 @@ pub(crate) fn glyph(angular: bool, colour: Rgba) -> Mesh {
             let (p, tangent) = point(turn);
             mesh.add_cone(Placement::along(p, tangent * sense, Vec3::X), 0.11, 0.0, -0.02, 0.26, colour);
         }
-        mesh.add_extrusion(Placement::along(Vec3::ZERO, Vec3::X, Vec3::Y), &[disc(0.0, 0.0, 0.022)], -1.0, 1.0, 0.02, colour);
-    } else {
-        for sense in [-1.0, 1.0] {
-            let out = Placement::along(Vec3::ZERO, Vec3::X * sense, Vec3::Y);
-            mesh.add_extrusion(out, &[disc(0.0, 0.0, 0.035)], 0.0, 0.75, 0.005, colour);
-            mesh.add_cone(out, 0.11, 0.0, 0.7, 0.97, colour);
-            mesh.add_extrusion(out, &[disc(0.0, 0.0, 0.2)], 0.985, 1.02, 0.01, colour);
-        }
+    }
+    mesh
+}
+
+/// The edge of the neighbourhood: two rings at ±`edge` on the axis, through which the mark's ends pass as the arm enters it.
+pub(crate) fn rings(edge: f32, size: f32, colour: Rgba) -> Mesh {
+    let mut mesh = Mesh::default();
+    for x in [-edge, edge] {
+        let ring: Vec<Vec3> = (0..=40)
+            .map(|k| {
+                let (sin, cos) = (std::f32::consts::TAU * k as f32 / 40.0).sin_cos();
+                size * Vec3::new(x, 0.19 * cos, 0.19 * sin)
+            })
+            .collect();
+        mesh.add_tube(&ring, 0.014 * size, colour);
     }
     mesh
 }

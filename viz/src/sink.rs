@@ -88,6 +88,8 @@ pub struct FileInfo {
     pub chunks: u64,
     /// Ticks recorded.
     pub ticks: u64,
+    /// Files it is spread over.
+    pub parts: u32,
 }
 
 /// Writes a whole message or, where the storage refuses, nothing. Rerun's encoder hands over one message per call.
@@ -192,6 +194,11 @@ impl<W: Storage> Sink<W> {
     /// The error that closed the stream, once.
     pub(crate) fn check(&mut self) -> Result<(), RecordError> {
         self.error.take().map_or(Ok(()), Err)
+    }
+
+    /// Closes the stream without a word: the one before it could not be ended.
+    pub(crate) fn abandon(&mut self) {
+        let _ = self.close();
     }
 
     /// Ends the stream with its footer, which a reader that seeks needs, and makes it durable.

@@ -153,7 +153,7 @@ pub(super) fn record(robot: &Robot, scenario: &Scenario) -> Result<(Vec<BenchRow
         graph: load::graph(None)?,
         scenario: scenario.clone(),
     };
-    let mut tape = recorder::Tape::<N>::start(robot, &job).map_err(Failure::work)?;
+    let mut tape = recorder::Tape::<N>::start(robot, &job, 1).map_err(Failure::work)?;
     let mut judge = Judge::new(recorder::limits(robot), scenario.goal.clone(), scenario.duration_s() * f64::from(scenario.rate_hz));
     let parts = folder.path().join("parts");
     let (mut sensor, mut truth) = (Keep::<SensorSample>::create(&parts), Keep::<PlantState>::create(&parts));

@@ -33,19 +33,32 @@ pub struct Assembler {
     rows: VecDeque<Row>,
     next: u64,
     patience: usize,
+    horizon: usize,
 }
 
 impl Assembler {
-    /// An assembler that waits `patience` ticks for what is missing.
+    /// An assembler that waits `patience` ticks for what is missing. Topics are drained one after the other: `horizon` is more ticks than
+    /// one of them may be ahead of the others.
     #[must_use]
-    pub fn new(patience: usize) -> Self {
-        Self { rows: VecDeque::with_capacity(patience + 1), next: 0, patience }
+    pub fn new(patience: usize, horizon: usize) -> Self {
+        Self { rows: VecDeque::with_capacity(patience + 1), next: 0, patience, horizon }
+    }
+
+    /// Goes on where an earlier assembler had come to, with the rows that it had not given out.
+    pub fn resume(&mut self, next: u64, rows: impl IntoIterator<Item = Row>) {
+        self.next = next;
+        self.rows.extend(rows);
+    }
+
+    /// The next tick to be given out, and what there is of it and the ticks after it.
+    pub fn pending(&self) -> (u64, impl Iterator<Item = &Row>) {
+        (self.next, self.rows.iter())
     }
 
     /// The row of a tick; `None` when it has been given out already.
     pub fn row(&mut self, tick: u64) -> Option<&mut Row> {
         let place = usize::try_from(tick.checked_sub(self.next)?).ok()?;
-        if place > 2 * self.patience {
+        if place > self.horizon {
             // A jump far ahead: what lies between will not come any more.
             self.rows.clear();
             self.next = tick;
@@ -84,7 +97,7 @@ mod tests {
 
     #[test]
     fn rows_come_whole_and_in_order() {
-        let mut assembler = Assembler::new(10);
+        let mut assembler = Assembler::new(10, 20);
         fill(&mut assembler, 1);
         assert!(assembler.pop(false).is_none(), "tick 0 is still missing");
         fill(&mut assembler, 0);
@@ -95,7 +108,7 @@ mod tests {
 
     #[test]
     fn what_is_missing_is_not_waited_for_for_ever() {
-        let mut assembler = Assembler::new(3);
+        let mut assembler = Assembler::new(3, 6);
         assembler.row(0).unwrap().sensor = Some(SensorSample::default());
         (1..=3).for_each(|tick| fill(&mut assembler, tick));
         let torn = assembler.pop(false).unwrap();
@@ -104,8 +117,28 @@ mod tests {
     }
 
     #[test]
+    fn topics_that_are_drained_one_after_the_other_lose_nothing() {
+        let (patience, depth) = (256, 1024);
+        let mut assembler = Assembler::new(patience, 2 * depth);
+        for place in 0..5 {
+            for tick in 0..depth as u64 {
+                let row = assembler.row(tick).unwrap();
+                match place {
+                    0 => row.sensor = Some(SensorSample::default()),
+                    1 => row.truth = Some(PlantState::default()),
+                    2 => row.estimate = Some(StateEstimate::default()),
+                    3 => row.report = Some(SingularityReport::default()),
+                    _ => row.command = Some(TorqueCommand::default()),
+                }
+            }
+        }
+        let rows: Vec<Row> = std::iter::from_fn(|| assembler.pop(false)).collect();
+        assert!(rows.len() == depth && rows.iter().all(Row::is_whole));
+    }
+
+    #[test]
     fn the_end_gives_out_everything() {
-        let mut assembler = Assembler::new(3);
+        let mut assembler = Assembler::new(3, 6);
         assembler.row(1).unwrap().sensor = Some(SensorSample::default());
         assert_eq!((assembler.pop(true).unwrap().tick, assembler.pop(true).unwrap().tick), (0, 1));
         assert!(assembler.pop(true).is_none());

@@ -56,13 +56,13 @@ impl Pace {
         Ok(Some(tick))
     }
 
-    /// Until when a tick's torque is waited for, on this process's clock; in lockstep without limit.
+    /// Until when a tick's torque is waited for, on `CLOCK_MONOTONIC`; in lockstep without limit.
     ///
     /// A tenth of a period, at most 100 µs, before the next tick: whoever waits in vain is in time for the next grid point nevertheless.
     #[must_use]
     pub fn deadline_ns(&self) -> Option<u64> {
         let period = self.shared.manifest.period_ns();
-        (!self.shared.is_lockstep()).then(|| self.grid_ns + period - (period / 10).min(100_000))
+        (!self.shared.is_lockstep()).then(|| self.grid_ns + period - (period / 10).min(100_000) - self.ahead_ns())
     }
 
     fn wait_for_grid(&mut self) {
@@ -87,10 +87,13 @@ impl Pace {
         self.incarnations = incarnations;
         self.shared.due_ns.set(self.grid_ns);
         while self.shared.clock_ns() < self.grid_ns && !self.shared.is_stopping() {
-            // By the machine's clock, of which the process's own may be ahead.
-            let ahead_ns = self.shared.clock_ns().saturating_sub(now_ns());
-            sleep_until(self.grid_ns - ahead_ns);
+            sleep_until(self.grid_ns - self.ahead_ns());
         }
+    }
+
+    /// How far this process's clock is ahead of the machine's.
+    fn ahead_ns(&self) -> u64 {
+        self.shared.clock_ns().saturating_sub(now_ns())
     }
 
     fn incarnations_of_all(&self) -> u32 {

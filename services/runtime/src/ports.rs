@@ -117,6 +117,8 @@ impl<M: Message> Reader<M> {
                 self.last = Some(goes_on - 1);
             } else if matches!(found, Found::Current) {
                 return self.accept();
+            } else if shared.is_unharmed() {
+                return Err(self.lost(tick, tick + 1));
             } else {
                 shared.close(tick);
                 shared.tick.set(tick + 1);
@@ -398,6 +400,17 @@ impl<M: Message> Drain<M> {
         Ok(())
     }
 
+    /// Goes on where an earlier reader of the topic had come to.
+    pub fn resume(&mut self, last: Option<u64>, lost: u64) {
+        (self.last, self.lost) = (last, lost);
+    }
+
+    /// The last tick taken in.
+    #[must_use]
+    pub fn last(&self) -> Option<u64> {
+        self.last
+    }
+
     /// Ticks that never came: gaps between the ticks that did, from tick 0.
     #[must_use]
     pub fn lost(&self) -> u64 {
@@ -450,8 +463,8 @@ struct Sending<M: Message> {
     memory: Memory<M>,
     /// Messages that faults hold back, with the tick at which they leave.
     held: RefCell<VecDeque<(u64, M)>>,
-    /// What was sent before a fault that sends it again.
-    last_sent: Cell<Option<M>>,
+    /// What a fault sends again and again.
+    stale: Cell<Option<M>>,
 }
 
 impl<M: Message> Writer<M> {
@@ -465,7 +478,7 @@ impl<M: Message> Writer<M> {
             readers: shared.manifest.woken_by(M::TOPIC).collect(),
             memory,
             held: RefCell::new(VecDeque::with_capacity(MOST_HELD)),
-            last_sent: Cell::new(None),
+            stale: Cell::new(None),
         });
         shared.add_outlet(Rc::clone(&outlet) as Rc<dyn Outlet>);
         Ok(Self { outlet, usage: Usage::now(), legacy })
@@ -511,7 +524,9 @@ impl<M: Message> Writer<M> {
             if shared.is_lockstep() {
                 shared.tick.set(tick + 1);
             }
+            shared.report_progress();
         }
+        shared.board.glance().note(&message);
         outlet.ring();
         count_lateness(&mut self.usage, shared, message.header(), sent_ns);
         Ok(())
@@ -568,10 +583,11 @@ impl<M: Message> Sending<M> {
         }
         if is_stale {
             // Its own old header with it: whoever reads ticks knows it again.
-            let Some(old) = self.last_sent.get() else { return Ok(()) };
+            let Some(old) = self.stale.get().or_else(|| self.memory.before_last()) else { return Ok(()) };
+            self.stale.set(Some(old));
             message = old;
         } else {
-            self.last_sent.set(Some(message));
+            self.stale.set(None);
         }
         for _ in 0..copies {
             if due == tick {

@@ -57,7 +57,7 @@ fn puma() -> Robot {
 fn begin(volume: &Volume, robot: &Robot) -> Result<Recording<6, Volume>, RecordError> {
     let scenario = Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid");
     let run = RunInfo { scenario: &scenario, robot, run: "test", version: "0", seed: 1 };
-    Recording::with_storage(volume.clone(), &run, Options::default())
+    Recording::with_storage(volume.clone(), 0, &run, Options::default())
 }
 
 fn row(tick: u64, m: &Messages) -> TickRow<'_> {
@@ -270,6 +270,78 @@ fn a_killed_recorder_loses_at_most_a_chunk() {
 }
 
 #[test]
+fn every_part_opens_alone_and_all_together() {
+    let (first, second, robot) = (Volume::new(usize::MAX), Volume::new(usize::MAX), puma());
+    let mut recording = begin(&first, &robot).expect("room");
+    let mut run = Run::new(&robot);
+    for tick in 0..300 {
+        if tick == 130 {
+            recording.turn_over(second.clone()).expect("room");
+            assert_eq!((recording.part(), recording.part_ticks()), (1, 0));
+        }
+        recording.tick(&row(tick, &run.step())).expect("room");
+    }
+    let info = recording.finish().expect("room");
+    assert_eq!((info.parts, info.ticks, info.bytes as usize), (2, 300, first.content().len() + second.content().len()));
+
+    let parts = [first, second].map(|volume| read(&volume.content()));
+    let ids = parts.each_ref().map(|(messages, whole)| {
+        assert!(*whole, "a part ends with its footer");
+        let mut ids: Vec<String> = messages.iter().map(|message| format!("{:?}", message.store_id())).collect();
+        ids.sort();
+        ids.dedup();
+        ids
+    });
+    assert_eq!(ids[0], ids[1], "one recording and one blueprint");
+    let data = parts.each_ref().map(|(messages, _)| chunks(messages));
+    let ticks = data.each_ref().map(|data| times(&of(data, entity::SIGNALS), "tick"));
+    assert_eq!(ticks, [(0..130).collect::<Vec<i64>>(), (130..300).collect()], "no tick is lost or told twice");
+    let statics = data.each_ref().map(|data| {
+        let mut paths: Vec<String> = data.iter().filter(|chunk| chunk.is_static()).map(|chunk| chunk.entity_path().to_string()).collect();
+        paths.sort();
+        paths
+    });
+    assert!(statics[0] == statics[1] && statics[0].contains(&entity::link(5)), "{statics:?}");
+    // What stands, and would not be told again for long, is told at the part's beginning.
+    assert_eq!(texts(&of(&data[1], "/state/mode/wrist"), "StateChange:state"), ["reorient"]);
+    assert!(times(&of(&data[1], entity::NOW), "tick").first() == Some(&130) && times(&of(&data[1], entity::GUIDES), "tick")[0] == 130);
+    assert_eq!(times(&of(&data[1], &entity::ghost(0)), "tick"), [130]);
+    let log = texts(&of(&data[1], entity::LOG), "TextLog:text");
+    assert_eq!(log, Vec::<String>::new(), "nothing has changed");
+}
+
+#[test]
+fn a_recorder_that_takes_up_writes_the_next_part_of_the_same_recording() {
+    let (killed, taken_up, robot) = (Volume::new(usize::MAX), Volume::new(usize::MAX), puma());
+    let scenario = Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid");
+    let about = RunInfo { scenario: &scenario, robot: &robot, run: "test", version: "0", seed: 1 };
+    let mut run = Run::new(&robot);
+    let messages: Vec<Messages> = (0..200).map(|_| run.step()).collect();
+    let mut recording = begin(&killed, &robot).expect("room");
+    (0..100).for_each(|tick| recording.tick(&row(tick as u64, &messages[tick])).expect("room"));
+    std::mem::forget(recording);
+    let mut recording = Recording::<6, Volume>::with_storage(taken_up.clone(), 1, &about, Options::default()).expect("room");
+    (100..200).for_each(|tick| recording.tick(&row(tick as u64, &messages[tick])).expect("room"));
+    assert_eq!(recording.finish().expect("room").parts, 2);
+    let [before, after] = [killed, taken_up].map(|volume| read(&volume.content()).0);
+    let id = |messages: &[LogMsg]| messages[0].store_id().clone();
+    assert_eq!(id(&before), id(&after));
+    assert_eq!(times(&of(&chunks(&after), entity::SIGNALS), "tick"), (100..200).collect::<Vec<i64>>());
+}
+
+#[test]
+fn parts_are_found_by_name() {
+    let folder = std::env::temp_dir().join(format!("armplane-parts-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    for part in [0, 1, 3] {
+        std::fs::write(folder.join(part_name(part)), []).expect("a file");
+    }
+    let found = parts_in(&folder);
+    std::fs::remove_dir_all(&folder).expect("ours");
+    assert_eq!(found, ["run.rrd", "run-001.rrd"].map(|name| folder.join(name)), "up to the first gap");
+}
+
+#[test]
 fn missing_messages_leave_gaps_and_are_told() {
     let (volume, robot) = (Volume::new(usize::MAX), puma());
     let mut recording = begin(&volume, &robot).expect("room");
@@ -308,7 +380,7 @@ fn a_recording_for_another_arm_is_refused() {
 fn a_folder_that_does_not_exist_is_named() {
     let (scenario, robot) = (Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid"), puma());
     let run = RunInfo { scenario: &scenario, robot: &robot, run: "test", version: "0", seed: 1 };
-    let error = Recording::<6>::create(Path::new("/there/is/no/such/run.rrd"), &run).err().expect("no folder");
+    let error = Recording::<6>::create(Path::new("/there/is/no/such"), &run).err().expect("no folder");
     assert!(error.to_string().contains("/there/is/no/such/run.rrd") && error.to_string().contains("--out"), "{error}");
 }
 

@@ -1,0 +1,130 @@
+//! What the hand can do at a posture, as ellipsoids that go flat along a lost direction. PURE.
+
+use glam::{Mat3, Vec3};
+use nalgebra::{Matrix3, SMatrix, SVector, SymmetricEigen, Vector3};
+
+use crate::arm::vec3;
+
+/// Which half of the twist an ellipsoid is of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Half {
+    /// Velocities of C.
+    Linear,
+    /// Rotations, C held: for a spherical wrist its own.
+    Angular,
+}
+
+/// An ellipsoid's shape: principal axes as columns, and half axes over the longest.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Ellipsoid {
+    pub(crate) axes: Mat3,
+    pub(crate) half_axes: Vec3,
+}
+
+impl Ellipsoid {
+    /// {J q̇ : |q̇_i| bounded in the ellipsoidal norm of the joints' speed limits}: half axes √λ(J diag(q̇_max²) Jᵀ).
+    pub(crate) fn velocity<const N: usize>(J: &SMatrix<f64, 6, N>, qdot_max: &SVector<f64, N>, half: Half) -> Self {
+        let scaled = SMatrix::<f64, 6, N>::from_fn(|row, column| J[(row, column)] * qdot_max[column]);
+        Self::of(&block(&(scaled * scaled.transpose()), half), f64::sqrt)
+    }
+
+    /// {Λ⁻¹ F : |F| = 1}, accelerations for unit forces: half axes λ(J A⁻¹ Jᵀ); along a lost direction Λ is infinite. `None` without A⁻¹.
+    pub(crate) fn mobility<const N: usize>(J: &SMatrix<f64, 6, N>, A: &SMatrix<f64, N, N>, half: Half) -> Option<Self> {
+        let A_inverse = A.try_inverse()?;
+        Some(Self::of(&block(&(J * A_inverse * J.transpose()), half), |lambda| lambda))
+    }
+
+    fn of(W: &Matrix3<f64>, half_axis: impl Fn(f64) -> f64) -> Self {
+        let SymmetricEigen { eigenvalues, eigenvectors } = SymmetricEigen::new(*W);
+        let lengths = eigenvalues.map(|lambda| half_axis(lambda.max(0.0)));
+        let longest = lengths.max().max(f64::MIN_POSITIVE);
+        let axis = |i: usize| vec3(&Vector3::from(eigenvectors.column(i)));
+        let (x, y) = (axis(0), axis(1));
+        Self { axes: Mat3::from_cols(x, y, x.cross(y)), half_axes: vec3(&(lengths / longest)) }
+    }
+}
+
+/// The Jacobian at C from that at E: v_C = v_E + ω × (p_C − p_E).
+pub(crate) fn at_point<const N: usize>(mut J: SMatrix<f64, 6, N>, r_EC: &Vector3<f64>) -> SMatrix<f64, 6, N> {
+    let angular = J.fixed_rows::<3>(3).into_owned();
+    let lever = -r_EC.cross_matrix() * angular;
+    let mut linear = J.fixed_rows_mut::<3>(0);
+    linear += lever;
+    J
+}
+
+/// The linear block of W, or the angular one's section where nothing moves linearly: W_ωω − W_ωv W_vv⁺ W_vω.
+fn block(W: &SMatrix<f64, 6, 6>, half: Half) -> Matrix3<f64> {
+    let part = |row: usize, column: usize| W.fixed_view::<3, 3>(row, column).into_owned();
+    match half {
+        Half::Linear => part(0, 0),
+        Half::Angular => part(3, 3) - part(3, 0) * pseudo_inverse(&part(0, 0)) * part(0, 3),
+    }
+}
+
+fn pseudo_inverse(W: &Matrix3<f64>) -> Matrix3<f64> {
+    let SymmetricEigen { eigenvalues, eigenvectors: V } = SymmetricEigen::new(*W);
+    let floor = 1e-9 * eigenvalues.max();
+    let inverse = eigenvalues.map(|lambda| if lambda > floor { 1.0 / lambda } else { 0.0 });
+    V * Matrix3::from_diagonal(&inverse) * V.transpose()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model::{Model, Robot};
+
+    /// At each lock the ellipsoids are flat, and the flat axis is the direction that no joint moves.
+    #[test]
+    fn ellipsoids_go_flat_along_the_lost_direction() {
+        let robot = Robot::builtin("puma560").expect("built in");
+        let arm = Model::<6>::new(&robot, None).expect("six joints");
+        let cases = [
+            ("elbow", Half::Linear, [0.3, -0.9, 1.617_633_433_908_135_6, 0.2, 0.8, 0.1]),
+            ("wrist", Half::Angular, [0.35, -1.05, 2.97, 0.4, 0.0, 0.2]),
+        ];
+        for (name, half, q) in cases {
+            let q = SVector::<f64, 6>::from(q);
+            let (X_BE, J_E) = (arm.forward_kinematics(&q), arm.jacobian(&q));
+            // C, the wrist centre: where the axes of joints 4 to 6 meet.
+            let p_BC = arm.link_poses(&q)[5].p;
+            let J = at_point(J_E, &(p_BC - X_BE.p));
+            let shapes =
+                [Ellipsoid::velocity(&J, arm.velocity(), half), Ellipsoid::mobility(&J, &arm.mass_matrix(&q), half).expect("A is regular")];
+            for shape in shapes {
+                assert!((shape.half_axes.max_element() - 1.0).abs() < 1e-6 && shape.half_axes.min_element() < 1e-3, "{name}: {shape:?}");
+                assert!((shape.axes.determinant() - 1.0).abs() < 1e-5);
+                let flat = (0..3).min_by(|a, b| shape.half_axes[*a].total_cmp(&shape.half_axes[*b])).expect("three");
+                let zeta = shape.axes.col(flat);
+                let zeta = Vector3::new(f64::from(zeta.x), f64::from(zeta.y), f64::from(zeta.z));
+                let null = match half {
+                    Half::Linear => J.fixed_rows::<3>(0).transpose() * zeta,
+                    // Only the wrist's joints turn the hand while C stands.
+                    Half::Angular => SVector::<f64, 6>::from_fn(|i, _| if i < 3 { 0.0 } else { J.fixed_view::<3, 1>(3, i).dot(&zeta) }),
+                };
+                assert!(null.norm() < 1e-4, "{name}: {null}");
+            }
+        }
+        // Away from its locks the arm can do something in every direction.
+        let q = SVector::<f64, 6>::from([0.3, -0.9, 2.9, 0.2, 0.8, 0.1]);
+        let J = at_point(arm.jacobian(&q), &(arm.link_poses(&q)[5].p - arm.forward_kinematics(&q).p));
+        for half in [Half::Linear, Half::Angular] {
+            assert!(Ellipsoid::velocity(&J, arm.velocity(), half).half_axes.min_element() > 0.05);
+        }
+    }
+
+    #[test]
+    fn a_jacobian_moves_with_its_point() {
+        let robot = Robot::builtin("puma560").expect("built in");
+        let arm = Model::<6>::new(&robot, None).expect("six joints");
+        let q = SVector::<f64, 6>::from([0.3, -0.9, 2.9, 0.2, 0.8, 0.1]);
+        let p = |q: &SVector<f64, 6>| arm.link_poses(q)[5].p;
+        let J = at_point(arm.jacobian(&q), &(p(&q) - arm.forward_kinematics(&q).p));
+        for i in 0..6 {
+            let mut step = SVector::<f64, 6>::zeros();
+            step[i] = 1e-6;
+            let difference = (p(&(q + step)) - p(&(q - step))) / 2e-6;
+            assert!((J.fixed_view::<3, 1>(0, i) - difference).norm() < 1e-8, "joint {i}");
+        }
+    }
+}
