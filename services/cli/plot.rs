@@ -187,6 +187,11 @@ impl Panel {
         Self { title: title.to_owned(), x, y, share: 1.0, ..Self::default() }
     }
 
+    /// Shows this range of the y axis.
+    pub(crate) fn y_within(&mut self, range: Range<f64>) {
+        self.y.range = Some(range);
+    }
+
     fn name(&mut self, name: &str, color: Color, dashed: bool) {
         if !name.is_empty() {
             self.legend.push((name.to_owned(), color, dashed));

@@ -70,7 +70,7 @@ pub fn validation(bytes: &[u8]) {
     check::<StateEstimate>(bytes);
     check::<TorqueCommand>(bytes);
     let report: SingularityReport = Bytes(bytes).next();
-    let _ = (report.is_finite(), control::wire::report(&report));
+    let _ = (report.is_finite(), control::wire::report::<6>(&report));
 }
 
 const SCENARIO: &str = "fig5-wrist-rotation";
