@@ -4,6 +4,7 @@ mod bench;
 mod clean;
 mod compare;
 mod doctor;
+mod drill;
 mod failure;
 mod fault;
 mod figures;
@@ -113,6 +114,15 @@ enum Command {
         after_help = "Examples:\n  armplane fault --list\n  armplane fault controller kill\n  armplane fault estimator delay --delay 3 --for 0.5s\n  armplane fault plant sensor --as bias --joint 5 --amount 0.02"
     )]
     Fault(FaultArgs),
+    /// Try every fault on every process of a real graph, and judge what the arm does.
+    #[command(
+        long_about = "Runs a scenario once for every kind of fault and every process it can happen to, and for a seeded sample of pairs, in its \
+                      processes and in lockstep. The fault is injected live in the middle of the motion; then the run is repeated from the \
+                      plan it left, which must give the same bytes. Judged on the simulator's truth: torque and speed against the limits, age of \
+                      the torque in force, largest torque step, distance from the fault-free path, the end; and what was lost or left behind.",
+        after_help = "Examples:\n  armplane drill\n  armplane drill --only controller:kill\n  armplane drill elbow-in-and-out --out drill\n\nExit code 1: an invariant broke."
+    )]
+    Drill(DrillArgs),
     /// List the built-in scenarios and robots.
     #[command(after_help = "Example:\n  armplane list --json")]
     List,
@@ -341,6 +351,28 @@ struct TopArgs {
 }
 
 #[derive(Args)]
+struct DrillArgs {
+    /// Built-in scenarios' names, or scenario files; their own faults are left out.
+    #[arg(value_name = "SCENARIO|FILE.toml", default_value = load::DEFAULT_SCENARIO)]
+    scenario: Vec<String>,
+    /// One cell.
+    #[arg(long, value_name = "PROCESS:KIND[:WAY]")]
+    only: Option<String>,
+    /// How many pairs of faults to try besides.
+    #[arg(long, value_name = "N", default_value_t = 12)]
+    pairs: u32,
+    /// Seed of every random number of the runs, and of when the faults strike [default: the scenario's].
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Lay a value over the scenario's, for example control.k_p=900 (repeatable).
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Keep the results here: drill.json and a heat map (SVG and PNG).
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+#[derive(Args)]
 struct FaultArgs {
     /// To which process.
     process: Option<String>,
@@ -437,6 +469,7 @@ pub(crate) fn main() -> ExitCode {
         Command::Figures(args) => figures::figures(&args, json),
         Command::Top(args) => top::top(&args, json),
         Command::BenchPeer(args) => bench::peer(&args.name, &args.run),
+        Command::Drill(args) => drill::drill(&args, json),
         Command::Fault(args) => fault::fault(&args, json),
         Command::List => list::list(json),
         Command::Inspect(args) => inspect::inspect(&args, json),

@@ -6,8 +6,9 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use launcher::{Child, End, Event, Launcher, Limits, Outcome, Plan, Restart};
-use runtime::Account;
 use runtime::realtime::allowed_cores;
+use runtime::{Account, Board, RunDir};
+use shared_types::fault::Strike;
 use shared_types::graph::{self, Graph};
 use shared_types::job::{Job, Mode};
 use shared_types::scenario::Scenario;
@@ -57,17 +58,11 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
     Ok(if summary.outcome == "goal reached" { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
-/// Runs the processes to the end of the task, or of one of them. Returns what became of them, and the recorder's account.
+/// Runs the processes to the end of the task, or of one of them, and says what happens. Returns what became of them, and the recorder's account.
 pub(crate) fn launch(job: &Job, plan: Plan, planned_ticks: u64) -> Result<(Outcome, Option<Summary>), Failure> {
-    let launcher = Launcher::prepare(plan).map_err(Failure::work)?;
-    let job = Job { run: launcher.run_dir().file_name().unwrap_or_default().to_string_lossy().into_owned(), ..job.clone() };
-    let (path, account_path) = (launcher.run_dir().join(JOB), launcher.run_dir().join(recorder::SUMMARY));
-    let text = serde_json::to_vec(&job).map_err(Failure::work)?;
-    std::fs::write(&path, text).map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))?;
-    let bar = progress_bar(planned_ticks, &job);
-    let mut account = None;
-    let outcome = launcher.run(&launcher::reexec, &mut |event| match event {
-        Event::Progress { ticks } => bar.set_position(ticks),
+    let bar = progress_bar(planned_ticks, job);
+    let launched = launch_quietly(job, plan, &[], &mut |event| match event {
+        Event::Progress { ticks } => bar.set_position(*ticks),
         Event::Line { process, line } => bar.suspend(|| eprintln!("{process}: {line}")),
         Event::Silenced { process, silent } => {
             bar.suspend(|| eprintln!("{process} has done nothing for {} ms and is killed", silent.as_millis()));
@@ -75,10 +70,34 @@ pub(crate) fn launch(job: &Job, plan: Plan, planned_ticks: u64) -> Result<(Outco
         Event::Restarted { process, exit, pid, incarnation } => {
             bar.suspend(|| eprintln!("{process} ended with {exit} and was started again (start {incarnation}, process {pid})"));
         }
-        Event::Stopped => account = std::fs::read(&account_path).ok().and_then(|text| serde_json::from_slice(&text).ok()),
-        Event::Go | Event::Stopping => {}
+        Event::Go | Event::Stopping | Event::Stopped => {}
     });
     bar.finish_and_clear();
+    launched
+}
+
+/// The same without a word, with faults requested at the start as `armplane fault` would request them.
+pub(crate) fn launch_quietly(
+    job: &Job,
+    plan: Plan,
+    live: &[Strike],
+    report: &mut dyn FnMut(&Event<'_>),
+) -> Result<(Outcome, Option<Summary>), Failure> {
+    let launcher = Launcher::prepare(plan).map_err(Failure::work)?;
+    let run_dir = launcher.run_dir().to_owned();
+    let job = Job { run: run_dir.file_name().unwrap_or_default().to_string_lossy().into_owned(), ..job.clone() };
+    let (path, account_path) = (run_dir.join(JOB), run_dir.join(recorder::SUMMARY));
+    let text = serde_json::to_vec(&job).map_err(Failure::work)?;
+    std::fs::write(&path, text).map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))?;
+    let board = RunDir::open(&run_dir).map_err(Failure::work).and_then(|run| Board::open(&run).map_err(Failure::work))?;
+    live.iter().for_each(|strike| drop(board.ledger().request(strike)));
+    let mut account = None;
+    let outcome = launcher.run(&launcher::reexec, &mut |event| {
+        if event == Event::Stopped {
+            account = std::fs::read(&account_path).ok().and_then(|text| serde_json::from_slice(&text).ok());
+        }
+        report(&event);
+    });
     Ok((outcome.map_err(Failure::work)?, account))
 }
 
@@ -126,7 +145,7 @@ pub(crate) fn plan(job: &Job) -> Result<Plan, Failure> {
 }
 
 /// The recorder's part, completed by what only the launcher knows.
-fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summary {
+pub(crate) fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summary {
     let mut summary = account.unwrap_or_else(|| Summary {
         version: job.version.clone(),
         scenario: job.scenario.name.clone(),
@@ -279,7 +298,7 @@ impl Drop for Results {
     }
 }
 
-/// The scenario that gives the same bytes again, and the robot beside it where it is not a built-in one.
+/// The files of the scenario that gives the same bytes again, and the robot beside it where it is not a built-in one.
 fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(&'static str, Vec<u8>)>, Failure> {
     let fault = summary.faults.iter().filter_map(|fault| fault.fault.clone()).collect();
     let mut files = Vec::new();

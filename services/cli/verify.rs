@@ -232,16 +232,16 @@ fn compare<M: Message>(expected: &M, kept: &mut Kept<M>) -> Result<Option<Differ
 }
 
 /// Where the runs leave their messages: the user's folder, or one that is gone at the end.
-enum Folder {
+pub(crate) enum Folder {
     Kept(PathBuf),
     Passing(tempfile::TempDir),
 }
 
 impl Folder {
-    fn create(wanted: Option<&Path>) -> Result<Self, Failure> {
+    pub(crate) fn create(wanted: Option<&Path>) -> Result<Self, Failure> {
         match wanted {
             None => tempfile::Builder::new()
-                .prefix("armplane-verify-")
+                .prefix("armplane-")
                 .tempdir()
                 .map(Self::Passing)
                 .map_err(|error| Failure::Work(format!("cannot make a temporary folder: {error}; name one with --out"))),
@@ -251,7 +251,7 @@ impl Folder {
         }
     }
 
-    fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         match self {
             Self::Kept(path) => path,
             Self::Passing(folder) => folder.path(),
