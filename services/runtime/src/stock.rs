@@ -89,7 +89,9 @@ impl<const N: usize> Stock<N> {
         self.publisher.loan_uninit().map_err(refused)?.write_payload(*block).send().map_err(refused)?;
         match notice {
             Notice::Doorbell => self.shared.board.line(self.to).bell().ring(BIT),
-            Notice::Listener | Notice::WaitSet => drop(self.notifier.notify().map_err(refused)?),
+            Notice::Listener | Notice::WaitSet => {
+                self.notifier.notify().map_err(refused)?;
+            }
             Notice::Poll => {}
         }
         Ok(())
@@ -117,7 +119,9 @@ impl<const N: usize> Stock<N> {
                 return Ok(&self.current);
             }
             match notice {
-                Notice::Listener => drop(self.listener.blocking_wait(|_| ()).map_err(refused)?),
+                Notice::Listener => {
+                    self.listener.blocking_wait(|_| ()).map_err(refused)?;
+                }
                 Notice::WaitSet => {
                     let take = |_| {
                         // What has been notified is in the buffer: the loop looks there.
