@@ -226,6 +226,15 @@ fn page(rows: &[Row], machine: &serde_json::Value) -> Page {
         panel.line(&row.mechanism, numbered(*lines), &row.distribution.curve);
         *lines += 1;
     }
+    for (key, panel, _) in &mut panels {
+        // Whole powers of ten, so that there are at least two to read.
+        let of_panel = rows.iter().filter(|row| *key == (row.bench.as_str(), row.placement.as_str(), row.payload_bytes));
+        let times = || of_panel.clone().flat_map(|row| &row.distribution.curve).map(|point| point.1).filter(|time| *time > 0.0);
+        let (least, most) = (times().fold(f64::INFINITY, f64::min), times().fold(0.0, f64::max));
+        if most > 0.0 {
+            panel.y_within(10_f64.powf(least.log10().floor())..10_f64.powf(most.log10().ceil()));
+        }
+    }
     let mut panels: Vec<Panel> = panels.into_iter().map(|(_, panel, _)| panel).collect();
     let mut pairs = Vec::new();
     while !panels.is_empty() {
@@ -236,7 +245,7 @@ fn page(rows: &[Row], machine: &serde_json::Value) -> Page {
         title: "armplane bench".to_owned(),
         subtitle: format!("0: all samples, 2: the slowest hundredth, 3: the slowest thousandth. {}", machine_line(machine)),
         rows: pairs,
-        width: 1200.0,
+        width: 1600.0,
         ..Page::default()
     }
 }

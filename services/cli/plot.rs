@@ -188,6 +188,11 @@ impl Panel {
         Self { title: title.to_owned(), x, y, share: 1.0, ..Self::default() }
     }
 
+    /// Shows this range of the y axis.
+    pub(crate) fn y_within(&mut self, range: Range<f64>) {
+        self.y.range = Some(range);
+    }
+
     fn name(&mut self, name: &str, color: Color, dashed: bool) {
         if !name.is_empty() {
             self.legend.push((name.to_owned(), color, dashed));
@@ -333,7 +338,7 @@ fn multiples(low: f64, high: f64, step: f64) -> impl Iterator<Item = f64> {
 /// A tick's value with the digits that its step needs.
 fn fixed(value: f64, step: f64) -> String {
     let value = if value.abs() < 1e-9 * step { 0.0 } else { value };
-    if step >= 1e5 || step < 1e-4 {
+    if !(1e-4..1e5).contains(&step) {
         return format!("{value:.0e}").replace('-', "−");
     }
     let digits = (-step.log10() - 0.001).ceil().max(0.0) as usize;
@@ -606,8 +611,8 @@ impl<DB: DrawingBackend> Pen<'_, DB> {
         }
         let style = color.stroke_width((width * f64::from(FINE)).round() as u32);
         let path: Vec<_> = places.iter().copied().map(Self::fine).collect();
-        let pieces = path.windows(if self.joins { path.len() } else { 2 });
-        pieces.map(|piece| self.area.draw(&PathElement::new(piece, style))).collect::<Result<_, _>>().map_err(|error| error.to_string())
+        let mut pieces = path.windows(if self.joins { path.len() } else { 2 });
+        pieces.try_for_each(|piece| self.area.draw(&PathElement::new(piece, style))).map_err(|error| error.to_string())
     }
 
     fn dot(&self, place: (f64, f64), radius: f64, color: Color) -> Result<(), String> {

@@ -5,9 +5,10 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use runtime::{Board, Counts, Glimpse, Manifest, Mode, RunDir, SHM, SingularityGlimpse, Spread, State, Stop};
+use runtime::{Account, Board, Counts, Glimpse, Manifest, Mode, RunDir, SHM, SingularityGlimpse, Spread, State, Stop};
 use serde_json::{Value, json};
 use shared_types::codes::{self, name_of, singularity_name};
+use shared_types::fault::Kind;
 
 use super::TopArgs;
 use super::failure::Failure;
@@ -29,6 +30,7 @@ struct Look {
     at: Instant,
     processes: Vec<Seen>,
     arm: Glimpse,
+    faults: Vec<Account>,
 }
 
 pub(crate) fn top(args: &TopArgs, as_json: bool) -> Result<ExitCode, Failure> {
@@ -90,7 +92,12 @@ fn look(board: &Board, manifest: &Manifest) -> Look {
             age: line.age(),
         }
     };
-    Look { at: Instant::now(), processes: (0..manifest.processes.len()).map(seen).collect(), arm: board.glimpse() }
+    Look {
+        at: Instant::now(),
+        processes: (0..manifest.processes.len()).map(seen).collect(),
+        arm: board.glimpse(),
+        faults: board.ledger().accounts().map(|(_, account)| account).collect(),
+    }
 }
 
 fn missed(counts: &Counts) -> u64 {
@@ -119,6 +126,13 @@ fn mode(manifest: &Manifest) -> &'static str {
         Mode::Lockstep => "lockstep",
         Mode::Realtime => "realtime",
     }
+}
+
+/// A fault of the ledger in words: to whom, what, from where, since when, and whether it acts now.
+fn fault(account: &Account, manifest: &Manifest, now: &Look) -> (String, &'static str, bool) {
+    let process = manifest.processes.get(account.strike.process as usize).map(|process| process.name.clone()).unwrap_or_default();
+    let tick = now.processes.iter().map(|seen| seen.ticks).max().unwrap_or(0);
+    (process, account.strike.kind().map_or("unknown", Kind::name), account.strike.concerns(tick))
 }
 
 /// Percentiles of what came between two looks.
@@ -164,6 +178,11 @@ fn people(name: &str, manifest: &Manifest, before: &Look, now: &Look) {
         let (name, class) = (singularity_name(*kind, place), name_of(codes::TYPES, *class));
         say!("      {name:<9} s = {s:+.4}, {}, {class}, {}", if *is_inside { "inside" } else { "outside" }, name_of(codes::MODES, *mode));
     }
+    for account in &now.faults {
+        let (process, kind, acts) = fault(account, manifest, now);
+        let acts = if acts { "acts now" } else { "not now" };
+        say!("fault {kind} of {process} from tick {}, {}, {acts}", account.strike.at, account.origin.name());
+    }
 }
 
 fn machine(name: &str, manifest: &Manifest, before: &Look, now: &Look) -> Value {
@@ -185,7 +204,12 @@ fn machine(name: &str, manifest: &Manifest, before: &Look, now: &Look) -> Value 
             "mode": name_of(codes::MODES, one.mode),
         })
     };
+    let faulty = |account: &Account| {
+        let (process, kind, acts) = fault(account, manifest, now);
+        json!({"process": process, "kind": kind, "origin": account.origin.name(), "tick": account.strike.at, "active": acts})
+    };
     json!({
+        "faults": now.faults.iter().map(faulty).collect::<Vec<_>>(),
         "run": name, "mode": mode(manifest), "rate_hz": manifest.rate_hz, "processes": processes.collect::<Vec<_>>(),
         "drive": name_of(codes::DRIVES, now.arm.drive), "stale_ticks": now.arm.stale_ticks, "phase": name_of(codes::PHASES, now.arm.phase),
         "singularities": now.arm.singularities.iter().enumerate().map(singularity).collect::<Vec<_>>(),

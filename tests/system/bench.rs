@@ -6,18 +6,25 @@ use crate::command::{Desk, assert_nothing_left};
 
 #[test]
 fn hops_and_cycles_are_measured_beside_their_floors() {
-    let said = Desk::new().armplane(&["bench", "hop", "cycle", "model", "--samples", "1000", "--json"]);
+    let desk = Desk::new();
+    let said = desk.armplane(&["bench", "hop", "cycle", "model", "record", "--samples", "1000", "--json", "--out", "bench"]);
     assert_eq!(said.code, 0, "{}", said.err);
     assert_nothing_left(said.launcher);
     let told: Value = serde_json::from_str(&said.out).unwrap();
     assert!(told["machine"]["cores"].as_u64().is_some_and(|cores| cores > 0));
     let rows = told["rows"].as_array().unwrap();
-    for bench in ["hop", "cycle"] {
-        let mechanisms: Vec<_> = rows.iter().filter(|row| row["bench"] == bench).map(|row| row["mechanism"].as_str().unwrap()).collect();
-        for mechanism in ["futex + copy", "topic + doorbell", "pipe"] {
-            assert!(mechanisms.contains(&mechanism), "{bench}: {mechanisms:?}");
-        }
+    let has = |bench: &str, mechanism: &str, bytes: Option<u64>| {
+        let is_it = |row: &&Value| row["bench"] == bench && row["mechanism"] == mechanism;
+        assert!(rows.iter().filter(is_it).any(|row| bytes.is_none_or(|bytes| row["payload_bytes"] == bytes)), "{bench}: {mechanism}");
+    };
+    ["futex + copy", "topic + doorbell", "pipe"].iter().for_each(|mechanism| has("cycle", mechanism, None));
+    has("hop", "topic + doorbell", None);
+    for mechanism in ["futex + copy", "pipe", "iceoryx2 + doorbell", "iceoryx2 Listener", "iceoryx2 WaitSet"] {
+        [64, 1024, 4096].iter().for_each(|bytes| has("hop", mechanism, Some(*bytes)));
     }
+    ["judge", "recording", "messages"].iter().for_each(|part| has("record", part, None));
+    let record = |key: &str| told["record"][key].as_f64().unwrap_or_else(|| panic!("{key}: {}", told["record"]));
+    assert!(record("cpu_us_per_tick") > 0.0 && record("recording_mb_per_min") > 1.0 && record("messages_mb_per_min") > 1.0);
     for row in rows {
         let number = |key: &str| row[key].as_f64().unwrap_or_else(|| panic!("{key}: {row}"));
         assert!(number("samples") >= 1000.0 && number("p50_us") > 0.0, "{row}");
@@ -28,4 +35,23 @@ fn hops_and_cycles_are_measured_beside_their_floors() {
             assert_eq!((number("ratio_p50"), number("ratio_p99")), (1.0, 1.0), "{row}");
         }
     }
+    for (file, begins) in [("bench.json", &b"{"[..]), ("bench.svg", b"<svg"), ("bench.png", b"\x89PNG")] {
+        assert!(std::fs::read(desk.path().join("bench").join(file)).unwrap().starts_with(begins), "{file}");
+    }
+}
+
+#[test]
+fn the_whole_graph_is_run_in_real_time_and_every_miss_has_its_cause() {
+    let said = Desk::new().armplane(&["bench", "realtime", "--rate", "500", "--seconds", "3", "--json"]);
+    assert_eq!(said.code, 0, "{}", said.err);
+    assert_nothing_left(said.launcher);
+    let told: Value = serde_json::from_str(&said.out).unwrap();
+    let ran = &told["realtime"][0];
+    assert!(ran["rate_hz"] == 500 && ran["load"] == true && ran["ticks"].as_u64().unwrap() >= 1_500, "{ran}");
+    let sum = |of: &Value| of.as_object().unwrap().values().map(|count| count.as_u64().unwrap()).sum::<u64>();
+    let processes = ran["processes"].as_array().unwrap();
+    assert_eq!(processes.len(), 5);
+    assert!(processes.iter().all(|process| process["missed"] == sum(&process["causes"])), "{ran}");
+    assert_eq!(processes.iter().map(|process| process["missed"].as_u64().unwrap()).sum::<u64>(), ran["missed"].as_u64().unwrap());
+    assert!(ran["latency_us"]["chain"]["count"].as_u64().unwrap() >= ran["ticks"].as_u64().unwrap() - 2, "no tick is left out: {ran}");
 }

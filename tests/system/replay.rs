@@ -65,3 +65,20 @@ fn what_cannot_be_replayed_says_why() {
         assert!(said.code == 2 && said.err.contains(expected), "{args:?}: {}{}", said.out, said.err);
     }
 }
+
+#[test]
+fn a_death_and_a_return_are_replayed_too() {
+    let desk = Desk::new();
+    let scenario = sim::scenarios::text("fig5-wrist-rotation").unwrap();
+    let fault =
+        |process: &str, tick: u64| format!("\n[[fault]]\nprocess = \"{process}\"\nkind = \"kill\"\nat_tick = {tick}\nfor_ticks = 20\n");
+    desk.file("deaths.toml", &[scenario, &fault("controller", 1000), &fault("estimator", 2500)].concat());
+    let said = desk.armplane(&["run", "deaths.toml", "--out", "run", "--json"]);
+    let summary: Value = serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}{}", said.out, said.err));
+    let restarted = summary["processes"].as_array().unwrap().iter().filter(|process| process["restarts"] == 1).count();
+    assert_eq!(restarted, 2, "{summary}");
+    for process in ["plant", "estimator", "analyzer", "controller"] {
+        let (code, told) = replay(&desk, &["run", "--process", process]);
+        assert_eq!((code, &told["identical"], &told["ended"]), (0, &true.into(), &"".into()), "{process}: {told}");
+    }
+}

@@ -261,8 +261,12 @@ impl<const N: usize> Ends for Blocks<N> {
     }
 
     fn receive(&mut self, mechanism: Mechanism) -> Result<(), ProcessError> {
+        let from_floor;
         let block = match mechanism.means() {
-            Means::Floor(wake) => self.floor.receive::<Block<N>>(wake, self.place.from).map_err(ProcessError::setup)?,
+            Means::Floor(wake) => {
+                from_floor = self.floor.receive::<Block<N>>(wake, self.place.from).map_err(ProcessError::setup)?;
+                &from_floor
+            }
             Means::Stock(notice) => self.stock.receive(notice)?,
             Means::Topic => return Err(foreign(mechanism)),
             Means::None => return Ok(()),

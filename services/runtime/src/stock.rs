@@ -50,6 +50,8 @@ pub struct Stock<const N: usize> {
     _attached: WaitSetGuard<'static, 'static, Ipc>,
     /// The line on the board of the process that reads ours.
     to: usize,
+    /// The block received last.
+    current: Block<N>,
 }
 
 impl<const N: usize> Stock<N> {
@@ -76,7 +78,7 @@ impl<const N: usize> Stock<N> {
         let waitset = WaitSetBuilder::new().signal_handling_mode(SignalHandlingMode::Disabled).create::<Ipc>().map_err(refused)?;
         let waitset: &'static _ = Box::leak(Box::new(waitset));
         let attached = waitset.attach_notification(listener).map_err(refused)?;
-        Ok(Self { shared, publisher, subscriber, notifier, listener, waitset, _attached: attached, to })
+        Ok(Self { shared, publisher, subscriber, notifier, listener, waitset, _attached: attached, to, current: Block::zeroed() })
     }
 
     /// Sends a block and wakes its reader.
@@ -87,34 +89,39 @@ impl<const N: usize> Stock<N> {
         self.publisher.loan_uninit().map_err(refused)?.write_payload(*block).send().map_err(refused)?;
         match notice {
             Notice::Doorbell => self.shared.board.line(self.to).bell().ring(BIT),
-            Notice::Listener | Notice::WaitSet => drop(self.notifier.notify().map_err(refused)?),
+            Notice::Listener | Notice::WaitSet => {
+                self.notifier.notify().map_err(refused)?;
+            }
             Notice::Poll => {}
         }
         Ok(())
     }
 
-    /// Waits for a block and copies it out.
+    /// Waits for a block and copies it out, once.
     ///
     /// # Errors
     /// When iceoryx2 fails, or nothing comes within the run's limit (a doorbell), or the run stops.
-    pub fn receive(&mut self, notice: Notice) -> Result<Block<N>, ProcessError> {
+    pub fn receive(&mut self, notice: Notice) -> Result<&Block<N>, ProcessError> {
         if notice == Notice::Doorbell {
             let describe = || Wait { what: "a block".to_owned(), from: "the process before".to_owned() };
             let look = || match self.subscriber.receive() {
-                Ok(sample) => Ok(sample.map(|sample| *sample)),
+                Ok(sample) => Ok(sample.map(|sample| self.current = *sample)),
                 Err(error) => Err(self.shared.port_failed("block", error)),
             };
             return match self.shared.wait(BIT, None, describe, look)? {
-                Waited::Ready(block) => Ok(block),
+                Waited::Ready(()) => Ok(&self.current),
                 Waited::Late | Waited::Stopped => Err(ProcessError::setup("stopped before the end")),
             };
         }
         loop {
             if let Some(sample) = self.subscriber.receive().map_err(refused)? {
-                return Ok(*sample);
+                self.current = *sample;
+                return Ok(&self.current);
             }
             match notice {
-                Notice::Listener => drop(self.listener.blocking_wait(|_| ()).map_err(refused)?),
+                Notice::Listener => {
+                    self.listener.blocking_wait(|_| ()).map_err(refused)?;
+                }
                 Notice::WaitSet => {
                     let take = |_| {
                         // What has been notified is in the buffer: the loop looks there.

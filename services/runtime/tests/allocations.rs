@@ -1,0 +1,90 @@
+//! A hop allocates nothing of ours in the steady state: iceoryx2 0.10 allocates one small record for each loan, and that is all there is.
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::time::Duration;
+
+use runtime::{Board, Hub, Manifest, Mode, Phase, Process, RunDir, Shell};
+use shared_types::{Message, PlantState, TorqueCommand};
+
+/// The system's allocator, counting what each thread asks for.
+struct Counting;
+
+thread_local! {
+    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
+    static LARGEST: Cell<usize> = const { Cell::new(0) };
+}
+
+fn count(size: usize) {
+    ALLOCATIONS.set(ALLOCATIONS.get() + 1);
+    LARGEST.set(LARGEST.get().max(size));
+}
+
+// SAFETY: everything is the system allocator's; the counters are plain cells of the thread.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        count(layout.size());
+        // SAFETY: as required of our caller.
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        count(size);
+        // SAFETY: as required of our caller.
+        unsafe { System.realloc(pointer, layout, size) }
+    }
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: as required of our caller.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// Bytes of iceoryx2's record of a loan.
+const RECORD: usize = 128;
+const MESSAGES: u64 = 1_000;
+
+#[test]
+fn one_record_of_iceoryx2_for_each_message_and_nothing_else() {
+    let process = |name: &str, reads: &str, writes: &str| Process {
+        name: name.into(),
+        reads: vec![reads.into()],
+        writes: vec![writes.into()],
+        ..Process::default()
+    };
+    let processes =
+        vec![process("ping", PlantState::TOPIC, TorqueCommand::TOPIC), process("pong", TorqueCommand::TOPIC, PlantState::TOPIC)];
+    for mode in [Mode::Lockstep, Mode::Realtime] {
+        let run = RunDir::create().unwrap();
+        let manifest = Manifest { mode, rate_hz: 1000, wait_limit: Duration::from_secs(10), processes: processes.clone() };
+        manifest.write(&run).unwrap();
+        let board = Board::create(&run).unwrap();
+        let _hub = Hub::create(&run, &manifest).unwrap();
+        (0..2).for_each(|index| {
+            board.line(index).begin_incarnation();
+        });
+        board.begin(Phase::Work);
+        let (ping, pong) = (Shell::open(run.path(), "ping").unwrap(), Shell::open(run.path(), "pong").unwrap());
+        let (mut there, mut arrives) = (ping.writer::<TorqueCommand>().unwrap(), pong.reader::<TorqueCommand>().unwrap());
+        let (mut back, mut returns) = (pong.writer::<PlantState>().unwrap(), ping.reader::<PlantState>().unwrap());
+        let mut trip = |tick: u64| {
+            let mut command = TorqueCommand::default();
+            command.header.tick = tick;
+            there.send(command).unwrap();
+            let mut state = PlantState::default();
+            state.header.tick = arrives.next().unwrap().unwrap().header.tick;
+            back.send(state).unwrap();
+            assert_eq!(returns.next().unwrap().unwrap().header.tick, tick);
+        };
+        // Connections are made in the first trips.
+        (0..10).for_each(&mut trip);
+        let before = ALLOCATIONS.replace(0);
+        LARGEST.set(0);
+        (10..10 + MESSAGES).for_each(&mut trip);
+        let (allocations, largest) = (ALLOCATIONS.get(), LARGEST.get());
+        assert!(before > 0, "the counter counts");
+        assert_eq!(allocations, 2 * MESSAGES, "{mode:?}: one for each of two messages a trip");
+        assert!(largest <= RECORD, "{mode:?}: {largest} bytes at once");
+    }
+}

@@ -1,0 +1,132 @@
+//! Hostile input: random and broken files, messages of any bits; and who may look into a run's memory.
+
+use std::os::unix::fs::MetadataExt;
+use std::path::Path;
+
+use proptest::prelude::*;
+use serde_json::Value;
+
+use crate::command::{Desk, assert_nothing_left, children_of_run, finish, in_shared_memory, until};
+use crate::properties;
+
+/// A valid text with pieces cut out, doubled, moved and replaced.
+fn broken(valid: Vec<String>) -> impl Strategy<Value = String> {
+    let edit = (any::<prop::sample::Index>(), 0_usize..40, any::<prop::sample::Index>(), 0_u8..4, "[\\PC\n]{0,6}");
+    (prop::sample::select(valid), prop::collection::vec(edit, 0..6)).prop_map(|(text, edits)| {
+        let mut text: Vec<char> = text.chars().collect();
+        for (from, length, to, kind, insert) in edits {
+            if text.is_empty() {
+                break;
+            }
+            let from = from.index(text.len());
+            let piece: Vec<char> = text[from..(from + length).min(text.len())].to_vec();
+            if kind < 2 {
+                text.drain(from..from + piece.len());
+            }
+            let to = to.index(text.len() + 1);
+            match kind {
+                0 => {}
+                1 | 2 => drop(text.splice(to..to, piece)),
+                _ => drop(text.splice(to..to, insert.chars())),
+            }
+        }
+        text.into_iter().collect()
+    })
+}
+
+fn files(folder: &str, extension: &str) -> Vec<String> {
+    let listing = std::fs::read_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(folder)).unwrap();
+    let paths = listing.flatten().map(|entry| entry.path()).filter(|path| path.extension().is_some_and(|found| found == extension));
+    paths.map(|path| std::fs::read_to_string(path).unwrap()).collect()
+}
+
+/// Numbers that make trouble, and numbers that do not.
+fn number() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        4 => -10.0..10.0,
+        1 => any::<u64>().prop_map(f64::from_bits),
+        1 => prop::sample::select(vec![0.0, -0.0, 1e-310, 1e308, -1e308, 1e18, f64::INFINITY, f64::NEG_INFINITY, f64::NAN]),
+    ]
+}
+
+/// Bytes of messages: mostly plausible numbers, some of them poison.
+fn bytes(words: usize) -> impl Strategy<Value = Vec<u8>> {
+    let plausible = prop::collection::vec(number(), words).prop_map(|numbers| numbers.into_iter().flat_map(f64::to_ne_bytes).collect());
+    let tame = prop::collection::vec(-2.0..2.0, words);
+    let spoiled = (tame, any::<prop::sample::Index>(), number()).prop_map(|(mut numbers, place, poison)| {
+        let place = place.index(numbers.len());
+        numbers[place] = poison;
+        numbers.into_iter().flat_map(f64::to_ne_bytes).collect()
+    });
+    prop_oneof![plausible, spoiled, prop::collection::vec(any::<u8>(), 0..8 * words)]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 200, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn scenarios_are_valid_or_refused(text in broken(files("sim/scenarios", "toml"))) {
+        properties::scenario(&text);
+    }
+
+    #[test]
+    fn graphs_are_valid_or_refused(text in broken(files("services", "toml"))) {
+        properties::graph(&text);
+    }
+
+    #[test]
+    fn robots_are_valid_or_refused(text in broken(files("services/model/robots", "urdf"))) {
+        properties::urdf(&text);
+    }
+
+    #[test]
+    fn every_poisoned_message_is_seen(bytes in bytes(200)) {
+        properties::validation(&bytes);
+    }
+
+    #[test]
+    fn no_input_makes_the_controller_unsafe(bytes in bytes(1200)) {
+        properties::controller(&bytes);
+    }
+
+    #[test]
+    fn no_command_makes_the_drive_unsafe(bytes in bytes(1500)) {
+        properties::drive(&bytes);
+    }
+}
+
+#[test]
+fn a_runs_memory_is_its_users_alone() {
+    let desk = Desk::new();
+    let run = desk.start(&["run", "--set", "segment.1.duration_s=500", "--no-record", "--json"]);
+    until("five processes", || children_of_run(run.id()).len() == 5);
+    let names = || in_shared_memory(run.id());
+    // The directory, the node counter, and a data segment for each of five topics.
+    until("all segments", || names().len() >= 7);
+    for name in names() {
+        let path = Path::new("/dev/shm").join(&name);
+        // A file of a passing moment may be gone.
+        let Ok(metadata) = std::fs::metadata(&path) else { continue };
+        assert_eq!(metadata.mode() & 0o077, 0, "{} has mode {:o}", path.display(), metadata.mode());
+    }
+    let inside = names().into_iter().find(|name| !name.contains('.')).unwrap();
+    for secret in ["board", "manifest.json", "job.json"] {
+        assert!(Path::new("/dev/shm").join(&inside).join(secret).exists(), "behind a door that only the user opens: {secret}");
+    }
+    // SAFETY: a plain signal to a child of ours.
+    unsafe { libc::kill(run.id().cast_signed(), libc::SIGINT) };
+    assert_nothing_left(finish(run).launcher);
+}
+
+#[test]
+fn two_graphs_side_by_side_are_both_bit_identical() {
+    let desk = Desk::new();
+    let verify = |scenario: &str| desk.start(&["verify", scenario, "--runs", "3", "--json"]);
+    let two = [verify("fig5-wrist-rotation"), verify("fig1-pseudo-inverse")].map(finish);
+    for said in two {
+        assert_eq!(said.code, 0, "{}{}", said.out, said.err);
+        let told: Value = serde_json::from_str(&said.out).unwrap();
+        assert_eq!((&told["identical"], told["runs"].as_array().map(Vec::len)), (&true.into(), Some(3)), "{told}");
+        assert_nothing_left(said.launcher);
+    }
+}
