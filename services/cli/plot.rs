@@ -165,6 +165,7 @@ enum Mark {
     Dots { points: Vec<(f64, f64)>, color: Color, radius: f64 },
     Bar { row: usize, to: f64, color: Color, text: String },
     Band { x: Range<f64>, color: Color },
+    Cell { column: usize, row: usize, color: Color, text: String },
 }
 
 /// One diagram.
@@ -235,6 +236,11 @@ impl Panel {
         self.marks.push(Mark::Bar { row, to, color, text });
     }
 
+    /// A square of a map whose axes are both [`Scale::Names`].
+    pub(crate) fn cell(&mut self, column: usize, row: usize, color: Color, text: String) {
+        self.marks.push(Mark::Cell { column, row, color, text });
+    }
+
     /// A shaded stretch of the x axis, behind what is drawn after it.
     pub(crate) fn band(&mut self, name: &str, color: Color, x: Range<f64>) {
         if !self.legend.iter().any(|(known, ..)| known == name) {
@@ -253,10 +259,12 @@ impl Panel {
                     y.add(self.y.place(point.1));
                 }),
                 Mark::Bar { to, .. } => x.add(self.x.place(*to)),
-                Mark::Band { .. } => {}
+                Mark::Band { .. } | Mark::Cell { .. } => {}
             }
         }
-        (self.x.span(x, false), self.y.span(y, true))
+        let (x, y) = (self.x.span(x, false), self.y.span(y, true));
+        // Names go down a page, and to the right.
+        (if matches!(self.x.scale, Scale::Names(_)) { x.end..x.start } else { x }, y)
     }
 }
 
@@ -472,6 +480,13 @@ impl Panel {
         for mark in &self.marks {
             match mark {
                 Mark::Band { .. } => {}
+                Mark::Cell { column, row, color, text } => {
+                    let half = |span: &Range<f64>, room: f64| 0.5 * room / (span.end - span.start).abs().max(1.0) - 1.0;
+                    let (middle, across, up) = ((at_x(*column as f64), at_y(*row as f64)), half(&x, width), half(&y, height));
+                    pen.block(middle.0 - across..middle.0 + across, middle.1 - up..middle.1 + up, *color)?;
+                    let bright = 0.299 * f64::from(color.0) + 0.587 * f64::from(color.1) + 0.114 * f64::from(color.2) > 150.0;
+                    pen.text(middle, text, 10.0, false, if bright { INK } else { rgb(255, 255, 255) }, HPos::Center)?;
+                }
                 Mark::Line { points, color, width, dashed } => {
                     for stretch in points.split(|(x, y)| !self.x.place(*x).is_finite() || !self.y.place(*y).is_finite()) {
                         let places = thinned(stretch.iter().map(|(x, y)| (at_x(*x), at_y(*y))));

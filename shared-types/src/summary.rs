@@ -43,6 +43,8 @@ pub struct Summary {
     pub joints: JointSummary,
     /// What happened at each singularity.
     pub singularities: Vec<SingularitySummary>,
+    /// Null-space turns of singular directions: what was said before each began, and what came of it.
+    pub turns: Vec<TurnSummary>,
     /// Mode changes, in order.
     pub modes: Vec<ModeChange>,
     /// Faults and refusals, in order.
@@ -101,6 +103,10 @@ pub struct JointSummary {
     pub torque_step_p95_ratio: f64,
     /// Ticks with any torque at its limit.
     pub saturated_ticks: u64,
+    /// Changes of mode, all singularities together; each also stands in `modes`.
+    pub switches: u64,
+    /// Energy put in at them: the jump in commanded power, |Δτᵀq̇| of the tick of the change, over the 25 ms in which velocity feedback takes it back; J.
+    pub switch_energy_j: f64,
     /// Position at the start; rad.
     pub q_start: Vec<f64>,
     /// Position at the end; rad.
@@ -127,6 +133,23 @@ pub struct SingularitySummary {
     pub entries: u64,
     /// Largest angle between ζ and what it was when the neighbourhood was entered; degrees.
     pub zeta_turned_deg: f64,
+}
+
+/// A null-space turn of a singular direction.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct TurnSummary {
+    /// When it was announced.
+    pub tick: u64,
+    /// Which singularity.
+    pub singularity: String,
+    /// How far each joint was to move; degrees (mm for prismatic joints).
+    pub planned_deg: Vec<f64>,
+    /// How long it was to take; s.
+    pub planned_s: f64,
+    /// How far each joint did move.
+    pub moved_deg: Vec<f64>,
+    /// How long it took; ticks.
+    pub took_ticks: u64,
 }
 
 /// A change of the reported mode.

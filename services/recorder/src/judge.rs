@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 
 use hdrhistogram::Histogram;
 use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
 use shared_types::codes::{self, MODE_REGULAR};
 use shared_types::scenario::Goal;
-use shared_types::summary::{JointSummary, Latency, ModeChange, SingularitySummary, TaskSummary};
+use shared_types::summary::{JointSummary, Latency, ModeChange, SingularitySummary, TaskSummary, TurnSummary};
 use shared_types::wire::HOPS;
 use shared_types::{MAX_SINGULARITIES, PlantState, SensorSample, SingularityReport, SingularityState, StateEstimate, TorqueCommand};
 
@@ -26,7 +27,7 @@ pub struct Tick<'a> {
 }
 
 /// What the judge needs to know of the arm: limits, one entry a joint.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Limits {
     /// N·m.
     pub effort: Vec<f64>,
@@ -35,7 +36,7 @@ pub struct Limits {
 }
 
 /// Gathers a run's figures tick by tick.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Judge {
     limits: Limits,
     goal: Goal,
@@ -44,11 +45,16 @@ pub struct Judge {
     task: TaskSummary,
     position_square_sum: f64,
     joints: JointSummary,
+    #[serde(with = "stored")]
     torque_steps: Histogram<u64>,
     last_tau: Option<Vec<f64>>,
     singularities: Vec<Watched>,
     modes: Vec<ModeChange>,
+    turns: Vec<Turn>,
+    #[serde(with = "stored_by_name")]
     latencies: BTreeMap<String, Histogram<u64>>,
+    /// Not stored: who goes on after a gap measures no latency over it.
+    #[serde(skip)]
     last_sensor: Option<SensorSample>,
     /// Between two points of the real-time grid; 0 without one.
     period_ns: u64,
@@ -56,17 +62,28 @@ pub struct Judge {
     due_before_ns: u64,
     clipped: bool,
     phase: u32,
+    refusal: u32,
     first_ns: u64,
     last_ns: u64,
 }
 
-#[derive(Debug)]
+/// A null-space turn, followed while it lasts.
+#[derive(Debug, Serialize, Deserialize)]
+struct Turn {
+    summary: TurnSummary,
+    q_start: Vec<f64>,
+    /// `TorqueCommand::planned` while it lasts, and the task segment; 0 once it is over.
+    planned: u32,
+    segment: u32,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
 struct Watched {
     summary: SingularitySummary,
     mode: u32,
     inside: bool,
     /// ζ when the neighbourhood was entered last.
-    zeta_at_entry: Vector3<f64>,
+    zeta_at_entry: [f64; 3],
 }
 
 /// The judge's findings.
@@ -88,6 +105,8 @@ pub struct Verdict {
     pub joints: JointSummary,
     /// Per singularity.
     pub singularities: Vec<SingularitySummary>,
+    /// Null-space turns of singular directions.
+    pub turns: Vec<TurnSummary>,
     /// Mode changes.
     pub modes: Vec<ModeChange>,
     /// Per hop and end to end.
@@ -97,11 +116,56 @@ pub struct Verdict {
 /// Torque steps are kept in millionths of the limit: a ratio of 1 is 1 000 000.
 const STEP_UNIT: f64 = 1e6;
 
+/// Larger steps than this many limits, which only a fault makes, count as it.
+const STEP_MOST: f64 = 1e3;
+/// Time over which the jump of a switch is taken back, s: the default velocity feedback's, 1/k_v.
+const SWITCH_S: f64 = 0.025;
+
 fn histogram() -> Histogram<u64> {
     // 3 significant digits up to 100 s in ns; resizes by itself beyond, so that no sample is left out.
     let mut histogram = Histogram::new_with_bounds(1, 100_000_000_000, 3).expect("constant bounds are valid");
     histogram.auto(true);
     histogram
+}
+
+/// A histogram as the values in it and how often each occurred.
+mod stored {
+    use super::{Histogram, histogram};
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub(super) type Values = Vec<(u64, u64)>;
+
+    pub(super) fn values(histogram: &Histogram<u64>) -> Values {
+        histogram.iter_recorded().map(|one| (one.value_iterated_to(), one.count_at_value())).collect()
+    }
+
+    pub(super) fn of(values: Values) -> Histogram<u64> {
+        let mut histogram = histogram();
+        values.into_iter().for_each(|(value, count)| histogram.saturating_record_n(value, count));
+        histogram
+    }
+
+    pub(super) fn serialize<S: Serializer>(histogram: &Histogram<u64>, serializer: S) -> Result<S::Ok, S::Error> {
+        values(histogram).serialize(serializer)
+    }
+
+    pub(super) fn deserialize<'a, D: Deserializer<'a>>(deserializer: D) -> Result<Histogram<u64>, D::Error> {
+        Values::deserialize(deserializer).map(of)
+    }
+}
+
+mod stored_by_name {
+    use super::{BTreeMap, Histogram, stored};
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    pub(super) fn serialize<S: Serializer>(all: &BTreeMap<String, Histogram<u64>>, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(all.iter().map(|(name, histogram)| (name, stored::values(histogram))))
+    }
+
+    pub(super) fn deserialize<'a, D: Deserializer<'a>>(deserializer: D) -> Result<BTreeMap<String, Histogram<u64>>, D::Error> {
+        let all = BTreeMap::<String, stored::Values>::deserialize(deserializer)?;
+        Ok(all.into_iter().map(|(name, values)| (name, stored::of(values))).collect())
+    }
 }
 
 /// Desired against true pose at one tick.
@@ -150,12 +214,14 @@ impl Judge {
             last_tau: None,
             singularities: Vec::new(),
             modes: Vec::new(),
+            turns: Vec::new(),
             latencies: BTreeMap::new(),
             last_sensor: None,
             period_ns: 0,
             due_before_ns: 0,
             clipped: false,
             phase: 0,
+            refusal: 0,
             first_ns: 0,
             last_ns: 0,
         }
@@ -169,13 +235,16 @@ impl Judge {
 
     /// Takes in one whole tick.
     pub fn tick(&mut self, tick: Tick<'_>) {
+        let switches = self.modes.len();
         self.watch_singularities(&tick);
+        self.watch_turns(&tick);
+        self.measure_switches(&tick, self.modes.len() - switches);
         self.measure_task(&tick);
         self.measure_joints(&tick);
         self.measure_hops(tick.command);
         self.measure_chain(tick.sensor);
         self.clipped |= tick.command.clipped != 0;
-        self.phase = tick.command.phase;
+        (self.phase, self.refusal) = (tick.command.phase, tick.command.refusal);
         self.ticks += 1;
     }
 
@@ -207,7 +276,7 @@ impl Judge {
         if let Some(last) = &self.last_tau {
             let step = (0..n).fold(0.0f64, |step, i| step.max(ratio(tau[i] - last[i], self.limits.effort[i])));
             joints.torque_step_max_ratio = joints.torque_step_max_ratio.max(step);
-            self.torque_steps.saturating_record((step * STEP_UNIT) as u64 + 1);
+            self.torque_steps.saturating_record((step.min(STEP_MOST) * STEP_UNIT) as u64 + 1);
         } else {
             joints.q_start = tick.truth.q[..n].to_vec();
         }
@@ -216,12 +285,53 @@ impl Judge {
         self.last_tau = Some(tau.to_vec());
     }
 
+    /// The jump in power that a change of mode commands.
+    fn measure_switches(&mut self, tick: &Tick<'_>, changes: usize) {
+        self.joints.switches += changes as u64;
+        if changes > 0
+            && let Some(last) = &self.last_tau
+        {
+            let jump: f64 = last.iter().enumerate().map(|(i, before)| (tick.command.tau[i] - before) * tick.truth.qdot[i]).sum();
+            self.joints.switch_energy_j += jump.abs() * SWITCH_S;
+        }
+    }
+
+    /// What is said of null-space turns, and what comes of them.
+    fn watch_turns(&mut self, tick: &Tick<'_>) {
+        let (command, n) = (tick.command, self.limits.effort.len());
+        let place = (command.planned as usize).wrapping_sub(1);
+        let going_on =
+            self.turns.last().is_some_and(|turn| turn.planned != 0 && (turn.planned, turn.segment) == (command.planned, command.segment));
+        if let Some(singularity) = active(tick.report).get(place)
+            && !going_on
+        {
+            let summary = TurnSummary {
+                tick: command.header.tick,
+                singularity: codes::singularity_name(singularity.kind, place),
+                planned_deg: command.planned_dq[..n].iter().map(|by| by.to_degrees()).collect(),
+                planned_s: command.planned_s,
+                ..TurnSummary::default()
+            };
+            let turn = Turn { summary, q_start: tick.truth.q[..n].to_vec(), planned: command.planned, segment: command.segment };
+            self.turns.push(turn);
+        }
+        if let Some(turn) = self.turns.last_mut()
+            && turn.planned != 0
+        {
+            turn.summary.moved_deg = turn.q_start.iter().zip(&tick.truth.q).map(|(from, to)| (to - from).to_degrees()).collect();
+            turn.summary.took_ticks = command.header.tick.saturating_sub(turn.summary.tick);
+            if command.planned == 0 {
+                turn.planned = 0;
+            }
+        }
+    }
+
     fn watch_singularities(&mut self, tick: &Tick<'_>) {
         for (i, singularity) in active(tick.report).iter().enumerate() {
             if self.singularities.len() <= i {
                 let name = codes::singularity_name(singularity.kind, i);
                 let summary = SingularitySummary { name, s_min: f64::INFINITY, ..SingularitySummary::default() };
-                self.singularities.push(Watched { summary, mode: MODE_REGULAR, inside: false, zeta_at_entry: Vector3::zeros() });
+                self.singularities.push(Watched { summary, mode: MODE_REGULAR, inside: false, zeta_at_entry: [0.0; 3] });
             }
             let watched = &mut self.singularities[i];
             let summary = &mut watched.summary;
@@ -234,10 +344,10 @@ impl Judge {
             let (linear, angular) = halves(&singularity.zeta_B);
             let zeta = if singularity.angular != 0 { angular } else { linear };
             if inside && !watched.inside {
-                watched.zeta_at_entry = zeta;
+                watched.zeta_at_entry = zeta.into();
             }
             if inside {
-                let entry = watched.zeta_at_entry;
+                let entry = Vector3::from(watched.zeta_at_entry);
                 let turned = entry.cross(&zeta).norm().atan2(entry.dot(&zeta)).to_degrees();
                 summary.zeta_turned_deg = summary.zeta_turned_deg.max(turned);
             }
@@ -320,6 +430,7 @@ impl Judge {
             task: self.task,
             joints: self.joints,
             singularities: self.singularities.into_iter().map(|watched| watched.summary).collect(),
+            turns: self.turns.into_iter().map(|turn| turn.summary).collect(),
             modes: self.modes,
             latency_us: self.latencies.into_iter().map(|(name, histogram)| (name, latency(&histogram))).collect(),
         }
@@ -328,7 +439,8 @@ impl Judge {
     fn outcome(&self) -> (&'static str, String) {
         let (task, goal) = (&self.task, &self.goal);
         if self.phase == codes::PHASE_REFUSED {
-            return ("stopped", "the controller refused to go on and brought the arm to rest".to_owned());
+            let why = codes::name_of(codes::REFUSALS, self.refusal);
+            return ("stopped", format!("the controller refused to go on and brought the arm to rest: {why}"));
         }
         if self.phase != codes::PHASE_DONE {
             return ("stopped", format!("the run ended after {} ticks, before the task did", self.ticks));
@@ -436,6 +548,41 @@ mod tests {
         });
         assert!((verdict.singularities[0].zeta_turned_deg - 90.0).abs() < 1e-9);
         assert_eq!(verdict.singularities[0].name, "wrist");
+    }
+
+    #[test]
+    fn a_switch_puts_in_the_power_that_jumps() {
+        let verdict = judged(20, |k, _, truth, report, command| {
+            report.count = 1;
+            command.mode[0] = if k >= 10 { codes::MODE_TRACK } else { codes::MODE_REGULAR };
+            // 4 N·m at 0.5 rad/s against 1 N·m at 1 rad/s: 1 W for 25 ms.
+            (command.tau[0], command.tau[1]) = if k >= 10 { (4.0, -1.0) } else { (0.0, 0.0) };
+            (truth.qdot[0], truth.qdot[1]) = (0.5, 1.0);
+        });
+        assert_eq!(verdict.joints.switches, 1);
+        assert!((verdict.joints.switch_energy_j - 0.025).abs() < 1e-12, "{}", verdict.joints.switch_energy_j);
+    }
+
+    #[test]
+    fn a_turn_is_followed_from_its_announcement_to_its_end() {
+        let verdict = judged(30, |k, _, truth, report, command| {
+            report.count = 2;
+            report.singularities[1].kind = codes::KIND_WRIST;
+            if (10..20).contains(&k) {
+                (command.planned, command.planned_s, command.planned_dq[3]) = (2, 0.009, 1.5);
+            }
+            truth.q[3] = 0.1 * k.clamp(10, 20) as f64;
+        });
+        let turn = &verdict.turns[0];
+        assert_eq!((verdict.turns.len(), turn.tick, turn.singularity.as_str()), (1, 10, "wrist"));
+        assert!((turn.moved_deg[3] - 1f64.to_degrees()).abs() < 1e-9 && turn.took_ticks == 10, "{turn:?}");
+        assert!((turn.planned_deg[3] - 1.5f64.to_degrees()).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_refusal_says_why() {
+        let verdict = judged(5, |_, _, _, _, command| (command.phase, command.refusal) = (codes::PHASE_REFUSED, codes::REFUSAL_ROOM));
+        assert!(verdict.reason.contains("the joints have no room for it"), "{}", verdict.reason);
     }
 
     #[test]
