@@ -297,7 +297,8 @@ impl<'a> Drill<'a> {
         let last = truth.last();
         let ends_world = plan.iter().any(|fault| ends_world(fault));
         let (task, goal) = (&ran.summary.task, &self.job.scenario.goal);
-        cell.goal_reached = ran.is_done && task.final_position_mm <= goal.position_mm && task.final_orientation_deg <= goal.orientation_deg;
+        cell.goal_reached =
+            ran.summary.completed && task.final_position_mm <= goal.position_mm && task.final_orientation_deg <= goal.orientation_deg;
         cell.recovered = ran.end == End::Completed && last.is_some_and(|state| state.drive == DRIVE_ACTIVE);
         cell.safe_stop = last.is_some_and(|state| state.drive == DRIVE_BRAKED || state.qdot.iter().all(|speed| speed.abs() < REST));
         let mut broken = |is_broken: bool, what: String| {

@@ -239,12 +239,18 @@ impl Shared {
         self.outlets.borrow_mut().push(outlet);
     }
 
-    /// Whether a writer has nothing more to send at a tick: it said so, or it is down.
+    /// Whether a writer has nothing more to send at a tick: it said so, or it is down and the tick has begun.
     pub(crate) fn has_closed(&self, writer: Option<usize>, tick: u64) -> bool {
         let Some(writer) = writer else { return false };
-        // Where the maker of ticks stands still there are none: nothing is passed over.
-        let is_down = || !self.is_unharmed() && !self.manifest.processes[writer].makes_ticks && self.is_down(writer, tick);
-        self.board.line(writer).ticks() > tick || is_down()
+        // Where the maker of ticks stands still there are none: nothing is passed over. And nobody runs ahead of it: what leaves late would
+        // arrive in a tick of its own choosing.
+        let has_begun = || self.source().is_none_or(|source| source != writer && self.board.line(source).ticks() > tick);
+        self.board.line(writer).ticks() > tick || (!self.is_unharmed() && self.is_down(writer, tick) && has_begun())
+    }
+
+    /// Who makes the ticks.
+    fn source(&self) -> Option<usize> {
+        self.manifest.processes.iter().position(|process| process.makes_ticks)
     }
 
     /// In lockstep, before a tick begins: who has fallen so far behind that it could lose messages. Without torque the maker of ticks waits
@@ -260,12 +266,16 @@ impl Shared {
         (0..self.manifest.processes.len()).find(lags)
     }
 
-    /// Tells the maker of ticks, where it may wait for that, that this process has come further.
+    /// Tells those that wait for no message but for the others' progress: the maker of ticks that everybody follows it, and everybody who
+    /// reads of a dead one that a tick has begun.
     pub(crate) fn report_progress(&self) {
-        if !self.is_unharmed()
-            && let Some(source) = self.manifest.processes.iter().position(|process| process.makes_ticks)
-        {
-            self.board.line(source).bell().ring(PROGRESS);
+        if self.is_unharmed() {
+            return;
+        }
+        match self.source() {
+            Some(source) if source == self.me => self.board.ring_all(),
+            Some(source) => self.board.line(source).bell().ring(PROGRESS),
+            None => {}
         }
     }
 
