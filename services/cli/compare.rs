@@ -131,7 +131,7 @@ fn print(scenario: &Scenario, scores: &[Score]) {
         "torque",
         "torque step",
         "chatter",
-        "switches, J",
+        "jumps, J",
         "time",
         "success",
     ];
@@ -150,7 +150,7 @@ fn print(scenario: &Scenario, scores: &[Score]) {
             number(percent(score.torque_max_ratio)),
             number(percent(score.torque_step_max_ratio)),
             number(score.chatter),
-            number(digits(score.switch_energy_j)),
+            number(digits(score.jump_energy_j)),
             number(format!("× {:.2}", score.time_stretch)),
             success(score).into(),
         ]);

@@ -90,9 +90,9 @@ enum Command {
         long_about = "Runs each scenario once per control law on one thread (the same bytes as the processes give), with the same plant, seed, \
                       gains and governor, and prints one table per scenario. SCENARIO `sweep` stands for seeded straight lines through and near \
                       each singularity of a PUMA. Saves compare.json and a picture per scenario (SVG and PNG).\n\n\
-                      Errors are desired against true pose, split along and across the singular directions ζ while those are engaged. A switch is \
-                      a tick in which a torque changes by more than a tenth of its limit; chatter counts switches back within 10 ms; energy sums \
-                      ½ΔΓᵀA⁻¹ΔΓ/k_v² over the switches. S1: end within 1 mm and 0.5°, across within 1 mm and 0.5°, no joint beyond its speed or \
+                      Errors are desired against true pose, split along and across the singular directions ζ while those are engaged. A jump is \
+                      a tick in which a torque changes by more than a tenth of its limit; chatter counts jumps back within 10 ms; energy sums \
+                      ½ΔΓᵀA⁻¹ΔΓ/k_v² over the jumps, whatever their cause. S1: end within 1 mm and 0.5°, across within 1 mm and 0.5°, no joint beyond its speed or \
                       position, no torque at its limit for more than 10 ms. S2: the same, but across within 1 mm and 3°, along within 10 mm and 5°.",
         after_help = "Examples:\n  armplane compare fig5-wrist-rotation elbow-in-and-out\n  armplane compare sweep --count 90 --speed 0.5 --json\n  armplane compare my.toml --law blended,damped-least-squares --set control.baseline.damped_least_squares.largest=0.1\n  armplane compare sweep --tune --count 30"
     )]

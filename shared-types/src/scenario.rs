@@ -341,9 +341,9 @@ pub struct HoldAndBlend {
 impl Default for Baseline {
     fn default() -> Self {
         Self {
-            damped_least_squares: Damping { onset: 0.16, largest: 0.02 },
-            joint_pd: Damping { onset: 0.16, largest: 0.04 },
-            truncated_svd_floor: 0.02,
+            damped_least_squares: Damping { onset: 0.02, largest: 0.005 },
+            joint_pd: Damping { onset: 0.16, largest: 0.01 },
+            truncated_svd_floor: 0.005,
             hold_and_blend: HoldAndBlend::default(),
         }
     }
@@ -351,7 +351,7 @@ impl Default for Baseline {
 
 impl Default for HoldAndBlend {
     fn default() -> Self {
-        Self { blend: [0.001, 0.01], hold_k_p: 0.001, hold_k_v: 5.0, push: 0.01, push_k_v: 5.0 }
+        Self { blend: [0.001, 0.004], hold_k_p: 50.0, hold_k_v: 14.0, push: 0.01, push_k_v: 5.0 }
     }
 }
 

@@ -3,6 +3,7 @@
 mod bad_input;
 mod bench;
 mod command;
+mod compare;
 mod determinism;
 mod hostile;
 mod inspect;

@@ -28,7 +28,7 @@ const METRICS: [[Metric; 3]; 3] = [
     [
         ("peak joint speed, share of limit", |score| score.speed_max_ratio, Some(1.0), false),
         ("largest torque step, share of limit", |score| score.torque_step_max_ratio, None, false),
-        ("energy put in at switches, J", |score| score.switch_energy_j, Some(0.5), true),
+        ("energy put in by jumps, J", |score| score.jump_energy_j, Some(0.5), true),
     ],
 ];
 

@@ -8,9 +8,9 @@ use serde::Serialize;
 use shared_types::codes::DRIVE_ACTIVE;
 use shared_types::scenario::Scenario;
 
-/// Change of torque in one tick, as a share of the limit, from which on it is a switch.
-const SWITCH: f64 = 0.1;
-/// Ticks within which a switch back is chatter, at 1 kHz; s.
+/// Change of torque in one tick, as a share of the limit, from which on it is a jump.
+const JUMP: f64 = 0.1;
+/// Ticks within which a jump back is chatter, at 1 kHz; s.
 const BACK_WITHIN_S: f64 = 0.010;
 /// How long torques may be at their limit; s.
 const SATURATED_S: f64 = 0.010;
@@ -38,10 +38,10 @@ pub(crate) struct Score {
     pub(crate) torque_step_p95_ratio: f64,
     /// Time with any torque at its limit; s.
     pub(crate) saturated_s: f64,
-    /// Switches back: see [`SWITCH`], [`BACK_WITHIN_S`].
+    /// Jumps back: see [`JUMP`], [`BACK_WITHIN_S`].
     pub(crate) chatter: u64,
-    /// Σ ½ΔΓᵀA⁻¹ΔΓ/k_v² over the switches: what each jump would put in until the loop has answered; J.
-    pub(crate) switch_energy_j: f64,
+    /// Σ ½ΔΓᵀA⁻¹ΔΓ/k_v² over the jumps: what each would put in until the loop has answered; J.
+    pub(crate) jump_energy_j: f64,
     /// Ticks done over ticks planned.
     pub(crate) time_stretch: f64,
     /// Whether a joint ran against its stop, or the drive stopped the arm.
@@ -89,11 +89,11 @@ struct Meter<const N: usize> {
     back_within: u64,
     along: [f64; 2],
     chatter: u64,
-    switch_energy_j: f64,
+    jump_energy_j: f64,
     stopped_by_plant: bool,
     last_tau: Option<SVector<f64, N>>,
-    /// Per joint: when it switched last, and which way.
-    last_switch: [Option<(u64, f64)>; N],
+    /// Per joint: when it jumped last, and which way.
+    last_jump: [Option<(u64, f64)>; N],
 }
 
 impl<const N: usize> Meter<N> {
@@ -104,10 +104,10 @@ impl<const N: usize> Meter<N> {
             back_within: (BACK_WITHIN_S * f64::from(scenario.rate_hz)).ceil() as u64,
             along: [0.0; 2],
             chatter: 0,
-            switch_energy_j: 0.0,
+            jump_energy_j: 0.0,
             stopped_by_plant: false,
             last_tau: None,
-            last_switch: [None; N],
+            last_jump: [None; N],
         })
     }
 
@@ -117,25 +117,25 @@ impl<const N: usize> Meter<N> {
         self.stopped_by_plant |= tick.truth.limit_mask != 0 || tick.truth.drive != DRIVE_ACTIVE && tick.truth.header.tick > 0;
         let tau = SVector::<f64, N>::from_fn(|i, _| tick.command.tau[i]);
         if let Some(last) = self.last_tau.replace(tau) {
-            self.switches(tick, &(tau - last));
+            self.jumps(tick, &(tau - last));
         }
     }
 
-    fn switches(&mut self, tick: &recorder::Tick<'_>, step: &SVector<f64, N>) {
+    fn jumps(&mut self, tick: &recorder::Tick<'_>, step: &SVector<f64, N>) {
         let k = tick.command.header.tick;
         let mut any = false;
         for i in 0..N {
-            if step[i].abs() <= SWITCH * self.model.effort()[i] {
+            if step[i].abs() <= JUMP * self.model.effort()[i] {
                 continue;
             }
             any = true;
-            let back = self.last_switch[i].is_some_and(|(when, way)| k - when <= self.back_within && way * step[i] < 0.0);
+            let back = self.last_jump[i].is_some_and(|(when, way)| k - when <= self.back_within && way * step[i] < 0.0);
             self.chatter += u64::from(back);
-            self.last_switch[i] = Some((k, step[i].signum()));
+            self.last_jump[i] = Some((k, step[i].signum()));
         }
         let q = SVector::<f64, N>::from_fn(|i, _| tick.truth.q[i]);
         if any && let Some(A) = Cholesky::new(self.model.mass_matrix(&q)) {
-            self.switch_energy_j += 0.5 * step.dot(&A.solve(step)) / (self.k_v * self.k_v);
+            self.jump_energy_j += 0.5 * step.dot(&A.solve(step)) / (self.k_v * self.k_v);
         }
     }
 
@@ -175,7 +175,7 @@ impl<const N: usize> Meter<N> {
             torque_step_p95_ratio: joints.torque_step_p95_ratio,
             saturated_s,
             chatter: self.chatter,
-            switch_energy_j: self.switch_energy_j,
+            jump_energy_j: self.jump_energy_j,
             time_stretch: task.time_stretch,
             stopped_by_plant: self.stopped_by_plant,
             s1: clean && across_mm < 1.0 && across_deg < 0.5,

@@ -68,7 +68,7 @@ impl Sweep {
             "ends %",
             "across p95, mm",
             "torque step p95",
-            "switches p95, J",
+            "jumps p95, J",
             "time p90",
             "S2 missed by",
         ]);
@@ -84,7 +84,7 @@ impl Sweep {
                 number(share(None, &Score::ended)),
                 number(digits(quantile(scores, 0.95, |score| score.across_max_mm))),
                 number(digits(quantile(scores, 0.95, |score| score.torque_step_p95_ratio))),
-                number(digits(quantile(scores, 0.95, |score| score.switch_energy_j))),
+                number(digits(quantile(scores, 0.95, |score| score.jump_energy_j))),
                 number(format!("× {:.2}", quantile(scores, 0.9, |score| score.time_stretch))),
                 missed(scores).into(),
             ]);

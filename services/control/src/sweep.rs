@@ -13,6 +13,12 @@ use shared_types::scenario::{Scenario, Segment, Start};
 /// Points at which a line is checked.
 const STEPS: u32 = 200;
 
+/// The singularities that lines go through or near.
+const KINDS: [Kind; 3] = [Kind::Elbow, Kind::Wrist, Kind::Overhead];
+
+/// How far from the lock a line may pass: a third of them through it, a third within 0.02 of it, the rest within 0.15.
+const DEPTHS: [f64; 3] = [0.0, 0.02, 0.15];
+
 /// Distance from the wrist's lock within which it may jump between two points of a line, rad.
 const NEAR_MISS: f64 = 0.05;
 
@@ -60,15 +66,24 @@ pub fn lines(robot: &Robot, template: &Scenario, seed: u64, count: usize, speed:
     let mut random = Uniform(seed);
     let mut lines = Vec::with_capacity(count);
     while lines.len() < count {
-        let kind = [Kind::Elbow, Kind::Wrist, Kind::Overhead][lines.len() % 3];
-        if let Some(line) = line(&inverse, kind, &mut random, template, speed, lines.len()) {
+        // In turn, not at random: lines that cannot be followed are drawn again, which must not thin out the difficult ones.
+        let (kind, depth) = (KINDS[lines.len() % 3], DEPTHS[lines.len() / 3 % 3]);
+        if let Some(line) = line(&inverse, kind, depth, &mut random, template, speed, lines.len()) {
             lines.push(line);
         }
     }
     lines
 }
 
-fn line(inverse: &Inverse<'_>, kind: Kind, random: &mut Uniform, template: &Scenario, speed: f64, number: usize) -> Option<Line> {
+fn line(
+    inverse: &Inverse<'_>,
+    kind: Kind,
+    depth: f64,
+    random: &mut Uniform,
+    template: &Scenario,
+    speed: f64,
+    number: usize,
+) -> Option<Line> {
     let model = inverse.model;
     let mut q = SVector::<f64, 6>::from_fn(|i, _| {
         let (low, high) = (model.lower()[i], model.upper()[i]);
@@ -78,8 +93,6 @@ fn line(inverse: &Inverse<'_>, kind: Kind, random: &mut Uniform, template: &Scen
     let length = random.within(0.2, 0.4);
     let mut along = random.direction();
     let turn = random.direction() * random.within(0.0, 0.8);
-    // A third of the lines go through the lock itself, a third within 0.02 of it, the rest within 0.15.
-    let depth = [0.0, 0.02, 0.15][(random.within(0.0, 3.0) as usize).min(2)];
     let near = random.within(-depth, depth);
     // Where on the line the lock is: at an end for the elbow, whose lock is the edge of the reachable space, else in the middle.
     let mut share = random.within(0.35, 0.65);
@@ -95,6 +108,11 @@ fn line(inverse: &Inverse<'_>, kind: Kind, random: &mut Uniform, template: &Scen
         Kind::Wrist => q[4] = near,
         _ => {
             q[1] = inverse.shoulder_for(q[1], q[2], near * (inverse.factors.a2 + inverse.factors.L3))?;
+            // No line enters the cylinder that the shoulder offset keeps clear: one that comes close runs along it.
+            let outwards = model.forward_kinematics(&q).p.component_mul(&Vector3::new(1.0, 1.0, 0.0)).try_normalize(1e-9)?;
+            if depth < DEPTHS[2] {
+                along = (along - outwards * outwards.dot(&along)).try_normalize(0.1)?;
+            }
         }
     }
     let at = model.forward_kinematics(&q);

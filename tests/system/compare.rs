@@ -1,0 +1,67 @@
+//! `armplane compare` and `armplane figures`: tables, JSON and pictures; what is wrong is said in a sentence.
+
+use serde_json::Value;
+
+use crate::command::Desk;
+
+fn read(desk: &Desk, path: &str) -> Value {
+    serde_json::from_slice(&std::fs::read(desk.path().join(path)).unwrap()).unwrap()
+}
+
+fn assert_pictures(desk: &Desk, path: &str) {
+    let file = |extension: &str| std::fs::read(desk.path().join(format!("{path}.{extension}"))).unwrap();
+    assert!(file("svg").starts_with(b"<svg ") && file("png").starts_with(b"\x89PNG"), "{path}");
+}
+
+#[test]
+fn laws_are_compared_on_a_scenario_and_on_lines() {
+    let desk = Desk::new();
+    let args =
+        ["compare", "fig5-wrist-rotation", "sweep", "--count", "3", "--law", "blended,damped-least-squares", "--out", "out", "--json"];
+    let said = desk.armplane(&args);
+    assert_eq!(said.code, 0, "{}", said.err);
+    let told: Value = serde_json::from_str(&said.out).unwrap();
+    assert_eq!(told, read(&desk, "out/compare.json"), "said and saved alike");
+    assert_pictures(&desk, "out/fig5-wrist-rotation");
+    assert_pictures(&desk, "out/sweep");
+    let [ours, damped] = [0, 1].map(|law| &told["scenarios"][0]["laws"][law]);
+    assert!(ours["s1"] == true && damped["s1"] == false, "{ours} {damped}");
+    assert!(ours["across_max_mm"].as_f64().unwrap() < 0.1 && damped["across_max_mm"].as_f64().unwrap() > 1.0, "{ours} {damped}");
+    let sweep = &told["scenarios"][1]["laws"][0];
+    assert_eq!((&sweep["all"]["lines"], &sweep["near"]["wrist"]["lines"], &sweep["all"]["ends"]), (&3.into(), &1.into(), &3.into()));
+    assert_eq!(desk.armplane(&args).out, said.out, "the same again, whichever core does which run");
+}
+
+#[test]
+fn the_papers_figures_are_drawn_with_their_numbers() {
+    let desk = Desk::new();
+    let said = desk.armplane(&["figures", "--out", "out"]);
+    assert_eq!(said.code, 0, "{}", said.err);
+    for figure in ["fig1", "fig2", "fig4", "fig5"] {
+        assert_pictures(&desk, &format!("out/{figure}"));
+    }
+    let numbers = read(&desk, "out/figures.json");
+    let number = |figure: &str, key: &str| numbers[figure][key].as_f64().unwrap();
+    let (pseudo, consistent) = (number("fig1", "tip_error_max_mm"), number("fig2", "tip_error_max_mm"));
+    assert!(consistent < 1.0 && pseudo > 100.0 * consistent, "{pseudo} {consistent}");
+    assert!((number("fig5", "zeta_turned_deg") - 90.0).abs() < 0.25 && number("fig5", "position_max_mm") < 0.1, "{numbers}");
+    assert!((number("fig4", "moved_mm").abs() - 80.0).abs() < 0.1 && number("fig4", "across_max_mm") < 0.05, "{numbers}");
+}
+
+#[test]
+fn wrong_input_is_said() {
+    let desk = Desk::new();
+    let cases: [(&[&str], &str); 6] = [
+        (&["compare", "fig5", "--law", "blendet"], "there is no control law `blendet`: did you mean `blended`?"),
+        (&["compare", "fig5-wrist-rotatoin"], "did you mean `fig5-wrist-rotation`?"),
+        (&["compare", "sweep", "--speed", "0"], "--speed is 0: it must be a positive number"),
+        (&["compare", "fig5-wrist-rotation", "--tune"], "armplane compare sweep --tune"),
+        (&["compare", "sweep", "--set", "control.baseline.truncated_svd_floor=-1"], "it must be a positive number"),
+        (&["figures", "--out", "/proc/nowhere"], "choose another folder with --out"),
+    ];
+    for (args, expected) in cases {
+        let said = desk.armplane(args);
+        assert!(said.code == 2 && said.err.contains(expected), "{args:?} said {}: {}", said.code, said.err);
+    }
+    assert!(!desk.path().join("runs").exists(), "nothing is left of what did not begin");
+}
