@@ -88,7 +88,7 @@ pub(crate) fn graph(file: Option<&Path>) -> Result<Graph, Failure> {
 }
 
 /// "there is no X `name`", with the nearest known name.
-fn unknown<'a>(what: &str, name: &str, known: impl Iterator<Item = &'a str>, more: &str) -> String {
+pub(crate) fn unknown<'a>(what: &str, name: &str, known: impl Iterator<Item = &'a str>, more: &str) -> String {
     let known: Vec<&str> = known.collect();
     let near = known.iter().min_by_key(|candidate| shared_types::file::edit_distance(name, candidate));
     let hint = match near {

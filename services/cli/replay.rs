@@ -7,7 +7,8 @@ use indicatif::ProgressBar;
 use model::{Refused, Robot, RobotSource};
 use runtime::{Difference, Differences, FieldDifference, KeepError, Kept, first_difference};
 use serde_json::json;
-use shared_types::codes::DRIVE_ABSENT;
+use shared_types::codes::{DRIVE_ABSENT, DRIVE_STALE};
+use shared_types::fault::{Kind, Strike};
 use shared_types::job::Job;
 use shared_types::scenario::Scenario;
 use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
@@ -165,30 +166,45 @@ impl Tape<'_> {
         Ok(Replayed { topics: vec![comparison.topic()], without_input, ended: String::new() })
     }
 
-    /// The plant answers its own last state: it must be fed without a gap.
+    /// The plant answers its own last state: it must be fed without a gap. The faults of its sensors and drives are the scenario's.
     fn plant(&self, robot: &Robot, scenario: &Scenario) -> Result<Replayed, Failure> {
         let (mut samples, mut truths, mut commands) = (self.open::<SensorSample>()?, self.open()?, self.open::<TorqueCommand>()?);
         let mut cycle = plant::cycle(robot, scenario).map_err(Failure::input)?;
+        let faults =
+            scenario.strikes(|process| Some(u32::from(process != "plant"))).map_err(|complaint| Failure::Input(complaint.message))?;
+        let faults: Vec<Strike> =
+            faults.into_iter().filter(|strike| strike.process == 0 && matches!(strike.kind(), Some(Kind::Sensor | Kind::Drive))).collect();
         let (mut sensor, mut state) = (Comparison::<SensorSample>::default(), Comparison::<PlantState>::default());
         let mut ended = String::new();
         let mut truth: Option<PlantState> = truths.next_message().map_err(Failure::work)?;
+        let mut next = samples.next_message().map_err(Failure::work)?;
         for tick in 0.. {
-            let Some(recorded) = samples.next_message().map_err(Failure::work)? else { break };
-            let gap = recorded.header.tick != tick || truth.is_some_and(|truth| truth.header.tick != tick);
+            let Some(recorded) = next else { break };
+            let gap = recorded.header.tick != tick || truth.is_none_or(|truth: PlantState| truth.header.tick != tick);
             if gap || recorded.header.incarnation > 1 {
                 let what = if gap { "is not in the record" } else { "was made by a restarted plant" };
                 ended = format!("tick {tick} {what}: the replay of the plant ends there");
                 break;
+            }
+            let strikes: Vec<Strike> = faults.iter().filter(|strike| strike.concerns(tick)).copied().collect();
+            let was_struck = faults.iter().any(|strike| tick > 0 && strike.concerns(tick - 1));
+            if was_struck || !strikes.is_empty() {
+                cycle.afflict(tick, &strikes);
             }
             let (sampled, moved) = cycle.sample(tick);
             sensor.take(&recorded, sampled);
             if let Some(truth) = &truth {
                 state.take(truth, moved);
             }
-            truth = truths.next_message().map_err(Failure::work)?;
-            // Whether a torque came in time is what the plant said next.
-            let came = truth.is_none_or(|next| next.drive_flags & DRIVE_ABSENT == 0);
-            let command = commands.at(tick).map_err(Failure::work)?.filter(|_| came);
+            (truth, next) = (truths.next_message().map_err(Failure::work)?, samples.next_message().map_err(Failure::work)?);
+            // Which torque came in time, and how old it was, is what the plant said next.
+            let flags = truth.map_or(0, |truth| truth.drive_flags);
+            let age = next.map_or(0, |next| u64::from(next.stale_ticks));
+            let command = match flags {
+                flags if flags & DRIVE_STALE != 0 => Some(TorqueCommand::default()),
+                flags if flags & DRIVE_ABSENT != 0 => None,
+                _ => commands.at(tick.saturating_sub(age)).map_err(Failure::work)?,
+            };
             cycle.step(command.as_ref());
             self.bar.set_position(tick);
         }

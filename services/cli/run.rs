@@ -6,10 +6,12 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use launcher::{Child, End, Event, Launcher, Limits, Outcome, Plan, Restart};
-use runtime::Account;
 use runtime::realtime::allowed_cores;
+use runtime::{Account, Board, RunDir};
+use shared_types::fault::Strike;
 use shared_types::graph::{self, Graph};
 use shared_types::job::{Job, Mode};
+use shared_types::scenario::Scenario;
 use shared_types::summary::{Deadlines, FaultSummary, ProcessSummary, Summary};
 
 use super::failure::Failure;
@@ -19,6 +21,9 @@ use super::table::{digits, number, table};
 use super::{RunArgs, load};
 
 const SUMMARY: &str = "summary.json";
+const SCENARIO: &str = "scenario.toml";
+const ROBOT_URDF: &str = "robot.urdf";
+const ROBOT_TOML: &str = "robot.toml";
 
 pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let load::Loaded { scenario, robot } = load::scenario(&args.scenario, &args.set, args.seed)?;
@@ -53,17 +58,11 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
     Ok(if summary.outcome == "goal reached" { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
-/// Runs the processes to the end of the task, or of one of them. Returns what became of them, and the recorder's account.
+/// Runs the processes to the end of the task, or of one of them, and says what happens. Returns what became of them, and the recorder's account.
 pub(crate) fn launch(job: &Job, plan: Plan, planned_ticks: u64) -> Result<(Outcome, Option<Summary>), Failure> {
-    let launcher = Launcher::prepare(plan).map_err(Failure::work)?;
-    let job = Job { run: launcher.run_dir().file_name().unwrap_or_default().to_string_lossy().into_owned(), ..job.clone() };
-    let (path, account_path) = (launcher.run_dir().join(JOB), launcher.run_dir().join(recorder::SUMMARY));
-    let text = serde_json::to_vec(&job).map_err(Failure::work)?;
-    std::fs::write(&path, text).map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))?;
-    let bar = progress_bar(planned_ticks, &job);
-    let mut account = None;
-    let outcome = launcher.run(&launcher::reexec, &mut |event| match event {
-        Event::Progress { ticks } => bar.set_position(ticks),
+    let bar = progress_bar(planned_ticks, job);
+    let launched = launch_quietly(job, plan, &[], &mut |event| match event {
+        Event::Progress { ticks } => bar.set_position(*ticks),
         Event::Line { process, line } => bar.suspend(|| eprintln!("{process}: {line}")),
         Event::Silenced { process, silent } => {
             bar.suspend(|| eprintln!("{process} has done nothing for {} ms and is killed", silent.as_millis()));
@@ -71,10 +70,34 @@ pub(crate) fn launch(job: &Job, plan: Plan, planned_ticks: u64) -> Result<(Outco
         Event::Restarted { process, exit, pid, incarnation } => {
             bar.suspend(|| eprintln!("{process} ended with {exit} and was started again (start {incarnation}, process {pid})"));
         }
-        Event::Stopped => account = std::fs::read(&account_path).ok().and_then(|text| serde_json::from_slice(&text).ok()),
-        Event::Go | Event::Stopping => {}
+        Event::Go | Event::Stopping | Event::Stopped => {}
     });
     bar.finish_and_clear();
+    launched
+}
+
+/// The same without a word, with faults requested at the start as `armplane fault` would request them.
+pub(crate) fn launch_quietly(
+    job: &Job,
+    plan: Plan,
+    live: &[Strike],
+    report: &mut dyn FnMut(&Event<'_>),
+) -> Result<(Outcome, Option<Summary>), Failure> {
+    let launcher = Launcher::prepare(plan).map_err(Failure::work)?;
+    let run_dir = launcher.run_dir().to_owned();
+    let job = Job { run: run_dir.file_name().unwrap_or_default().to_string_lossy().into_owned(), ..job.clone() };
+    let (path, account_path) = (run_dir.join(JOB), run_dir.join(recorder::SUMMARY));
+    let text = serde_json::to_vec(&job).map_err(Failure::work)?;
+    std::fs::write(&path, text).map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))?;
+    let board = RunDir::open(&run_dir).map_err(Failure::work).and_then(|run| Board::open(&run).map_err(Failure::work))?;
+    live.iter().for_each(|strike| drop(board.ledger().request(strike)));
+    let mut account = None;
+    let outcome = launcher.run(&launcher::reexec, &mut |event| {
+        if event == Event::Stopped {
+            account = std::fs::read(&account_path).ok().and_then(|text| serde_json::from_slice(&text).ok());
+        }
+        report(&event);
+    });
     Ok((outcome.map_err(Failure::work)?, account))
 }
 
@@ -122,7 +145,7 @@ pub(crate) fn plan(job: &Job) -> Result<Plan, Failure> {
 }
 
 /// The recorder's part, completed by what only the launcher knows.
-fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summary {
+pub(crate) fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summary {
     let mut summary = account.unwrap_or_else(|| Summary {
         version: job.version.clone(),
         scenario: job.scenario.name.clone(),
@@ -196,7 +219,7 @@ fn named_in(graph: &Graph, sentence: &str) -> String {
     graph.process.iter().find(|process| sentence.starts_with(&process.name)).map(|process| process.name.clone()).unwrap_or_default()
 }
 
-fn deadlines(job: &Job, outcome: &Outcome) -> Deadlines {
+pub(crate) fn deadlines(job: &Job, outcome: &Outcome) -> Deadlines {
     if job.mode == Mode::Lockstep {
         return Deadlines::default();
     }
@@ -219,19 +242,23 @@ fn deadlines(job: &Job, outcome: &Outcome) -> Deadlines {
 }
 
 /// The results folder: made before anything starts, removed again if nothing came of it.
-struct Results {
-    folder: PathBuf,
+pub(crate) struct Results {
+    pub(crate) folder: PathBuf,
     made: bool,
 }
 
 impl Results {
-    fn create(wanted: Option<&Path>, scenario: &str) -> Result<Self, Failure> {
+    /// The folder asked for, or the next free `runs/NAME-NNN`.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] if it cannot be written to.
+    pub(crate) fn create(wanted: Option<&Path>, name: &str) -> Result<Self, Failure> {
         let cannot = |path: &Path, error: std::io::Error| {
             Failure::Input(format!("cannot write results to {}: {error}; choose another folder with --out", path.display()))
         };
         let folder = match wanted {
             Some(folder) => folder.to_owned(),
-            None => (1..).map(|n| PathBuf::from(format!("runs/{scenario}-{n:03}"))).find(|path| !path.exists()).unwrap_or_default(),
+            None => (1..).map(|n| PathBuf::from(format!("runs/{name}-{n:03}"))).find(|path| !path.exists()).unwrap_or_default(),
         };
         let made = !folder.exists();
         std::fs::create_dir_all(&folder).map_err(|error| cannot(&folder, error))?;
@@ -242,13 +269,14 @@ impl Results {
         Ok(results)
     }
 
-    /// Writes what makes the run repeatable and readable.
+    /// Writes what makes the run repeatable and readable: the summary, the job, and the scenario with every fault planned that came to pass.
     fn keep(&self, job: &Job, summary: &Summary) -> Result<(), Failure> {
         let cannot =
             |name: &str, error: std::io::Error| Failure::Work(format!("cannot write {}: {error}", self.folder.join(name).display()));
+        let repeated = repeated(job, summary)?;
         let summary = serde_json::to_vec_pretty(summary).map_err(Failure::work)?;
-        let job = serde_json::to_vec_pretty(job).map_err(Failure::work)?;
-        for (name, text) in [(SUMMARY, summary), (JOB, job)] {
+        let job_text = serde_json::to_vec_pretty(job).map_err(Failure::work)?;
+        for (name, text) in [(SUMMARY, summary), (JOB, job_text)].into_iter().chain(repeated) {
             // Whole or not at all: a full disk leaves no half file.
             let (draft, path) = (self.folder.join(format!(".{name}")), self.folder.join(name));
             let written = std::fs::write(&draft, text).and_then(|()| std::fs::rename(&draft, &path));
@@ -268,6 +296,22 @@ impl Drop for Results {
             let _ = std::fs::remove_dir(&self.folder);
         }
     }
+}
+
+/// The files of the scenario that gives the same bytes again, and the robot beside it where it is not a built-in one.
+fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(&'static str, Vec<u8>)>, Failure> {
+    let fault = summary.faults.iter().filter_map(|fault| fault.fault.clone()).collect();
+    let mut files = Vec::new();
+    let mut scenario = Scenario { fault, ..job.scenario.clone() };
+    if scenario.robot.ends_with(".urdf") {
+        ROBOT_URDF.clone_into(&mut scenario.robot);
+        files.push((ROBOT_URDF, job.robot.urdf.clone().into_bytes()));
+        if !job.robot.description.is_empty() {
+            files.push((ROBOT_TOML, job.robot.description.clone().into_bytes()));
+        }
+    }
+    files.push((SCENARIO, toml::to_string(&scenario).map_err(Failure::work)?.into_bytes()));
+    Ok(files)
 }
 
 fn tell(summary: &Summary, folder: &Path) {
@@ -302,7 +346,11 @@ fn tell(summary: &Summary, folder: &Path) {
         let joints = |moves: &[f64]| moves.iter().map(|by| format!("{by:+.2}")).collect::<Vec<_>>().join(" ");
         say!("ζ turned   {} at tick {}", turn.singularity, turn.tick);
         say!("           said before: joints by {} ° in {:.2} s", joints(&turn.planned_deg), turn.planned_s);
-        say!("           done:        joints by {} ° in {:.2} s", joints(&turn.moved_deg), turn.took_ticks as f64 / f64::from(summary.rate_hz.max(1)));
+        say!(
+            "           done:        joints by {} ° in {:.2} s",
+            joints(&turn.moved_deg),
+            turn.took_ticks as f64 / f64::from(summary.rate_hz.max(1))
+        );
     }
     let percent = |ratio: f64| format!("{:.0} %", ratio * 100.0);
     let joints = &summary.joints;
@@ -333,6 +381,15 @@ fn tell(summary: &Summary, folder: &Path) {
         for (cause, count) in &summary.deadlines.by_cause {
             say!("           {count} {cause}");
         }
+    }
+    for fault in summary.faults.iter().filter(|fault| fault.fault.is_some()) {
+        let ms = |what: &str, ms: Option<f64>| ms.map(|ms| format!(", {what} after {ms:.2} ms")).unwrap_or_default();
+        let became = if fault.struck {
+            ms("noticed", fault.detected_ms) + &ms("mended", fault.restored_ms)
+        } else {
+            ", did not come to pass".into()
+        };
+        say!("fault      {} ({}){became}", fault.detail, fault.origin);
     }
     if !summary.recorder.error.is_empty() {
         say!("recording  {}", summary.recorder.error);

@@ -62,7 +62,7 @@ pub(crate) fn top(args: &TopArgs, as_json: bool) -> Result<ExitCode, Failure> {
 }
 
 /// The run asked for, or the only living one.
-fn choose(wanted: Option<&str>) -> Result<String, Failure> {
+pub(crate) fn choose(wanted: Option<&str>) -> Result<String, Failure> {
     let alive: Vec<String> = RunDir::list().into_iter().filter(|run| run.alive).map(|run| run.name).collect();
     match (wanted, &alive[..]) {
         (Some(wanted), _) if alive.iter().any(|name| name == wanted) => Ok(wanted.to_owned()),

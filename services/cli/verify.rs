@@ -2,9 +2,6 @@
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use chain::{Chain, Tick};
@@ -19,6 +16,7 @@ use shared_types::summary::TopicSummary;
 use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
 
 use super::failure::Failure;
+use super::hogs::Hogs;
 use super::out::say;
 use super::table::{number, table};
 use super::{VerifyArgs, load, run};
@@ -97,39 +95,6 @@ impl Condition {
                 pauses: self.pauses.then(|| draw(2)),
                 unordered: unordered && child.ends_run,
             };
-        }
-    }
-}
-
-/// A spinning thread on every core, until dropped.
-struct Hogs {
-    stop: Arc<AtomicBool>,
-    threads: Vec<JoinHandle<()>>,
-}
-
-impl Hogs {
-    fn start() -> Self {
-        let stop = Arc::new(AtomicBool::new(false));
-        let hog = |core: usize| {
-            let stop = Arc::clone(&stop);
-            std::thread::spawn(move || {
-                // Not pinned it is a hog all the same.
-                let _ = realtime::pin(core);
-                while !stop.load(Ordering::Relaxed) {
-                    std::hint::spin_loop();
-                }
-            })
-        };
-        let threads = realtime::allowed_cores().into_iter().map(hog).collect();
-        Self { stop, threads }
-    }
-}
-
-impl Drop for Hogs {
-    fn drop(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
-        for thread in self.threads.drain(..) {
-            let _ = thread.join();
         }
     }
 }
@@ -267,16 +232,16 @@ fn compare<M: Message>(expected: &M, kept: &mut Kept<M>) -> Result<Option<Differ
 }
 
 /// Where the runs leave their messages: the user's folder, or one that is gone at the end.
-enum Folder {
+pub(crate) enum Folder {
     Kept(PathBuf),
     Passing(tempfile::TempDir),
 }
 
 impl Folder {
-    fn create(wanted: Option<&Path>) -> Result<Self, Failure> {
+    pub(crate) fn create(wanted: Option<&Path>) -> Result<Self, Failure> {
         match wanted {
             None => tempfile::Builder::new()
-                .prefix("armplane-verify-")
+                .prefix("armplane-")
                 .tempdir()
                 .map(Self::Passing)
                 .map_err(|error| Failure::Work(format!("cannot make a temporary folder: {error}; name one with --out"))),
@@ -286,7 +251,7 @@ impl Folder {
         }
     }
 
-    fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         match self {
             Self::Kept(path) => path,
             Self::Passing(folder) => folder.path(),

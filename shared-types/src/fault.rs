@@ -28,10 +28,10 @@ use crate::{PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCo
 
 /// Declares an enumeration of words: the variants, their spelling in files and their numbers in shared memory.
 macro_rules! words {
-    ($(#[$meta:meta])* $name:ident { $( $(#[$doc:meta])* $variant:ident $word:literal ),* $(,)? }) => {
+    ($(#[$meta:meta])* $name:ident { $( #[doc = $doc:literal] $variant:ident $word:literal ),* $(,)? }) => {
         $(#[$meta])*
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-        pub enum $name { $( $(#[$doc])* #[serde(rename = $word)] $variant ),* }
+        pub enum $name { $( #[doc = $doc] #[serde(rename = $word)] $variant ),* }
 
         impl $name {
             /// All of them, in order: the place is the number in shared memory.
@@ -41,6 +41,12 @@ macro_rules! words {
             #[must_use]
             pub fn name(self) -> &'static str {
                 match self { $( Self::$variant => $word ),* }
+            }
+
+            /// One sentence.
+            #[must_use]
+            pub fn about(self) -> &'static str {
+                match self { $( Self::$variant => $doc.trim_ascii() ),* }
             }
 
             fn of(number: u32) -> Option<Self> {
@@ -207,6 +213,18 @@ impl Kind {
         self.rule().ways.iter().map(|(way, _)| *way)
     }
 
+    /// By how much it comes in a way, unless said otherwise; 0 where there is no amount.
+    #[must_use]
+    pub fn usual_amount(self, way: Way) -> f64 {
+        self.rule().ways.iter().find(|(one, _)| *one == way).map_or(0.0, |(_, amount)| *amount)
+    }
+
+    /// How long it lasts unless said otherwise, s; infinite: to the end of the run.
+    #[must_use]
+    pub fn usual_length_s(self) -> f64 {
+        self.rule().lasts_s
+    }
+
     /// The processes it can happen to.
     #[must_use]
     pub fn processes(self) -> &'static [&'static str] {
@@ -338,7 +356,7 @@ impl Strike {
             field: (kind == Kind::Corrupt).then(|| field.map(|(field, place)| format!("{}[{place}]", field.name))).flatten(),
             joint: matches!(kind, Kind::Sensor | Kind::Drive).then_some(self.target + 1),
             amount: (!matches!(kind, Kind::Delay) && self.amount != 0.0).then_some(self.amount),
-            seed: rule.has_probability.then_some(self.seed),
+            seed: (rule.has_probability || matches!(kind, Kind::Delay | Kind::Sensor)).then_some(self.seed),
         })
     }
 

@@ -238,7 +238,8 @@ fn a_puma_by_number_comes_close_to_the_formulas() {
 
 #[test]
 fn a_turn_without_room_is_refused_before_anything_moves() {
-    let settings = ["start={q_deg = [20, -60, 170, 150, 0, 250]}", "segment=[{reorient = {singularity = \"wrist\", by_deg = 60}, duration_s = 1.0}]"];
+    let settings =
+        ["start={q_deg = [20, -60, 170, 150, 0, 250]}", "segment=[{reorient = {singularity = \"wrist\", by_deg = 60}, duration_s = 1.0}]"];
     let mut last = None;
     let f = run::<6>(&scenario(scenario_text!("fig5-wrist-rotation"), &settings), Plant::default(), |_, tick| last = Some(tick.command));
     // Joint 4 may go to 170°, joint 6 to 266°: +60° is too much for the one, −120° for the other.
@@ -373,13 +374,36 @@ fn probe() {
         println!("== {}", file.display());
         fn one<const N: usize>(k: usize, every: usize, tick: &Tick<N>) {
             if k % every == 0 {
-                let s: Vec<String> = tick.report.meant().iter().enumerate().map(|(i, s)| format!("{:+.3}{}{:?}(β{:.2})", s.s, if s.angular { "r" } else { "t" }, tick.command.mode[i], tick.command.beta[i])).collect();
+                let s: Vec<String> = tick
+                    .report
+                    .meant()
+                    .iter()
+                    .enumerate()
+                    .map(|(i, s)| {
+                        format!("{:+.3}{}{:?}(β{:.2})", s.s, if s.angular { "r" } else { "t" }, tick.command.mode[i], tick.command.beta[i])
+                    })
+                    .collect();
                 let (a, b) = tick.split();
-                println!("   {k} {} along {:.3} {:.3}° across {:.3} {:.3}° scale {:.2} {:?}", s.join(" "), a[0], a[1], b[0], b[1], tick.command.time_scale, tick.command.refusal);
-                if let Some(plan) = tick.command.plan { println!("      plan {:.2} s {:?}", plan.duration_s, plan.by.map(f64::to_degrees).as_slice()); }
+                println!(
+                    "   {k} {} along {:.3} {:.3}° across {:.3} {:.3}° scale {:.2} {:?}",
+                    s.join(" "),
+                    a[0],
+                    a[1],
+                    b[0],
+                    b[1],
+                    tick.command.time_scale,
+                    tick.command.refusal
+                );
+                if let Some(plan) = tick.command.plan {
+                    println!("      plan {:.2} s {:?}", plan.duration_s, plan.by.map(f64::to_degrees).as_slice());
+                }
             }
         }
-        let f = if scenario.robot == "iiwa14" { run::<7>(&scenario, plant, |k, t: &Tick<7>| one(k, every, t)) } else { run::<6>(&scenario, plant, |k, t: &Tick<6>| one(k, every, t)) };
+        let f = if scenario.robot == "iiwa14" {
+            run::<7>(&scenario, plant, |k, t: &Tick<7>| one(k, every, t))
+        } else {
+            run::<6>(&scenario, plant, |k, t: &Tick<6>| one(k, every, t))
+        };
         println!("   {f:?}");
     }
 }

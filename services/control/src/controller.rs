@@ -4,8 +4,8 @@ use crate::MAX_SINGULARITIES;
 use crate::auxiliary::{Demand, Gains, Loop};
 use crate::centre::{AtCentre, PoseMotion};
 use crate::governor::{Governor, Load, MARGIN};
-use crate::law::baselines::{self, JointMemory};
-use crate::law::{Active, Actives, LawError, Torques, Wanted, blended, chang_khatib, null_space};
+use crate::law::baselines::{self, Inverse, JointMemory};
+use crate::law::{Active, Actives, LawError, Torques, Wanted, blended, chang_khatib, hold_and_blend, null_space};
 use crate::linear::{angular, clamp_norm, linear, rotation_log, stack};
 use crate::reference::{Charts, Foresight, Memory, Situation, Target};
 use crate::saturation::limit;
@@ -257,7 +257,9 @@ impl<const N: usize> Controller<N> {
                 Strategy::ChangKhatib => hard_switch(&mut state.loops[i], singularity, &target, &gains, rate, self.dt),
                 _ => state.loops[i].step(singularity, &target, &gains, rate, self.dt),
             };
-            load = load.max(demand.load);
+            if self.is_ours() {
+                load = load.max(demand.load);
+            }
             telemetry.note(i, &state.loops[i], singularity, &target, &demand);
             if state.loops[i].engaged() {
                 actives.push(Active {
@@ -283,7 +285,7 @@ impl<const N: usize> Controller<N> {
             a_feed: steady.a,
             posture: (self.posture(state) - q) * (0.25 * self.control.k_p) - qdot * self.control.k_v,
         };
-        let torques = self.torques(state, q, qdot, &desired, &error, &wanted, &actives)?;
+        let torques = self.torques(state, q, qdot, terms, &desired, &error, &wanted, &actives)?;
         let share = (0..N).fold(0.0_f64, |share, i| share.max(torques.qdot_nominal[i].abs() / self.model.velocity()[i]));
         if self.is_ours() && self.control.governor && share > HOPELESS {
             return Err(LawError::Speed { share });
@@ -348,12 +350,14 @@ impl<const N: usize> Controller<N> {
         state: &mut State<N>,
         q: &SVector<f64, N>,
         qdot: &SVector<f64, N>,
+        terms: &Terms<N>,
         desired: &PoseMotion,
         error: &Vector6<f64>,
         wanted: &Wanted<'_, N>,
         actives: &Actives<N>,
     ) -> Result<Torques<N>, LawError> {
-        let arm = baselines::Arm { q, qdot, desired, error, k_p: self.control.k_p, k_v: self.control.k_v, length_m: self.length_m };
+        let arm = baselines::Arm { q, qdot, terms, desired, error, k_p: self.control.k_p, k_v: self.control.k_v, length_m: self.length_m };
+        let tuned = &self.control.baseline;
         match self.control.strategy {
             Strategy::Blended => blended::torques(wanted, actives),
             Strategy::ChangKhatib if actives.is_empty() => blended::torques(wanted, actives),
@@ -361,12 +365,12 @@ impl<const N: usize> Controller<N> {
             Strategy::OperationalSpace => blended::torques(wanted, &Actives::none()),
             Strategy::PseudoInverse => null_space::torques(wanted, null_space::Projector::PseudoInverse),
             Strategy::DynamicallyConsistent => null_space::torques(wanted, null_space::Projector::DynamicallyConsistent),
-            Strategy::DampedLeastSquares => baselines::resolved(&arm, wanted, baselines::Inverse::Damped),
-            Strategy::TruncatedSvd => baselines::resolved(&arm, wanted, baselines::Inverse::Truncated),
-            Strategy::HoldAndBlend => baselines::hold_and_blend(&arm, wanted, &mut state.joint_memory, self.model.effort()),
+            Strategy::DampedLeastSquares => baselines::resolved(&arm, wanted, Inverse::Damped(tuned.damped_least_squares)),
+            Strategy::TruncatedSvd => baselines::resolved(&arm, wanted, Inverse::Truncated { floor: tuned.truncated_svd_floor }),
+            Strategy::HoldAndBlend => hold_and_blend::torques(&arm, wanted, &mut state.joint_memory, &tuned.hold_and_blend, &self.model),
             Strategy::JointPd => {
                 let at = |q: &SVector<f64, N>| (self.model.forward_kinematics(q), self.model.jacobian(q));
-                baselines::joint_pd(&arm, wanted, &mut state.joint_memory, self.dt, at)
+                baselines::joint_pd(&arm, wanted, &mut state.joint_memory, Inverse::Damped(tuned.joint_pd), self.dt, at)
             }
         }
     }
@@ -380,7 +384,7 @@ impl<const N: usize> Controller<N> {
         from + (goal - from) * self.path.ramp(&state.progress)
     }
 
-    /// Whether the law is one of the paper's.
+    /// Whether the auxiliary coordinates drive the arm: their demand slows the clock, and foresight comes from their formulas. Not what others do.
     fn is_ours(&self) -> bool {
         matches!(self.control.strategy, Strategy::Blended | Strategy::ChangKhatib)
     }
@@ -388,7 +392,6 @@ impl<const N: usize> Controller<N> {
     /// What the path ahead takes of the arm.
     fn foresee(&self, state: &State<N>, q: &SVector<f64, N>, terms: &Terms<N>, report: &Report<N>, p_EC: &Vector3<f64>) -> Foreseen {
         let mut foreseen = Foreseen::default();
-        // Foresight comes from the singularities' formulas: part of the paper's laws here, not of what others do.
         if !self.is_ours() || self.path.leg(state.progress.leg).is_none_or(|leg| leg.reorient.is_some()) {
             return foreseen;
         }
@@ -538,6 +541,8 @@ impl<const N: usize> Controller<N> {
         out.put(f64::from(refusal.code()));
         out.put(*path_time_s);
         out.put(flag(joint_memory.holding));
+        out.put(joint_memory.votes);
+        out.put(f64::from(joint_memory.reversed));
         joint_memory.q.iter().for_each(|x| out.put(*x));
         for one in loops {
             let flags = flag(one.memory.passing) + 2.0 * flag(one.memory.holding) + 4.0 * (one.memory.side + 1.0);
@@ -560,15 +565,12 @@ impl<const N: usize> Controller<N> {
         let (p, by, turn) = (vector(), vector(), vector());
         self.state.progress = Progress { leg, time_s, begun, start: Pose { R, p }, by, turn };
         self.state.governor = Governor { rate: get(), rate_dot: get(), demand: get() };
-        self.state.turn = Turn {
-            from: Vector3::from_fn(|_, _| get()),
-            angle: get(),
-            by: SVector::from_fn(|_, _| get()),
-            duration_s: get(),
-        };
+        self.state.turn =
+            Turn { from: Vector3::from_fn(|_, _| get()), angle: get(), by: SVector::from_fn(|_, _| get()), duration_s: get() };
         self.state.refusal = Refusal::from_code(get() as u32).unwrap_or_default();
         self.state.path_time_s = get();
-        self.state.joint_memory = JointMemory { holding: get() != 0.0, q: SVector::from_fn(|_, _| get()) };
+        self.state.joint_memory =
+            JointMemory { holding: get() != 0.0, votes: get(), reversed: get() as u32, q: SVector::from_fn(|_, _| get()) };
         for one in &mut self.state.loops {
             let packed = get() as u32;
             let flags = packed / 32;

@@ -535,6 +535,9 @@ impl Launcher {
                 }
             };
             let silent = now - since;
+            if child.is_stopped() {
+                self.board.ledger().notice(index, now_ns());
+            }
             let limit = if child.is_stopped() { SILENCE_STOPPED } else { SILENCE };
             let is_late = child.is_stopped() || (ticks < source && !plan.process.polled && line.state() == State::Running);
             let is_paused = self.board.ledger().accounts().any(|(_, account)| {
@@ -658,6 +661,9 @@ impl Launcher {
             }
             (slot.exit, slot.last_words, slot.child) = (Some(exit), last_words, None);
             self.board.line(index).end();
+            if !exit.is_success() {
+                self.board.ledger().notice(index, now_ns());
+            }
             ended.push(index);
         }
         ended

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use hdrhistogram::Histogram;
 use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
 use shared_types::codes::{self, MODE_REGULAR};
 use shared_types::scenario::Goal;
 use shared_types::summary::{JointSummary, Latency, ModeChange, SingularitySummary, TaskSummary, TurnSummary};
@@ -26,7 +27,7 @@ pub struct Tick<'a> {
 }
 
 /// What the judge needs to know of the arm: limits, one entry a joint.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Limits {
     /// N·m.
     pub effort: Vec<f64>,
@@ -35,7 +36,7 @@ pub struct Limits {
 }
 
 /// Gathers a run's figures tick by tick.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Judge {
     limits: Limits,
     goal: Goal,
@@ -44,12 +45,16 @@ pub struct Judge {
     task: TaskSummary,
     position_square_sum: f64,
     joints: JointSummary,
+    #[serde(with = "stored")]
     torque_steps: Histogram<u64>,
     last_tau: Option<Vec<f64>>,
     singularities: Vec<Watched>,
     modes: Vec<ModeChange>,
     turns: Vec<Turn>,
+    #[serde(with = "stored_by_name")]
     latencies: BTreeMap<String, Histogram<u64>>,
+    /// Not stored: who goes on after a gap measures no latency over it.
+    #[serde(skip)]
     last_sensor: Option<SensorSample>,
     /// Between two points of the real-time grid; 0 without one.
     period_ns: u64,
@@ -63,7 +68,7 @@ pub struct Judge {
 }
 
 /// A null-space turn, followed while it lasts.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 struct Turn {
     summary: TurnSummary,
     q_start: Vec<f64>,
@@ -72,13 +77,13 @@ struct Turn {
     segment: u32,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 struct Watched {
     summary: SingularitySummary,
     mode: u32,
     inside: bool,
     /// ζ when the neighbourhood was entered last.
-    zeta_at_entry: Vector3<f64>,
+    zeta_at_entry: [f64; 3],
 }
 
 /// The judge's findings.
@@ -111,6 +116,8 @@ pub struct Verdict {
 /// Torque steps are kept in millionths of the limit: a ratio of 1 is 1 000 000.
 const STEP_UNIT: f64 = 1e6;
 
+/// Larger steps than this many limits, which only a fault makes, count as it.
+const STEP_MOST: f64 = 1e3;
 /// Time over which the jump of a switch is taken back, s: the default velocity feedback's, 1/k_v.
 const SWITCH_S: f64 = 0.025;
 
@@ -119,6 +126,76 @@ fn histogram() -> Histogram<u64> {
     let mut histogram = Histogram::new_with_bounds(1, 100_000_000_000, 3).expect("constant bounds are valid");
     histogram.auto(true);
     histogram
+}
+
+/// A histogram as the values in it and how often each occurred.
+mod stored {
+    use super::{Histogram, histogram};
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub(super) type Values = Vec<(u64, u64)>;
+
+    pub(super) fn values(histogram: &Histogram<u64>) -> Values {
+        histogram.iter_recorded().map(|one| (one.value_iterated_to(), one.count_at_value())).collect()
+    }
+
+    pub(super) fn of(values: Values) -> Histogram<u64> {
+        let mut histogram = histogram();
+        values.into_iter().for_each(|(value, count)| histogram.saturating_record_n(value, count));
+        histogram
+    }
+
+    pub(super) fn serialize<S: Serializer>(histogram: &Histogram<u64>, serializer: S) -> Result<S::Ok, S::Error> {
+        values(histogram).serialize(serializer)
+    }
+
+    pub(super) fn deserialize<'a, D: Deserializer<'a>>(deserializer: D) -> Result<Histogram<u64>, D::Error> {
+        Values::deserialize(deserializer).map(of)
+    }
+}
+
+mod stored_by_name {
+    use super::{BTreeMap, Histogram, stored};
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    pub(super) fn serialize<S: Serializer>(all: &BTreeMap<String, Histogram<u64>>, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(all.iter().map(|(name, histogram)| (name, stored::values(histogram))))
+    }
+
+    pub(super) fn deserialize<'a, D: Deserializer<'a>>(deserializer: D) -> Result<BTreeMap<String, Histogram<u64>>, D::Error> {
+        let all = BTreeMap::<String, stored::Values>::deserialize(deserializer)?;
+        Ok(all.into_iter().map(|(name, values)| (name, stored::of(values))).collect())
+    }
+}
+
+/// Desired against true pose at one tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TaskError {
+    /// Whole, across the engaged singular directions, and along them; mm.
+    pub position: [f64; 3],
+    /// The same; degrees.
+    pub orientation: [f64; 3],
+}
+
+impl TaskError {
+    /// The error split at the directions of the singularities that are engaged: inside their neighbourhood, or not yet left by the law.
+    #[must_use]
+    pub fn of(tick: &Tick<'_>) -> Self {
+        let (truth, command) = (tick.truth, tick.command);
+        let position = Vector3::from(command.p_BE_d) - Vector3::from(truth.p_BE);
+        let orientation = rotation_vector(&(matrix(&command.R_BE_d) * matrix(&truth.R_BE).transpose()));
+        let (mut across_m, mut across_rad) = (position, orientation);
+        for (i, singularity) in active(tick.report).iter().enumerate() {
+            if command.mode[i] == MODE_REGULAR && singularity.inside == 0 {
+                continue;
+            }
+            let (linear, angular) = halves(&singularity.zeta_B);
+            across_m -= linear * linear.dot(&across_m);
+            across_rad -= angular * angular.dot(&across_rad);
+        }
+        let split = |whole: Vector3<f64>, across: Vector3<f64>, unit: f64| [whole, across, whole - across].map(|x| x.norm() * unit);
+        Self { position: split(position, across_m, 1e3), orientation: split(orientation, across_rad, 1f64.to_degrees()) }
+    }
 }
 
 impl Judge {
@@ -177,24 +254,12 @@ impl Judge {
     }
 
     fn measure_task(&mut self, tick: &Tick<'_>) {
-        let (truth, command) = (tick.truth, tick.command);
-        let position = Vector3::from(command.p_BE_d) - Vector3::from(truth.p_BE);
-        let orientation = rotation_vector(&(matrix(&command.R_BE_d) * matrix(&truth.R_BE).transpose()));
-        let (mut across_m, mut across_rad) = (position, orientation);
-        for (i, singularity) in active(tick.report).iter().enumerate() {
-            if command.mode[i] == MODE_REGULAR && singularity.inside == 0 {
-                continue;
-            }
-            let (linear, angular) = halves(&singularity.zeta_B);
-            across_m -= linear * linear.dot(&across_m);
-            across_rad -= angular * angular.dot(&across_rad);
-        }
-        let (mm, deg) = (position.norm() * 1e3, orientation.norm().to_degrees());
+        let TaskError { position: [mm, across_mm, _], orientation: [deg, across_deg, _] } = TaskError::of(tick);
         let task = &mut self.task;
         task.position_max_mm = task.position_max_mm.max(mm);
         task.orientation_max_deg = task.orientation_max_deg.max(deg);
-        task.orthogonal_max_mm = task.orthogonal_max_mm.max(across_m.norm() * 1e3);
-        task.orthogonal_max_deg = task.orthogonal_max_deg.max(across_rad.norm().to_degrees());
+        task.orthogonal_max_mm = task.orthogonal_max_mm.max(across_mm);
+        task.orthogonal_max_deg = task.orthogonal_max_deg.max(across_deg);
         (task.final_position_mm, task.final_orientation_deg) = (mm, deg);
         self.position_square_sum += mm * mm;
     }
@@ -211,7 +276,7 @@ impl Judge {
         if let Some(last) = &self.last_tau {
             let step = (0..n).fold(0.0f64, |step, i| step.max(ratio(tau[i] - last[i], self.limits.effort[i])));
             joints.torque_step_max_ratio = joints.torque_step_max_ratio.max(step);
-            self.torque_steps.saturating_record((step * STEP_UNIT) as u64 + 1);
+            self.torque_steps.saturating_record((step.min(STEP_MOST) * STEP_UNIT) as u64 + 1);
         } else {
             joints.q_start = tick.truth.q[..n].to_vec();
         }
@@ -235,7 +300,8 @@ impl Judge {
     fn watch_turns(&mut self, tick: &Tick<'_>) {
         let (command, n) = (tick.command, self.limits.effort.len());
         let place = (command.planned as usize).wrapping_sub(1);
-        let going_on = self.turns.last().is_some_and(|turn| turn.planned != 0 && (turn.planned, turn.segment) == (command.planned, command.segment));
+        let going_on =
+            self.turns.last().is_some_and(|turn| turn.planned != 0 && (turn.planned, turn.segment) == (command.planned, command.segment));
         if let Some(singularity) = active(tick.report).get(place)
             && !going_on
         {
@@ -265,7 +331,7 @@ impl Judge {
             if self.singularities.len() <= i {
                 let name = codes::singularity_name(singularity.kind, i);
                 let summary = SingularitySummary { name, s_min: f64::INFINITY, ..SingularitySummary::default() };
-                self.singularities.push(Watched { summary, mode: MODE_REGULAR, inside: false, zeta_at_entry: Vector3::zeros() });
+                self.singularities.push(Watched { summary, mode: MODE_REGULAR, inside: false, zeta_at_entry: [0.0; 3] });
             }
             let watched = &mut self.singularities[i];
             let summary = &mut watched.summary;
@@ -278,10 +344,10 @@ impl Judge {
             let (linear, angular) = halves(&singularity.zeta_B);
             let zeta = if singularity.angular != 0 { angular } else { linear };
             if inside && !watched.inside {
-                watched.zeta_at_entry = zeta;
+                watched.zeta_at_entry = zeta.into();
             }
             if inside {
-                let entry = watched.zeta_at_entry;
+                let entry = Vector3::from(watched.zeta_at_entry);
                 let turned = entry.cross(&zeta).norm().atan2(entry.dot(&zeta)).to_degrees();
                 summary.zeta_turned_deg = summary.zeta_turned_deg.max(turned);
             }

@@ -4,13 +4,16 @@ use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use rustix::process::{Signal, getpid, kill_process};
+use rustix::process::{Resource, Rlimit, Signal, getpid, getrlimit, kill_process, setrlimit};
 use shared_types::fault::{Kind, Strike, Way};
 
-use crate::board::State;
+use crate::board::{PROGRESS, State};
 use crate::clock::now_ns;
 use crate::realtime;
 use crate::shell::Shared;
+
+/// Ticks that a process may be behind the maker of ticks: far fewer than its buffers hold.
+const MOST_BEHIND: u64 = 16;
 
 /// An end of the process that a closing tick concerns: what is held back for it leaves, and its readers are told.
 pub(crate) trait Outlet {
@@ -112,11 +115,7 @@ impl Shared {
             return tick;
         }
         self.starve(tick);
-        let fate = {
-            let fates = self.fates.borrow();
-            fates.of(self.me, tick).find(|(_, _, kind)| kind.takes_down()).map(|(place, strike, kind)| (place, *strike, kind))
-        };
-        let Some((place, strike, kind)) = fate else { return tick };
+        let Some((place, strike, kind)) = self.downfall(tick) else { return tick };
         self.board.ledger().has_struck(place, now_ns());
         match kind {
             Kind::Kill => self.die(),
@@ -127,6 +126,17 @@ impl Shared {
             _ => self.stand_still(&strike),
         }
         strike.until
+    }
+
+    /// What takes this process down at a tick. Who makes the ticks, and who takes in what others have sent, is down at no tick but the first,
+    /// because no tick passes meanwhile: it falls once.
+    pub(crate) fn downfall(&self, tick: u64) -> Option<(usize, Strike, Kind)> {
+        let process = &self.manifest.processes[self.me];
+        let falls_once = process.polled || process.makes_ticks;
+        let has_struck = |place| self.board.ledger().account(place).is_some_and(|account| account.struck_ns != 0);
+        let fates = self.fates.borrow();
+        let mut falls = fates.of(self.me, tick).filter(|(place, _, kind)| kind.takes_down() && !(falls_once && has_struck(*place)));
+        falls.next().map(|(place, strike, kind)| (place, *strike, kind))
     }
 
     /// The others are told before, so that nobody waits for what cannot come.
@@ -167,6 +177,33 @@ impl Shared {
         }
     }
 
+    /// What a volume does to the polled process that writes to it: full, by the kernel's own limit on the size of files; or slow.
+    pub(crate) fn trouble_volume(&self, tick: u64, is_last: bool) {
+        let (mut is_full, mut pause_ms) = (false, 0.0);
+        for (place, strike, kind) in self.fates.borrow().of(self.me, tick) {
+            match kind {
+                Kind::DiskFull => is_full = true,
+                Kind::SlowDisk => pause_ms += strike.amount,
+                _ => continue,
+            }
+            self.board.ledger().has_struck(place, now_ns());
+        }
+        // What is left to be written at the end belongs to another volume.
+        self.fill_volume(is_full && !is_last);
+        if pause_ms > 0.0 && !is_last {
+            std::thread::sleep(std::time::Duration::from_secs_f64(pause_ms * 1e-3));
+        }
+    }
+
+    pub(crate) fn fill_volume(&self, is_full: bool) {
+        if self.is_volume_full.replace(is_full) != is_full {
+            // Without this the signal would end the process; the error is what a full volume gives.
+            let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::default());
+            let limit = getrlimit(Resource::Fsize);
+            let _ = setrlimit(Resource::Fsize, Rlimit { current: if is_full { Some(0) } else { limit.maximum }, ..limit });
+        }
+    }
+
     /// This process's clock: the machine's, unless a fault has it jump or run fast.
     pub(crate) fn clock_ns(&self) -> u64 {
         let now = now_ns();
@@ -195,18 +232,51 @@ impl Shared {
         for outlet in self.outlets.borrow().iter() {
             outlet.ring();
         }
+        self.report_progress();
     }
 
     pub(crate) fn add_outlet(&self, outlet: Rc<dyn Outlet>) {
         self.outlets.borrow_mut().push(outlet);
     }
 
-    /// Whether a writer has nothing more to send at a tick: it said so, or it is down.
+    /// Whether a writer has nothing more to send at a tick: it said so, or it is down and the tick has begun.
     pub(crate) fn has_closed(&self, writer: Option<usize>, tick: u64) -> bool {
         let Some(writer) = writer else { return false };
-        // Where the maker of ticks stands still there are none: nothing is passed over.
-        let is_down = || !self.is_unharmed() && !self.manifest.processes[writer].makes_ticks && self.is_down(writer, tick);
-        self.board.line(writer).ticks() > tick || is_down()
+        // Where the maker of ticks stands still there are none: nothing is passed over. And nobody runs ahead of it: what leaves late would
+        // arrive in a tick of its own choosing.
+        let has_begun = || self.source().is_none_or(|source| source != writer && self.board.line(source).ticks() > tick);
+        self.board.line(writer).ticks() > tick || (!self.is_unharmed() && self.is_down(writer, tick) && has_begun())
+    }
+
+    /// Who makes the ticks.
+    fn source(&self) -> Option<usize> {
+        self.manifest.processes.iter().position(|process| process.makes_ticks)
+    }
+
+    /// In lockstep, before a tick begins: who has fallen so far behind that it could lose messages. Without torque the maker of ticks waits
+    /// for nobody else.
+    pub(crate) fn straggler(&self, tick: u64) -> Option<usize> {
+        if self.is_unharmed() {
+            return None;
+        }
+        let lags = |index: &usize| {
+            let (process, done) = (&self.manifest.processes[*index], self.board.line(*index).ticks());
+            *index != self.me && !process.polled && done + MOST_BEHIND < tick && !self.is_down(*index, done)
+        };
+        (0..self.manifest.processes.len()).find(lags)
+    }
+
+    /// Tells those that wait for no message but for the others' progress: the maker of ticks that everybody follows it, and everybody who
+    /// reads of a dead one that a tick has begun.
+    pub(crate) fn report_progress(&self) {
+        if self.is_unharmed() {
+            return;
+        }
+        match self.source() {
+            Some(source) if source == self.me => self.board.ring_all(),
+            Some(source) => self.board.line(source).bell().ring(PROGRESS),
+            None => {}
+        }
     }
 
     /// In lockstep, before a tick begins: whether all are back who were to be back by then, and the recorder has let go of what it must not lose.

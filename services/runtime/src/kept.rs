@@ -186,10 +186,16 @@ impl<M: Message> Keep<M> {
     /// # Errors
     /// When the file cannot be written.
     pub fn finish(mut self) -> Result<u64, KeepError> {
-        if !self.block.is_empty() {
-            self.write_block()?;
-        }
+        self.flush()?;
         Ok(self.bytes)
+    }
+
+    /// Writes what has not been written yet, in a block that is shorter than usual.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn flush(&mut self) -> Result<(), KeepError> {
+        if self.block.is_empty() { Ok(()) } else { self.write_block() }
     }
 
     /// Bytes in the file so far.

@@ -58,8 +58,17 @@ impl<M: Message> Memory<M> {
 
     /// The last message kept.
     pub(crate) fn last(&self) -> Option<M> {
-        let newest = self.count().load(Ordering::Acquire).checked_sub(1)?;
-        // SAFETY: the index is 0 or 1, every bit pattern is a valid message, and its writer is dead.
+        self.kept(1)
+    }
+
+    /// The one before the last; for the writer itself.
+    pub(crate) fn before_last(&self) -> Option<M> {
+        self.kept(2)
+    }
+
+    fn kept(&self, back: u64) -> Option<M> {
+        let newest = self.count().load(Ordering::Acquire).checked_sub(back)?;
+        // SAFETY: the index is 0 or 1, every bit pattern is a valid message, and its writer is dead or the caller.
         Some(unsafe { (&raw const (*self.slots.as_ptr()).slots).cast::<M>().add((newest % 2) as usize).read() })
     }
 }
@@ -87,6 +96,7 @@ mod tests {
             message.resume[63] = tick as f64;
             writer.keep(&message);
         }
+        assert_eq!(writer.before_last().unwrap().header.tick, 3);
         drop(writer);
         assert_eq!(Memory::<TorqueCommand>::open(&run).unwrap().last(), Some(message));
     }

@@ -117,6 +117,8 @@ impl<M: Message> Reader<M> {
                 self.last = Some(goes_on - 1);
             } else if matches!(found, Found::Current) {
                 return self.accept();
+            } else if shared.is_unharmed() {
+                return Err(self.lost(tick, tick + 1));
             } else {
                 shared.close(tick);
                 shared.tick.set(tick + 1);
@@ -398,6 +400,17 @@ impl<M: Message> Drain<M> {
         Ok(())
     }
 
+    /// Goes on where an earlier reader of the topic had come to.
+    pub fn resume(&mut self, last: Option<u64>, lost: u64) {
+        (self.last, self.lost) = (last, lost);
+    }
+
+    /// The last tick taken in.
+    #[must_use]
+    pub fn last(&self) -> Option<u64> {
+        self.last
+    }
+
     /// Ticks that never came: gaps between the ticks that did, from tick 0.
     #[must_use]
     pub fn lost(&self) -> u64 {
@@ -450,8 +463,8 @@ struct Sending<M: Message> {
     memory: Memory<M>,
     /// Messages that faults hold back, with the tick at which they leave.
     held: RefCell<VecDeque<(u64, M)>>,
-    /// What was sent before a fault that sends it again.
-    last_sent: Cell<Option<M>>,
+    /// What a fault sends again and again.
+    stale: Cell<Option<M>>,
 }
 
 impl<M: Message> Writer<M> {
@@ -465,7 +478,7 @@ impl<M: Message> Writer<M> {
             readers: shared.manifest.woken_by(M::TOPIC).collect(),
             memory,
             held: RefCell::new(VecDeque::with_capacity(MOST_HELD)),
-            last_sent: Cell::new(None),
+            stale: Cell::new(None),
         });
         shared.add_outlet(Rc::clone(&outlet) as Rc<dyn Outlet>);
         Ok(Self { outlet, usage: Usage::now(), legacy })
@@ -495,6 +508,7 @@ impl<M: Message> Writer<M> {
         }
         let sent_ns = shared.stamp(message.header_mut());
         outlet.memory.keep(&message);
+        shared.board.glance().note(&message);
         let failed = |reason| SendError::Port { process: shared.name().to_owned(), topic: M::TOPIC, reason };
         if shared.is_shaped() && shaped_topic(M::TOPIC) {
             outlet.shape(&message).map_err(failed)?;
@@ -510,6 +524,7 @@ impl<M: Message> Writer<M> {
             if shared.is_lockstep() {
                 shared.tick.set(tick + 1);
             }
+            shared.report_progress();
         }
         shared.board.glance().note(&message);
         outlet.ring();
@@ -519,19 +534,19 @@ impl<M: Message> Writer<M> {
 }
 
 /// In real time an output is due one period after its tick was.
-fn count_lateness(last: &mut Usage, shared: &Shared, header: &shared_types::Header, sent_ns: u64) {
-    let due_ns = header.stamps.origin_ns() + shared.manifest.period_ns();
-    let is_late = header.stamps.origin_ns() > 0 && sent_ns > due_ns;
+fn count_lateness(usage: &mut Usage, shared: &Shared, header: &shared_types::Header, sent_ns: u64) {
+    let origin_ns = header.stamps.origin_ns();
+    let due_ns = origin_ns + shared.manifest.period_ns();
+    let is_late = origin_ns > 0 && sent_ns > due_ns;
     if shared.is_lockstep() || !(is_late || header.tick.is_multiple_of(USAGE_EVERY)) {
         return;
     }
-    let usage = Usage::now();
-    let was_late_already = header.stamps.received_ns.iter().any(|&ns| ns > due_ns);
+    let now = Usage::now();
     if is_late {
-        let cause = if was_late_already { Count::MissedLateInput } else { cause(*last, usage, false) };
-        shared.line().add(cause, 1);
+        let was_late_already = header.stamps.received_ns.iter().any(|&ns| ns > due_ns);
+        shared.line().add(if was_late_already { Count::MissedLateInput } else { cause(*usage, now, false) }, 1);
     }
-    *last = usage;
+    *usage = now;
 }
 
 /// Room for what a delay can hold back.
@@ -568,10 +583,11 @@ impl<M: Message> Sending<M> {
         }
         if is_stale {
             // Its own old header with it: whoever reads ticks knows it again.
-            let Some(old) = self.last_sent.get() else { return Ok(()) };
+            let Some(old) = self.stale.get().or_else(|| self.memory.before_last()) else { return Ok(()) };
+            self.stale.set(Some(old));
             message = old;
         } else {
-            self.last_sent.set(Some(message));
+            self.stale.set(None);
         }
         for _ in 0..copies {
             if due == tick {

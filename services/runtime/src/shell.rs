@@ -161,6 +161,7 @@ pub(crate) struct Shared {
     /// What the process knows of the ledger.
     pub(crate) fates: RefCell<Copied>,
     pub(crate) hog: RefCell<Option<Hog>>,
+    pub(crate) is_volume_full: Cell<bool>,
     pub(crate) outlets: RefCell<Vec<Rc<dyn Outlet>>>,
 }
 
@@ -339,7 +340,7 @@ impl Shared {
     pub(crate) fn wait_for_others(&self, tick: u64) -> Result<Waited<()>, Interrupted> {
         let laggard = || {
             let lags = |index: &usize| self.manifest.processes[*index].polled && tick > self.board.line(*index).ticks() + RECORDER_LAG;
-            (0..self.manifest.processes.len()).find(lags).or_else(|| self.awaited(tick))
+            (0..self.manifest.processes.len()).find(lags).or_else(|| self.awaited(tick)).or_else(|| self.straggler(tick))
         };
         let describe = || Wait {
             what: format!("its turn to begin tick {tick}"),
@@ -433,6 +434,7 @@ impl Shell {
             tick: Cell::new(0),
             fates: RefCell::new(Copied::new()),
             hog: RefCell::default(),
+            is_volume_full: Cell::new(false),
             outlets: RefCell::default(),
         };
         shared.learn();
@@ -521,6 +523,7 @@ impl Shell {
         }
         // Read before the round: everything of these ticks is in the buffers now.
         let last = shared.is_stopping();
+        shared.trouble_volume(shared.line().ticks(), last);
         let ticks = Cell::new(0);
         self.each_other(|line| ticks.set(ticks.get().max(line.ticks())));
         self.round.set(if last { Round::Last } else { Round::From(ticks.get()) });
@@ -560,14 +563,37 @@ impl Shell {
         }
     }
 
+    /// Whether this polled process dies, or stands still, when it has said how far it is: what it has taken in must be safe before.
+    #[must_use]
+    pub fn is_about_to_fall(&self) -> bool {
+        let Round::From(ticks) = self.round.get() else { return false };
+        self.shared.learn();
+        self.shared.downfall(ticks).is_some()
+    }
+
+    /// Does something that writes to another volume than the one that a fault may have filled.
+    pub fn elsewhere<T>(&self, work: impl FnOnce() -> T) -> T {
+        let is_full = self.shared.is_volume_full.get();
+        self.shared.fill_volume(false);
+        let done = work();
+        self.shared.fill_volume(is_full);
+        done
+    }
+
+    /// Messages that all processes of the run have sent.
+    #[must_use]
+    pub fn sent_by_all(&self) -> u64 {
+        (0..self.shared.manifest.processes.len()).map(|index| self.shared.board.line(index).count(Count::Sent)).sum()
+    }
+
     /// A fault of [`Shell::struck_by`] takes effect now.
     pub fn has_struck(&self, place: usize) {
         self.shared.board.ledger().has_struck(place, now_ns());
     }
 
-    /// Something noticed a fault of this process.
-    pub fn notice(&self, process: usize) {
-        self.shared.board.ledger().notice(process, now_ns());
+    /// This process has noticed what has struck it.
+    pub fn notice(&self) {
+        self.shared.board.ledger().notice(self.shared.me, now_ns());
     }
 
     /// All faults of the run so far.

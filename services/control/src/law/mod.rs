@@ -3,11 +3,12 @@
 //! * [`blended`] (default): the paper's law as one solve that is continuous everywhere.
 //! * [`chang_khatib`]: the paper's own form, reduced Jacobian and null-space torque, switched at η.
 //! * [`null_space`]: a redundant arm's posture in the null space of the pseudo-inverse, or of the dynamically consistent inverse (Figures 1, 2).
-//! * [`baselines`]: what others do.
+//! * [`baselines`], [`hold_and_blend`]: what others do.
 
 pub mod baselines;
 pub mod blended;
 pub mod chang_khatib;
+pub mod hold_and_blend;
 pub mod null_space;
 mod rows;
 

@@ -18,7 +18,13 @@ impl Charts {
     /// Wrists and waist: inverse kinematics of the same pose at the turned ζ. By number: along the null motion, which is straight where C is held by
     /// joints that rest (any spherical wrist).
     #[must_use]
-    pub fn turning<const N: usize>(&self, singularity: &Singularity<N>, terms: &Terms<N>, p_BC: &Vector3<f64>, angle: f64) -> Option<SVector<f64, N>> {
+    pub fn turning<const N: usize>(
+        &self,
+        singularity: &Singularity<N>,
+        terms: &Terms<N>,
+        p_BC: &Vector3<f64>,
+        angle: f64,
+    ) -> Option<SVector<f64, N>> {
         match (self, singularity.kind) {
             (Self::Geometric(Geometry::ParallelAxes), Kind::Wrist | Kind::Overhead) => parallel_axes(terms, p_BC, singularity.kind, angle),
             (Self::Puma(_), Kind::Overhead) => {
@@ -29,9 +35,19 @@ impl Charts {
             }
             (Self::Puma(_), Kind::Wrist) => {
                 let along = if terms.z[N - 3].dot(&terms.z[N - 1]) < 0.0 { -1.0 } else { 1.0 };
-                Some(SVector::from_fn(|i, _| if i == N - 3 { angle } else if i == N - 1 { -angle * along } else { 0.0 }))
+                Some(SVector::from_fn(|i, _| {
+                    if i == N - 3 {
+                        angle
+                    } else if i == N - 1 {
+                        -angle * along
+                    } else {
+                        0.0
+                    }
+                }))
             }
-            (Self::Numeric, _) | (_, Kind::Numeric) if singularity.kappa_2.abs() > TURNS => Some(singularity.aux_row * (angle / singularity.kappa_2)),
+            (Self::Numeric, _) | (_, Kind::Numeric) if singularity.kappa_2.abs() > TURNS => {
+                Some(singularity.aux_row * (angle / singularity.kappa_2))
+            }
             _ => None,
         }
     }

@@ -384,7 +384,12 @@ mod tests {
         for i in 0..report.count {
             let (s, a, b) = (report.singularities[i], before.singularities[i], after.singularities[i]);
             if s.s.abs() > 1e-3 && s.s.abs() < 2.0 {
-                prop_assert!(((b.s - a.s) / (2.0 * h) - s.s_rate).abs() < 1e-5, "{i}: ds/dt is {}, not {}", (b.s - a.s) / (2.0 * h), s.s_rate);
+                prop_assert!(
+                    ((b.s - a.s) / (2.0 * h) - s.s_rate).abs() < 1e-5,
+                    "{i}: ds/dt is {}, not {}",
+                    (b.s - a.s) / (2.0 * h),
+                    s.s_rate
+                );
             }
             // What two conditions make has no coordinate, only a rate.
             let counted = !(N == 7 && i == 1);

@@ -90,7 +90,8 @@ impl<const N: usize> Analyzer<N> {
             let i = i.min(analysis.eta_in.len() - 1);
             Neighborhood { eta_in: analysis.eta_in[i], eta_out: analysis.eta_out[i] }
         });
-        let numeric = || Numeric::new(robot, &neighborhoods.map(|n| n.eta_out)).map_or(Source::None, |numeric| Source::Numeric(Box::new(numeric)));
+        let numeric =
+            || Numeric::new(robot, &neighborhoods.map(|n| n.eta_out)).map_or(Source::None, |numeric| Source::Numeric(Box::new(numeric)));
         let source = match robot.factors {
             _ if analysis.numeric => numeric(),
             Factors::Puma { a2, a3, d4 } if N == 6 => Source::Puma(PumaFactors::new(a2, a3, d4)),
