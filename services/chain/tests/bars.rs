@@ -69,7 +69,7 @@ fn run(robot: &Robot, scenario: &Scenario) -> Figures {
         phase = tick.command.phase;
         out.clean &= phase != PHASE_REFUSED && tick.truth.limit_mask == 0;
         ticks += 1;
-        last = Some(*tick);
+        last = Some(tick.clone());
     };
     chain::run(robot, scenario, each).unwrap();
     steps.sort_by(f64::total_cmp);
@@ -155,7 +155,9 @@ fn scenarios_with_noise() {
 
 /// Runs lines of the sweep; counts S1, S2 and reached ends, prints what fails and the sums.
 fn sweep(seed: u64, count: usize, speed: f64, settings: &[&str]) -> [usize; 3] {
-    let (robot, template) = built_in("sweep", settings);
+    let (robot, mut template) = built_in("sweep", settings);
+    // The lines are drawn in free space.
+    template.plant.floor_m = None;
     let mut counts = [0; 3];
     let (mut stretches, mut steps, mut energies) = (vec![], vec![], vec![]);
     let (mut top_speed, mut top_torque) = (0.0_f64, 0.0_f64);
