@@ -42,7 +42,8 @@ fn covers(text: &str, item: &str) -> bool {
         let Some(named) = line.strip_prefix("// covers: CK95 ") else { return false };
         let figures = named.split("Figure").nth(1).unwrap_or_default();
         let of_this_kind = if item.starts_with("Figure") { figures } else { named.split('(').next().unwrap_or_default() };
-        let yes = of_this_kind.split(|c: char| !c.is_ascii_digit()).skip(usize::from(!item.starts_with("Figure"))).any(|found| found == number);
+        let yes =
+            of_this_kind.split(|c: char| !c.is_ascii_digit()).skip(usize::from(!item.starts_with("Figure"))).any(|found| found == number);
         yes && lines[at + 1..].iter().take(3).any(|line| line.starts_with("#[test]"))
     })
 }
@@ -75,7 +76,8 @@ fn each_equation_and_figure_is_cited_by_code_and_covered_by_a_test() {
 
 #[test]
 fn the_check_sees_what_is_missing() {
-    let text = "/// [CK95 Eq. 3 to 5]\n// covers: CK95 Eq. 3 (Figures 1 and 2)\n#[test]\nfn a() {}\n// covers: CK95 Eq. 4\nfn no_test() {}\n";
+    let text =
+        "/// [CK95 Eq. 3 to 5]\n// covers: CK95 Eq. 3 (Figures 1 and 2)\n#[test]\nfn a() {}\n// covers: CK95 Eq. 4\nfn no_test() {}\n";
     assert!(cites(text, "Eq. 3") && cites(text, "Eq. 5") && !cites(text, "Eq. 1"));
     assert!(covers(text, "Eq. 3") && covers(text, "Figure 1") && covers(text, "Figure 2"));
     assert!(!covers(text, "Eq. 4") && !covers(text, "Figure 4") && !covers(text, "Eq. 1"));

@@ -245,13 +245,17 @@ fn a_wrong_mass_on_the_hybrid_plant() {
 fn unmodelled_friction_on_the_hybrid_plant() {
     for coulomb in [false, true] {
         for observer in [false, true] {
-            let settings: Vec<&str> = ["plant.friction=true"].into_iter().chain(if observer { &OBSERVER[..] } else { &[] }.iter().copied()).collect();
+            let settings: Vec<&str> =
+                ["plant.friction=true"].into_iter().chain(if observer { &OBSERVER[..] } else { &[] }.iter().copied()).collect();
             let (mut robot, scenario) = built_in("overhead-pass", &settings);
             if !coulomb {
                 robot.joints.iter_mut().for_each(|joint| joint.coulomb_friction = 0.0);
             }
             let f = run(&robot, &scenario);
-            print(&format!("overhead-pass, {} {}", if coulomb { "all friction" } else { "viscous" }, if observer { "observer" } else { "" }), &f);
+            print(
+                &format!("overhead-pass, {} {}", if coulomb { "all friction" } else { "viscous" }, if observer { "observer" } else { "" }),
+                &f,
+            );
             assert!(!observer || coulomb || f.across[0] < 2.5, "across {} mm", f.across[0]);
         }
     }
