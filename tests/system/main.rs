@@ -7,6 +7,7 @@ mod determinism;
 mod inspect;
 mod life;
 mod paper;
+mod recording;
 mod run;
 mod structure;
 mod top;

@@ -114,11 +114,9 @@ impl<const N: usize> Tape<N> {
             return Ok(tape);
         }
         let info = RunInfo { scenario: &job.scenario, robot, run: &job.run, version: &job.version, seed: job.scenario.seed };
-        // A folder given with --out may hold an older recording with more parts.
-        for old in viz::parts_in(&job.out) {
-            std::fs::remove_file(&old).map_err(|error| ProcessError::setup(format!("cannot replace {}: {error}", old.display())))?;
-        }
-        let recording = Recording::create(&job.out, &info).map_err(ProcessError::setup)?;
+        // A restarted recorder goes on in the next part; the launcher has removed what an older run left.
+        let part = viz::parts_in(&job.out).len() as u32;
+        let recording = Recording::create_part(&job.out, part, &info).map_err(ProcessError::setup)?;
         Ok(Self { recording: Some(recording), result: RecorderSummary { file: viz::part_name(0), ..RecorderSummary::default() }, ..tape })
     }
 
@@ -276,5 +274,6 @@ fn summary(robot: &Robot, job: &Job, mode: Mode, verdict: Verdict, topics: &Topi
             ..tape
         },
         processes: Vec::new(),
+        machine: Default::default(),
     }
 }
