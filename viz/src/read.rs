@@ -194,7 +194,7 @@ fn ticks(chunk: &Chunk) -> Vec<u64> {
     chunk.timelines().get(&"tick".into()).map_or(Vec::new(), |times| times.times_raw().iter().map(|tick| (*tick).max(0) as u64).collect())
 }
 
-fn texts(chunk: &Chunk, component: &str) -> Vec<String> {
+fn texts(chunk: &Chunk, component: &'static str) -> Vec<String> {
     let values = chunk.components().get(component.into()).and_then(|column| column.list_array.values().as_string_opt::<i32>().cloned());
     values.map_or(Vec::new(), |values| values.iter().map(|text| text.unwrap_or_default().to_owned()).collect())
 }
