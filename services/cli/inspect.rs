@@ -62,6 +62,7 @@ fn start_only(robot: &Robot, frame: Option<&str>, start: Start) -> Scenario {
         control: Default::default(),
         goal: Default::default(),
         view: Default::default(),
+        fault: Vec::new(),
         record: Default::default(),
     }
 }

@@ -50,6 +50,11 @@ pub(crate) fn scenario(name: &str, settings: &[String], seed: Option<u64>) -> Re
         let names = robot.frames.iter().map(|frame| frame.name.as_str());
         return Err(located(Complaint::new("frame", unknown("frame", &scenario.frame, names, ""), "")));
     }
+    let beyond = |fault: &shared_types::fault::Fault| fault.joint.is_some_and(|joint| joint as usize > robot.dof());
+    if let Some(i) = scenario.fault.iter().position(beyond) {
+        let sentence = format!("{} has {} joints", robot.name, robot.dof());
+        return Err(located(Complaint::new(format!("fault.{i}.joint"), sentence, "joints count from 1")));
+    }
     robot.start_posture(&scenario.start).map_err(|error| located(Complaint::new("start", error.to_string(), "")))?;
     Ok(Loaded { scenario, robot })
 }
@@ -83,7 +88,7 @@ pub(crate) fn graph(file: Option<&Path>) -> Result<Graph, Failure> {
 }
 
 /// "there is no X `name`", with the nearest known name.
-fn unknown<'a>(what: &str, name: &str, known: impl Iterator<Item = &'a str>, more: &str) -> String {
+pub(crate) fn unknown<'a>(what: &str, name: &str, known: impl Iterator<Item = &'a str>, more: &str) -> String {
     let known: Vec<&str> = known.collect();
     let near = known.iter().min_by_key(|candidate| shared_types::file::edit_distance(name, candidate));
     let hint = match near {

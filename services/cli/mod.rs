@@ -2,16 +2,22 @@
 
 mod bench;
 mod clean;
+mod compare;
 mod doctor;
 mod export;
 mod failure;
+mod fault;
+mod figures;
 mod graph;
+mod hogs;
 mod inspect;
 mod list;
 mod load;
 mod out;
 mod plot;
+mod pool;
 mod process;
+mod replay;
 mod report;
 mod run;
 mod runs;
@@ -24,6 +30,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use shared_types::fault::{Kind, Way};
 use shared_types::job::Mode;
 use shared_types::scenario::Layout;
 
@@ -66,14 +73,41 @@ enum Command {
         after_help = "Examples:\n  armplane verify fig5-wrist-rotation\n  armplane verify my.toml --runs 12 --json\n\nExit code 1: some bytes differ."
     )]
     Verify(VerifyArgs),
+    /// Feed a run's recorded inputs to one process and say where its outputs first differ.
+    #[command(
+        long_about = "Takes the messages that a run kept, feeds its inputs to the step of one process as this program computes it, and compares every \
+                      output with the recorded one: where they first differ (tick, topic, field, both values), and by how much each field \
+                      differs at most. For a changed control law: build it, replay an old run, see what has changed and what has not.",
+        after_help = "Examples:\n  armplane replay runs/fig5-wrist-rotation-001\n  armplane replay runs/fig5-wrist-rotation-001 --process estimator --json\n  armplane replay runs/fig5-wrist-rotation-001 --set control.k_p=900\n\nExit code 1: an output differs."
+    )]
+    Replay(ReplayArgs),
     /// Measure hand-overs, cycles and steps beside what the machine itself charges.
     #[command(
         long_about = "Measures in one run, in turns, the topics of armplane and floors built into the same program: a bare futex, a pipe, a \
-                      spinning reader. Times are of real processes, pinned and under SCHED_FIFO where the machine allows; a first round warms \
+                      spinning reader, iceoryx2's own wake-ups. Times are of real processes, pinned and under SCHED_FIFO where the machine allows; a first round warms \
                       everything up, after it no sample is left out. Ratios are against the futex of the same placement and payload.",
-        after_help = "Examples:\n  armplane bench\n  armplane bench hop cycle --samples 100000 --json"
+        after_help = "Examples:\n  armplane bench\n  armplane bench hop cycle --samples 100000 --json\n  armplane bench --out bench          table, JSON and pictures\n  armplane bench realtime             the whole graph for 80 s beside a busy thread on every core"
     )]
     Bench(BenchArgs),
+    /// Run scenarios under every control law, on the same plant and seed, and put them side by side.
+    #[command(
+        long_about = "Runs each scenario once per control law on one thread (the same bytes as the processes give), with the same plant, seed, \
+                      gains and governor, and prints one table per scenario. SCENARIO `sweep` stands for seeded straight lines through and near \
+                      each singularity of a PUMA. Saves compare.json and a picture per scenario (SVG and PNG).\n\n\
+                      Errors are desired against true pose, split along and across the singular directions ζ while those are engaged. A switch is \
+                      a tick in which a torque changes by more than a tenth of its limit; chatter counts switches back within 10 ms; energy sums \
+                      ½ΔΓᵀA⁻¹ΔΓ/k_v² over the switches. S1: end within 1 mm and 0.5°, across within 1 mm and 0.5°, no joint beyond its speed or \
+                      position, no torque at its limit for more than 10 ms. S2: the same, but across within 1 mm and 3°, along within 10 mm and 5°.",
+        after_help = "Examples:\n  armplane compare fig5-wrist-rotation elbow-in-and-out\n  armplane compare sweep --count 90 --speed 0.5 --json\n  armplane compare my.toml --law blended,damped-least-squares --set control.baseline.damped_least_squares.largest=0.1\n  armplane compare sweep --tune --count 30"
+    )]
+    Compare(CompareArgs),
+    /// Draw the paper's Figures 1, 2, 4 and 5 from runs made for it.
+    #[command(
+        long_about = "Runs the scenarios of Chang & Khatib's Figures 1, 2, 4 and 5 on one thread and draws them: arm postures, errors, joint motion, \
+                      with the numbers below. Saves each as SVG and PNG, and the numbers as figures.json.",
+        after_help = "Examples:\n  armplane figures\n  armplane figures --out figures --set plant.encoder_bits=0"
+    )]
+    Figures(FiguresArgs),
     /// Watch a running graph: processes, ticks, rates, misses.
     #[command(after_help = "Examples:\n  armplane top\n  armplane top --once --json")]
     Top(TopArgs),
@@ -95,6 +129,13 @@ enum Command {
         after_help = "Examples:\n  armplane export --format csv\n  armplane export runs/fig5-wrist-rotation-001 --format parquet --out tables\n  armplane export --format rbl --layout timing\n\nparquet and mcap need a build with --features parquet,mcap."
     )]
     Export(ExportArgs),
+    /// Let something go wrong in a running graph.
+    #[command(
+        long_about = "Injects a fault into one process of a running graph, from its next tick on. The run records it with that tick, and leaves \
+                      a scenario.toml beside its results in which the fault is planned: `armplane run` of it gives the same bytes again.",
+        after_help = "Examples:\n  armplane fault --list\n  armplane fault controller kill\n  armplane fault estimator delay --delay 3 --for 0.5s\n  armplane fault plant sensor --as bias --joint 5 --amount 0.02"
+    )]
+    Fault(FaultArgs),
     /// List the built-in scenarios and robots.
     #[command(after_help = "Example:\n  armplane list --json")]
     List,
@@ -145,6 +186,9 @@ struct RunArgs {
     /// Show the recording in the installed Rerun viewer as it is made; the run does not wait for it.
     #[arg(long, conflicts_with = "no_record")]
     live: bool,
+    /// Do not keep the messages themselves, which `armplane replay` reads.
+    #[arg(long)]
+    no_messages: bool,
 }
 
 impl Default for RunArgs {
@@ -158,6 +202,7 @@ impl Default for RunArgs {
             graph: None,
             no_record: false,
             live: false,
+            no_messages: false,
         }
     }
 }
@@ -205,6 +250,42 @@ struct VerifyArgs {
 }
 
 #[derive(Args)]
+struct ReplayArgs {
+    /// The results folder of a run.
+    #[arg(value_name = "RUN")]
+    run: PathBuf,
+    /// Which process.
+    #[arg(long, value_enum, default_value = "controller")]
+    process: Replayable,
+    /// Lay a value over the recorded scenario's, for example control.k_p=900 (repeatable).
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Replayable {
+    /// Torques in; sensor samples and the simulator's truth out.
+    Plant,
+    /// Sensor samples in, estimates out.
+    Estimator,
+    /// Estimates in, singularity reports out.
+    Analyzer,
+    /// Estimates and singularity reports in, torques out.
+    Controller,
+}
+
+impl Replayable {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Plant => "plant",
+            Self::Estimator => "estimator",
+            Self::Analyzer => "analyzer",
+            Self::Controller => "controller",
+        }
+    }
+}
+
+#[derive(Args)]
 struct BenchArgs {
     /// What to measure [default: everything].
     #[arg(value_enum, value_name = "BENCH")]
@@ -212,9 +293,18 @@ struct BenchArgs {
     /// Samples of each hop and cycle.
     #[arg(long, value_name = "N", default_value_t = 20_000, value_parser = clap::value_parser!(u64).range(1000..=10_000_000))]
     samples: u64,
-    /// How long each paced measurement lasts; s.
-    #[arg(long, value_name = "S", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=3600))]
-    seconds: u64,
+    /// How long each paced measurement lasts; s [default: 5; `realtime` 60 at 1 kHz and 20 at 4 kHz].
+    #[arg(long, value_name = "S", value_parser = clap::value_parser!(u64).range(1..=3600))]
+    seconds: Option<u64>,
+    /// Rates of `realtime`; Hz [default: 1000 4000].
+    #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u32).range(50..=20_000))]
+    rate: Vec<u32>,
+    /// Run `realtime` without the competing load.
+    #[arg(long)]
+    idle: bool,
+    /// Save bench.json and a picture of the distributions, bench.svg and bench.png, in this folder.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
 }
 
 #[derive(Args)]
@@ -224,6 +314,44 @@ struct BenchPeerArgs {
     /// The run's directory in shared memory.
     #[arg(long, value_name = "DIR")]
     run: PathBuf,
+}
+
+#[derive(Args)]
+struct CompareArgs {
+    /// Built-in scenarios' names, or scenario files.
+    #[arg(value_name = "SCENARIO|FILE.toml", default_value = load::DEFAULT_SCENARIO)]
+    scenarios: Vec<String>,
+    /// Only these laws, separated by commas [default: ours in both forms, and the baselines].
+    #[arg(long, value_name = "LAW", value_delimiter = ',')]
+    law: Vec<String>,
+    /// Folder for the results [default: the next free runs/compare-NNN].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Seed of every random number of the runs, and of the sweep's lines [default: the scenario's].
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Lay a value over every scenario's, for example control.k_p=900 (repeatable).
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Lines of the sweep.
+    #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    count: u32,
+    /// Peak speed of the sweep's lines; m/s.
+    #[arg(long, value_name = "M/S", default_value_t = 0.28)]
+    speed: f64,
+    /// Search the baselines' parameters for the most lines of the sweep, on a seed of its own.
+    #[arg(long)]
+    tune: bool,
+}
+
+#[derive(Args)]
+struct FiguresArgs {
+    /// Folder for the figures [default: the next free runs/figures-NNN].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Lay a value over every scenario's, for example plant.encoder_bits=0 (repeatable).
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
 }
 
 #[derive(Args)]
@@ -304,6 +432,44 @@ fn layout(text: &str) -> Result<Layout, String> {
 }
 
 #[derive(Args)]
+struct FaultArgs {
+    /// To which process.
+    process: Option<String>,
+    /// What happens (see --list).
+    kind: Option<Kind>,
+    /// Show all kinds of faults, what they do and to whom they can happen.
+    #[arg(long)]
+    list: bool,
+    /// In which way, for the kinds that have several.
+    #[arg(long = "as", value_name = "WAY")]
+    way: Option<Way>,
+    /// How long: 100ms, 0.5s, or a number of ticks [default: the kind's].
+    #[arg(long = "for", value_name = "LENGTH")]
+    length: Option<fault::Length>,
+    /// The share of messages it concerns, 0 to 1.
+    #[arg(long, value_name = "P")]
+    probability: Option<f64>,
+    /// Ticks by which messages are late.
+    #[arg(long, value_name = "TICKS")]
+    delay: Option<u64>,
+    /// Up to so many ticks more.
+    #[arg(long, value_name = "TICKS")]
+    jitter: Option<u64>,
+    /// Which field of the message is spoilt, as tau[2].
+    #[arg(long, value_name = "FIELD")]
+    field: Option<String>,
+    /// Which joint, from 1.
+    #[arg(long, value_name = "N")]
+    joint: Option<u32>,
+    /// By how much, in the way's unit.
+    #[arg(long, value_name = "X", allow_negative_numbers = true)]
+    amount: Option<f64>,
+    /// The run's name, where several are alive (see `armplane doctor --json`).
+    #[arg(long, value_name = "RUN")]
+    run: Option<String>,
+}
+
+#[derive(Args)]
 struct InspectArgs {
     /// A built-in robot's name, or a URDF file.
     #[arg(long, value_name = "NAME|FILE.urdf", default_value = "puma560")]
@@ -356,12 +522,16 @@ pub(crate) fn main() -> ExitCode {
     let done = match cli.command.unwrap_or_else(|| Command::Run(RunArgs::default())) {
         Command::Run(args) => run::run(&args, json),
         Command::Verify(args) => verify::verify(&args, json),
+        Command::Replay(args) => replay::replay(&args, json),
         Command::Bench(args) => bench::bench(&args, json),
+        Command::Compare(args) => compare::compare(&args, json),
+        Command::Figures(args) => figures::figures(&args, json),
         Command::Top(args) => top::top(&args, json),
         Command::BenchPeer(args) => bench::peer(&args.name, &args.run),
         Command::View(args) => view::view(&args, json),
         Command::Report(args) => report::report(&args, json),
         Command::Export(args) => export::export(&args, json),
+        Command::Fault(args) => fault::fault(&args, json),
         Command::List => list::list(json),
         Command::Inspect(args) => inspect::inspect(&args, json),
         Command::Graph(args) => graph::graph(&args, json),

@@ -157,10 +157,6 @@ impl Axis {
     pub(crate) fn names(names: impl IntoIterator<Item = String>) -> Self {
         Self { scale: Scale::Names(names.into_iter().collect()), ..Self::default() }
     }
-
-    pub(crate) fn hidden() -> Self {
-        Self { hidden: true, ..Self::default() }
-    }
 }
 
 #[derive(Clone, Debug)]
@@ -169,7 +165,6 @@ enum Mark {
     Dots { points: Vec<(f64, f64)>, color: Color, radius: f64 },
     Bar { row: usize, to: f64, color: Color, text: String },
     Band { x: Range<f64>, color: Color },
-    Words { at: (f64, f64), text: String, color: Color },
 }
 
 /// One diagram.
@@ -210,6 +205,18 @@ impl Panel {
         self.marks.push(Mark::Line { points: points.to_vec(), color, width: 1.2, dashed: true });
     }
 
+    /// Every line measured from its first point.
+    pub(crate) fn shifted_to_start(mut self) -> Self {
+        for mark in &mut self.marks {
+            if let Mark::Line { points, .. } = mark
+                && let Some((_, first)) = points.first().copied()
+            {
+                points.iter_mut().for_each(|(_, y)| *y -= first);
+            }
+        }
+        self
+    }
+
     /// Dots.
     pub(crate) fn dots(&mut self, color: Color, radius: f64, points: &[(f64, f64)]) {
         self.marks.push(Mark::Dots { points: points.to_vec(), color, radius });
@@ -236,11 +243,6 @@ impl Panel {
         self.marks.push(Mark::Band { x, color });
     }
 
-    /// Words at a place.
-    pub(crate) fn words(&mut self, at: (f64, f64), color: Color, text: &str) {
-        self.marks.push(Mark::Words { at, text: text.to_owned(), color });
-    }
-
     /// What the data span, each axis by its own scale.
     fn data(&self) -> (Range<f64>, Range<f64>) {
         let (mut x, mut y) = (Extent::default(), Extent::default());
@@ -251,10 +253,6 @@ impl Panel {
                     y.add(self.y.place(point.1));
                 }),
                 Mark::Bar { to, .. } => x.add(self.x.place(*to)),
-                Mark::Words { at, .. } => {
-                    x.add(self.x.place(at.0));
-                    y.add(self.y.place(at.1));
-                }
                 Mark::Band { .. } => {}
             }
         }
@@ -330,7 +328,7 @@ fn fixed(value: f64, step: f64) -> String {
     if step >= 1e5 || step < 1e-4 {
         return format!("{value:.0e}").replace('-', "−");
     }
-    let digits = (-step.log10() + 0.001).ceil().max(0.0) as usize;
+    let digits = (-step.log10() - 0.001).ceil().max(0.0) as usize;
     format!("{value:.digits$}").replace('-', "−")
 }
 
@@ -355,10 +353,12 @@ fn decade(exponent: f64) -> String {
 
 /// Margin of the page, points.
 const MARGIN: f64 = 22.0;
+/// Room between panels, points.
+const GAP: f64 = 28.0;
 /// Line height of notes, points.
 const NOTE: f64 = 17.0;
 /// Room above a panel for its title and legend, and below for labels; points.
-const HEAD: f64 = 40.0;
+const HEAD: f64 = 44.0;
 const FOOT: f64 = 32.0;
 /// Average width of a character at a font size of one.
 const CHARACTER: f64 = 0.53;
@@ -373,7 +373,7 @@ impl Page {
         register_font(FONT, FontStyle::Bold, BOLD).map_err(|_| draw_error(path, "its font is broken"))?;
         let size = (self.width as u32 * FINE, self.height() as u32 * FINE);
         let mut svg = String::new();
-        self.paint(&SVGBackend::with_string(&mut svg, size).into_drawing_area()).map_err(|reason| draw_error(path, reason))?;
+        self.paint(&SVGBackend::with_string(&mut svg, size).into_drawing_area(), true).map_err(|reason| draw_error(path, reason))?;
         let fine = format!("width=\"{}\" height=\"{}\"", size.0, size.1);
         Ok(svg.replacen(&fine, &format!("width=\"{}\" height=\"{}\"", size.0 / FINE, size.1 / FINE), 1))
     }
@@ -389,7 +389,7 @@ impl Page {
 
         let size = (self.width as u32 * FINE, self.height() as u32 * FINE);
         let mut pixels = vec![255; size.0 as usize * size.1 as usize * 3];
-        self.paint(&BitMapBackend::with_buffer(&mut pixels, size).into_drawing_area()).map_err(|reason| draw_error(path, reason))?;
+        self.paint(&BitMapBackend::with_buffer(&mut pixels, size).into_drawing_area(), false).map_err(|reason| draw_error(path, reason))?;
         let png_path = path.with_added_extension("png");
         write(&png_path, &png(&pixels, size).map_err(|error| draw_error(&png_path, error))?)?;
         Ok([svg_path, png_path])
@@ -404,25 +404,25 @@ impl Page {
         MARGIN + if self.title.is_empty() { 0.0 } else { 24.0 } + if self.subtitle.is_empty() { 0.0 } else { 20.0 }
     }
 
-    fn paint<DB: DrawingBackend>(&self, area: &DrawingArea<DB, Shift>) -> Result<(), String> {
+    fn paint<DB: DrawingBackend>(&self, area: &DrawingArea<DB, Shift>, joins: bool) -> Result<(), String> {
         area.fill(&WHITE).map_err(|error| error.to_string())?;
-        let pen = Pen { area };
+        let pen = Pen { area, joins };
         pen.text((MARGIN, MARGIN + 6.0), &self.title, 17.0, true, INK, HPos::Left)?;
         pen.text((MARGIN, MARGIN + 29.0), &self.subtitle, 12.0, false, GREY, HPos::Left)?;
         let mut top = self.heading();
         for row in &self.rows {
             let shares: f64 = row.panels.iter().map(|panel| panel.share).sum();
-            let room = self.width - 2.0 * MARGIN + 18.0;
+            let room = self.width - 2.0 * MARGIN + GAP;
             let mut left = MARGIN;
             for panel in &row.panels {
                 let width = room * panel.share / shares;
-                panel.paint(&pen, left..left + width - 18.0, top..top + row.height)?;
+                panel.paint(&pen, left..left + width - GAP, top..top + row.height)?;
                 left += width;
             }
             top += row.height;
         }
         for (i, note) in self.notes.iter().enumerate() {
-            pen.text((MARGIN, top + NOTE * (i as f64 + 0.6)), note, 12.0, false, INK, HPos::Left)?;
+            pen.text((MARGIN, top + NOTE * (i as f64 + 0.6)), &note.replace(" -", " −"), 12.0, false, INK, HPos::Left)?;
         }
         area.present().map_err(|error| error.to_string())
     }
@@ -507,14 +507,13 @@ impl Panel {
                         pen.text((end + 5.0, middle), text, 11.0, false, INK, HPos::Left)?;
                     }
                 }
-                Mark::Words { at, text, color } => pen.text((at_x(at.0), at_y(at.1)), text, 11.0, false, *color, HPos::Left)?,
             }
         }
         let mut left = outer_x.start;
         for (name, color, dashed) in &self.legend {
             let y = outer_y.start + 26.0;
             if *dashed {
-                dashes(&[(left, y), (left + 17.0, y)]).iter().try_for_each(|dash| pen.line(dash, *color, 1.4))?;
+                dashes(&[(left, y), (left + 14.0, y)]).iter().try_for_each(|dash| pen.line(dash, *color, 1.4))?;
             } else {
                 pen.line(&[(left, y), (left + 14.0, y)], *color, 3.0)?;
             }
@@ -531,10 +530,10 @@ fn thinned(places: impl Iterator<Item = (f64, f64)>) -> Vec<(f64, f64)> {
     let mut column: Vec<(f64, f64)> = Vec::new();
     let mut flush = |column: &mut Vec<(f64, f64)>| {
         if column.len() > 4 {
-            let by_y = |a: &&(f64, f64), b: &&(f64, f64)| a.1.total_cmp(&b.1);
-            let (least, largest) = (column.iter().min_by(by_y).copied(), column.iter().max_by(by_y).copied());
-            let ends = [column.first().copied(), least, largest, column.last().copied()];
-            out.extend(ends.into_iter().flatten());
+            let by_y = |a: &usize, b: &usize| column[*a].1.total_cmp(&column[*b].1);
+            let (least, largest) = ((0..column.len()).min_by(by_y).unwrap_or(0), (0..column.len()).max_by(by_y).unwrap_or(0));
+            let kept = [0, least.min(largest), least.max(largest), column.len() - 1];
+            out.extend(kept.map(|i| column[i]));
         } else {
             out.append(column);
         }
@@ -585,6 +584,8 @@ fn dashes(places: &[(f64, f64)]) -> Vec<Vec<(f64, f64)>> {
 /// Plotters' primitives in points of the page.
 struct Pen<'a, DB: DrawingBackend> {
     area: &'a DrawingArea<DB, Shift>,
+    /// Whether the backend joins the pieces of a thick line well; the bitmap's spikes at sharp corners, so it gets them one by one.
+    joins: bool,
 }
 
 impl<DB: DrawingBackend> Pen<'_, DB> {
@@ -598,7 +599,8 @@ impl<DB: DrawingBackend> Pen<'_, DB> {
         }
         let style = color.stroke_width((width * f64::from(FINE)).round() as u32);
         let path: Vec<_> = places.iter().copied().map(Self::fine).collect();
-        self.area.draw(&PathElement::new(path, style)).map_err(|error| error.to_string())
+        let pieces = path.windows(if self.joins { path.len() } else { 2 });
+        pieces.map(|piece| self.area.draw(&PathElement::new(piece, style))).collect::<Result<_, _>>().map_err(|error| error.to_string())
     }
 
     fn dot(&self, place: (f64, f64), radius: f64, color: Color) -> Result<(), String> {

@@ -6,9 +6,11 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use launcher::{Child, End, Event, Launcher, Limits, Outcome, Plan, Restart};
+use runtime::Account;
 use runtime::realtime::allowed_cores;
 use shared_types::graph::{self, Graph};
 use shared_types::job::{Job, Mode};
+use shared_types::scenario::Scenario;
 use shared_types::summary::{Deadlines, FaultSummary, ProcessSummary, Summary};
 
 use super::failure::Failure;
@@ -19,6 +21,9 @@ use super::view::Live;
 use super::{RunArgs, load, report};
 
 const SUMMARY: &str = "summary.json";
+const SCENARIO: &str = "scenario.toml";
+const ROBOT_URDF: &str = "robot.urdf";
+const ROBOT_TOML: &str = "robot.toml";
 
 pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let load::Loaded { scenario, robot } = load::scenario(&args.scenario, &args.set, args.seed)?;
@@ -32,7 +37,7 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
         mode,
         out: results.folder.clone(),
         record: !args.no_record,
-        messages: false,
+        messages: !args.no_record && !args.no_messages,
         robot: load::robot_text(&robot),
         scenario,
         graph,
@@ -40,9 +45,10 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
     for old in viz::parts_in(&results.folder) {
         std::fs::remove_file(&old).map_err(|error| Failure::Input(format!("cannot replace {}: {error}", old.display())))?;
     }
+    let plan = plan(&job)?;
     let live = if args.live { Some(Live::start(&results.folder)?) } else { None };
     let planned_ticks = (job.scenario.duration_s() * f64::from(job.scenario.rate_hz)).round() as u64;
-    let launched = launch(&job, plan(&job), planned_ticks);
+    let launched = launch(&job, plan, planned_ticks);
     if let Some(sentence) = live.and_then(Live::finish) {
         eprintln!("armplane: {sentence}");
     }
@@ -73,6 +79,9 @@ pub(crate) fn launch(job: &Job, plan: Plan, planned_ticks: u64) -> Result<(Outco
     let outcome = launcher.run(&launcher::reexec, &mut |event| match event {
         Event::Progress { ticks } => bar.set_position(ticks),
         Event::Line { process, line } => bar.suspend(|| eprintln!("{process}: {line}")),
+        Event::Silenced { process, silent } => {
+            bar.suspend(|| eprintln!("{process} has done nothing for {} ms and is killed", silent.as_millis()));
+        }
         Event::Restarted { process, exit, pid, incarnation } => {
             bar.suspend(|| eprintln!("{process} ended with {exit} and was started again (start {incarnation}, process {pid})"));
         }
@@ -84,14 +93,16 @@ pub(crate) fn launch(job: &Job, plan: Plan, planned_ticks: u64) -> Result<(Outco
 }
 
 /// A bar on a terminal, nothing elsewhere.
-fn progress_bar(ticks: u64, job: &Job) -> ProgressBar {
+pub(crate) fn progress_bar(ticks: u64, job: &Job) -> ProgressBar {
     let style = ProgressStyle::with_template("{msg} {wide_bar:.cyan/dim} {pos}/{len} ticks  {per_sec}  {eta}");
     let bar = ProgressBar::new(ticks).with_message(job.scenario.name.clone());
     style.map_or(bar.clone(), |style| bar.with_style(style))
 }
 
 /// From the graph, as people write it, to the launcher's plan.
-pub(crate) fn plan(job: &Job) -> Plan {
+pub(crate) fn plan(job: &Job) -> Result<Plan, Failure> {
+    let place = |name: &str| job.graph.process.iter().position(|process| process.name == name).and_then(|place| u32::try_from(place).ok());
+    let faults = job.scenario.strikes(place).map_err(|complaint| Failure::Input(format!("{}: {complaint}", job.scenario.name)))?;
     let cores = allowed_cores();
     // Lockstep runs side by side shall not all crowd the same core: which one is "core 0" turns with the process id.
     let turn = if job.mode == Mode::Lockstep { std::process::id() as usize } else { 0 };
@@ -101,6 +112,7 @@ pub(crate) fn plan(job: &Job) -> Plan {
             reads: process.reads.iter().chain(&process.feedback).cloned().collect(),
             writes: process.writes.clone(),
             polled: process.writes.is_empty(),
+            makes_ticks: !process.feedback.is_empty(),
             core: (!cores.is_empty()).then(|| cores[(process.core + turn) % cores.len()]),
             priority: (process.priority > 0).then_some(process.priority as u8),
             disturbance: runtime::Disturbance::default(),
@@ -108,10 +120,10 @@ pub(crate) fn plan(job: &Job) -> Plan {
         ends_run: !process.feedback.is_empty(),
         restart: match process.restart {
             graph::Restart::Never => Restart::Never,
-            graph::Restart::Always => Restart::Budget { times: 5, back_off: Duration::from_millis(100) },
+            graph::Restart::Always => Restart::Budget { times: 5, back_off: Duration::from_millis(10) },
         },
     });
-    Plan {
+    Ok(Plan {
         mode: match job.mode {
             Mode::Lockstep => runtime::Mode::Lockstep,
             Mode::Realtime => runtime::Mode::Realtime,
@@ -119,7 +131,8 @@ pub(crate) fn plan(job: &Job) -> Plan {
         rate_hz: job.scenario.rate_hz,
         children: children.collect(),
         limits: Limits::default(),
-    }
+        faults,
+    })
 }
 
 /// The recorder's part, completed by what only the launcher knows.
@@ -153,11 +166,15 @@ fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summary 
                 process: named_in(&job.graph, &first),
                 kind: "exit".to_owned(),
                 detail: first.clone(),
+                ..FaultSummary::default()
             });
             summary.reason = first;
         }
     }
     summary.machine = report::machine();
+    let mut faults: Vec<_> = outcome.faults.iter().map(|account| fault_summary(job, account)).collect();
+    faults.append(&mut summary.faults);
+    summary.faults = faults;
     summary.deadlines = deadlines(job, outcome);
     summary.processes = outcome
         .processes
@@ -172,11 +189,29 @@ fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summary 
     summary
 }
 
+/// What a fault was and what became of it.
+fn fault_summary(job: &Job, account: &Account) -> FaultSummary {
+    let process = job.graph.process.get(account.strike.process as usize).map(|process| process.name.clone()).unwrap_or_default();
+    let fault = account.strike.fault(&process);
+    let since_ms = |ns: u64| (account.struck_ns != 0 && ns != 0).then(|| ns.saturating_sub(account.struck_ns) as f64 * 1e-6);
+    FaultSummary {
+        tick: account.strike.at,
+        kind: fault.as_ref().map(|fault| fault.kind.name().to_owned()).unwrap_or_default(),
+        detail: fault.as_ref().map(ToString::to_string).unwrap_or_default(),
+        origin: account.origin.name().to_owned(),
+        struck: account.struck_ns != 0,
+        detected_ms: since_ms(account.noticed_ns),
+        restored_ms: since_ms(account.restored_ns),
+        fault,
+        process,
+    }
+}
+
 fn named_in(graph: &Graph, sentence: &str) -> String {
     graph.process.iter().find(|process| sentence.starts_with(&process.name)).map(|process| process.name.clone()).unwrap_or_default()
 }
 
-fn deadlines(job: &Job, outcome: &Outcome) -> Deadlines {
+pub(crate) fn deadlines(job: &Job, outcome: &Outcome) -> Deadlines {
     if job.mode == Mode::Lockstep {
         return Deadlines::default();
     }
@@ -199,19 +234,23 @@ fn deadlines(job: &Job, outcome: &Outcome) -> Deadlines {
 }
 
 /// The results folder: made before anything starts, removed again if nothing came of it.
-struct Results {
-    folder: PathBuf,
+pub(crate) struct Results {
+    pub(crate) folder: PathBuf,
     made: bool,
 }
 
 impl Results {
-    fn create(wanted: Option<&Path>, scenario: &str) -> Result<Self, Failure> {
+    /// The folder asked for, or the next free `runs/NAME-NNN`.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] if it cannot be written to.
+    pub(crate) fn create(wanted: Option<&Path>, name: &str) -> Result<Self, Failure> {
         let cannot = |path: &Path, error: std::io::Error| {
             Failure::Input(format!("cannot write results to {}: {error}; choose another folder with --out", path.display()))
         };
         let folder = match wanted {
             Some(folder) => folder.to_owned(),
-            None => (1..).map(|n| PathBuf::from(format!("runs/{scenario}-{n:03}"))).find(|path| !path.exists()).unwrap_or_default(),
+            None => (1..).map(|n| PathBuf::from(format!("runs/{name}-{n:03}"))).find(|path| !path.exists()).unwrap_or_default(),
         };
         let made = !folder.exists();
         std::fs::create_dir_all(&folder).map_err(|error| cannot(&folder, error))?;
@@ -222,13 +261,14 @@ impl Results {
         Ok(results)
     }
 
-    /// Writes what makes the run repeatable and readable.
+    /// Writes what makes the run repeatable and readable: the summary, the job, and the scenario with every fault planned that came to pass.
     fn keep(&self, job: &Job, summary: &Summary) -> Result<(), Failure> {
         let cannot =
             |name: &str, error: std::io::Error| Failure::Work(format!("cannot write {}: {error}", self.folder.join(name).display()));
+        let repeated = repeated(job, summary)?;
         let summary = serde_json::to_vec_pretty(summary).map_err(Failure::work)?;
-        let job = serde_json::to_vec_pretty(job).map_err(Failure::work)?;
-        for (name, text) in [(SUMMARY, summary), (JOB, job)] {
+        let job_text = serde_json::to_vec_pretty(job).map_err(Failure::work)?;
+        for (name, text) in [(SUMMARY, summary), (JOB, job_text)].into_iter().chain(repeated) {
             // Whole or not at all: a full disk leaves no half file.
             let (draft, path) = (self.folder.join(format!(".{name}")), self.folder.join(name));
             let written = std::fs::write(&draft, text).and_then(|()| std::fs::rename(&draft, &path));
@@ -248,6 +288,22 @@ impl Drop for Results {
             let _ = std::fs::remove_dir(&self.folder);
         }
     }
+}
+
+/// The scenario that gives the same bytes again, and the robot beside it where it is not a built-in one.
+fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(&'static str, Vec<u8>)>, Failure> {
+    let fault = summary.faults.iter().filter_map(|fault| fault.fault.clone()).collect();
+    let mut files = Vec::new();
+    let mut scenario = Scenario { fault, ..job.scenario.clone() };
+    if scenario.robot.ends_with(".urdf") {
+        ROBOT_URDF.clone_into(&mut scenario.robot);
+        files.push((ROBOT_URDF, job.robot.urdf.clone().into_bytes()));
+        if !job.robot.description.is_empty() {
+            files.push((ROBOT_TOML, job.robot.description.clone().into_bytes()));
+        }
+    }
+    files.push((SCENARIO, toml::to_string(&scenario).map_err(Failure::work)?.into_bytes()));
+    Ok(files)
 }
 
 fn tell(summary: &Summary, folder: &Path) {
@@ -278,6 +334,16 @@ fn tell(summary: &Summary, folder: &Path) {
         ]);
     }
     say!("{rows}");
+    for turn in &summary.turns {
+        let joints = |moves: &[f64]| moves.iter().map(|by| format!("{by:+.2}")).collect::<Vec<_>>().join(" ");
+        say!("ζ turned   {} at tick {}", turn.singularity, turn.tick);
+        say!("           said before: joints by {} ° in {:.2} s", joints(&turn.planned_deg), turn.planned_s);
+        say!(
+            "           done:        joints by {} ° in {:.2} s",
+            joints(&turn.moved_deg),
+            turn.took_ticks as f64 / f64::from(summary.rate_hz.max(1))
+        );
+    }
     let percent = |ratio: f64| format!("{:.0} %", ratio * 100.0);
     let joints = &summary.joints;
     say!(
@@ -286,6 +352,9 @@ fn tell(summary: &Summary, folder: &Path) {
         percent(joints.torque_step_max_ratio),
         percent(joints.speed_max_ratio)
     );
+    if joints.switches > 0 {
+        say!("switches   {} changes of mode, {} J put in by them", joints.switches, digits(joints.switch_energy_j));
+    }
     let simulated_s = summary.ticks as f64 / f64::from(summary.rate_hz.max(1));
     say!(
         "time       {} ticks at {} Hz in {:.2} s: {:.0} ticks/s, {:.1} × real time, {}",
@@ -305,6 +374,15 @@ fn tell(summary: &Summary, folder: &Path) {
             say!("           {count} {cause}");
         }
     }
+    for fault in summary.faults.iter().filter(|fault| fault.fault.is_some()) {
+        let ms = |what: &str, ms: Option<f64>| ms.map(|ms| format!(", {what} after {ms:.2} ms")).unwrap_or_default();
+        let became = if fault.struck {
+            ms("noticed", fault.detected_ms) + &ms("mended", fault.restored_ms)
+        } else {
+            ", did not come to pass".into()
+        };
+        say!("fault      {} ({}){became}", fault.detail, fault.origin);
+    }
     if !summary.recorder.error.is_empty() {
         say!("recording  {}", summary.recorder.error);
     }
@@ -320,5 +398,9 @@ fn tell(summary: &Summary, folder: &Path) {
             if summary.recorder.parts > 1 { format!(" in {} parts", summary.recorder.parts) } else { String::new() },
             folder.display()
         );
+    }
+    if summary.recorder.messages_bytes > 0 {
+        let (messages, megabytes) = (recorder::MESSAGES, summary.recorder.messages_bytes as f64 / 1e6);
+        say!("  {messages}/     {megabytes:.1} MB; compute it again with: armplane replay {}", folder.display());
     }
 }

@@ -1,16 +1,18 @@
 //! `armplane top`: a running graph, seen from its control page. It only reads: nobody in the run can tell that it is there.
+//! Percentiles are those of the time between two looks, the longest that of the whole run.
 
 use std::path::Path;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use runtime::{Board, Counts, Manifest, Mode, RunDir, SHM, State, Stop};
-use serde_json::json;
+use runtime::{Board, Counts, Glimpse, Manifest, Mode, RunDir, SHM, SingularityGlimpse, Spread, State, Stop};
+use serde_json::{Value, json};
+use shared_types::codes::{self, name_of, singularity_name};
 
 use super::TopArgs;
 use super::failure::Failure;
 use super::out::say;
-use super::table::{number, table};
+use super::table::{digits, number, table};
 
 /// What a process did between two looks.
 struct Seen {
@@ -19,11 +21,14 @@ struct Seen {
     state: State,
     ticks: u64,
     counts: Counts,
+    step: Spread,
+    age: Spread,
 }
 
 struct Look {
     at: Instant,
     processes: Vec<Seen>,
+    arm: Glimpse,
 }
 
 pub(crate) fn top(args: &TopArgs, as_json: bool) -> Result<ExitCode, Failure> {
@@ -57,7 +62,7 @@ pub(crate) fn top(args: &TopArgs, as_json: bool) -> Result<ExitCode, Failure> {
 }
 
 /// The run asked for, or the only living one.
-fn choose(wanted: Option<&str>) -> Result<String, Failure> {
+pub(crate) fn choose(wanted: Option<&str>) -> Result<String, Failure> {
     let alive: Vec<String> = RunDir::list().into_iter().filter(|run| run.alive).map(|run| run.name).collect();
     match (wanted, &alive[..]) {
         (Some(wanted), _) if alive.iter().any(|name| name == wanted) => Ok(wanted.to_owned()),
@@ -75,9 +80,17 @@ fn listed(names: &[String]) -> String {
 fn look(board: &Board, manifest: &Manifest) -> Look {
     let seen = |index: usize| {
         let line = board.line(index);
-        Seen { pid: line.pid(), incarnation: line.incarnation(), state: line.state(), ticks: line.ticks(), counts: line.counts() }
+        Seen {
+            pid: line.pid(),
+            incarnation: line.incarnation(),
+            state: line.state(),
+            ticks: line.ticks(),
+            counts: line.counts(),
+            step: line.step(),
+            age: line.age(),
+        }
     };
-    Look { at: Instant::now(), processes: (0..manifest.processes.len()).map(seen).collect() }
+    Look { at: Instant::now(), processes: (0..manifest.processes.len()).map(seen).collect(), arm: board.glimpse() }
 }
 
 fn missed(counts: &Counts) -> u64 {
@@ -97,6 +110,7 @@ fn state(state: State) -> &'static str {
         State::Connected => "connected",
         State::Running => "running",
         State::Gone => "gone",
+        State::Stopped => "stopped",
     }
 }
 
@@ -107,10 +121,25 @@ fn mode(manifest: &Manifest) -> &'static str {
     }
 }
 
+/// Percentiles of what came between two looks.
+fn quantiles(before: &Spread, now: &Spread) -> [Option<f64>; 3] {
+    let spread = now.since(before);
+    [0.5, 0.99, 0.999].map(|share| spread.quantile_us(share))
+}
+
+/// "p50 / p99 / longest" in µs; empty for who computes nothing.
+fn times(before: &Spread, now: &Spread) -> String {
+    let part = |time: Option<f64>| time.map_or("–".to_owned(), digits);
+    let [p50, p99, _] = quantiles(before, now);
+    if now.count() == 0 { String::new() } else { format!("{} / {} / {}", part(p50), part(p99), digits(now.longest_us())) }
+}
+
 fn people(name: &str, manifest: &Manifest, before: &Look, now: &Look) {
     say!("{name}: {}, {} Hz", mode(manifest), manifest.rate_hz);
-    let mut rows = table(&["process", "state", "pid", "starts", "core", "ticks", "ticks/s", "missed", "lost", "refused"]);
+    let headings = ["process", "state", "pid", "starts", "core", "ticks", "ticks/s", "step µs", "age µs", "missed", "lost", "refused"];
+    let mut rows = table(&headings);
     for (index, (process, seen)) in manifest.processes.iter().zip(&now.processes).enumerate() {
+        let earlier = &before.processes[index];
         rows.add_row([
             process.name.clone().into(),
             state(seen.state).into(),
@@ -119,20 +148,46 @@ fn people(name: &str, manifest: &Manifest, before: &Look, now: &Look) {
             number(process.core.map_or("any".to_owned(), |core| core.to_string())),
             number(seen.ticks),
             number(format!("{:.0}", rate(before, now, index))),
+            number(times(&earlier.step, &seen.step)),
+            number(times(&earlier.age, &seen.age)),
             number(missed(&seen.counts)),
             number(seen.counts.lost),
             number(seen.counts.not_finite + seen.counts.fenced),
         ]);
     }
     say!("{rows}");
+    say!("step: input to output; age: since the tick's sample; p50 / p99 / longest");
+    let arm = &now.arm;
+    let stale = if arm.stale_ticks > 0 { format!(", no fresh torque for {} ticks", arm.stale_ticks) } else { String::new() };
+    say!("arm   drive {}{stale}; task {}", name_of(codes::DRIVES, arm.drive), name_of(codes::PHASES, arm.phase));
+    for (place, SingularityGlimpse { kind, class, is_inside, s, mode }) in arm.singularities.iter().enumerate() {
+        let (name, class) = (singularity_name(*kind, place), name_of(codes::TYPES, *class));
+        say!("      {name:<9} s = {s:+.4}, {}, {class}, {}", if *is_inside { "inside" } else { "outside" }, name_of(codes::MODES, *mode));
+    }
 }
 
-fn machine(name: &str, manifest: &Manifest, before: &Look, now: &Look) -> serde_json::Value {
+fn machine(name: &str, manifest: &Manifest, before: &Look, now: &Look) -> Value {
+    let spread = |before: &Spread, now: &Spread| {
+        let [p50, p99, p999] = quantiles(before, now);
+        json!({"count": now.since(before).count(), "p50": p50, "p99": p99, "p999": p999, "max": now.longest_us()})
+    };
     let processes = manifest.processes.iter().zip(&now.processes).enumerate().map(|(index, (process, seen))| {
+        let earlier = &before.processes[index];
         json!({
             "name": process.name, "state": state(seen.state), "pid": seen.pid, "starts": seen.incarnation, "core": process.core,
             "ticks": seen.ticks, "ticks_per_s": rate(before, now, index), "missed": missed(&seen.counts), "counts": seen.counts,
+            "step_us": spread(&earlier.step, &seen.step), "age_us": spread(&earlier.age, &seen.age),
         })
     });
-    json!({"run": name, "mode": mode(manifest), "rate_hz": manifest.rate_hz, "processes": processes.collect::<Vec<_>>()})
+    let singularity = |(place, one): (usize, &SingularityGlimpse)| {
+        json!({
+            "name": singularity_name(one.kind, place), "s": one.s, "inside": one.is_inside, "type": name_of(codes::TYPES, one.class),
+            "mode": name_of(codes::MODES, one.mode),
+        })
+    };
+    json!({
+        "run": name, "mode": mode(manifest), "rate_hz": manifest.rate_hz, "processes": processes.collect::<Vec<_>>(),
+        "drive": name_of(codes::DRIVES, now.arm.drive), "stale_ticks": now.arm.stale_ticks, "phase": name_of(codes::PHASES, now.arm.phase),
+        "singularities": now.arm.singularities.iter().enumerate().map(singularity).collect::<Vec<_>>(),
+    })
 }

@@ -2,9 +2,6 @@
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use chain::{Chain, Tick};
@@ -19,6 +16,7 @@ use shared_types::summary::TopicSummary;
 use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
 
 use super::failure::Failure;
+use super::hogs::Hogs;
 use super::out::say;
 use super::table::{number, table};
 use super::{VerifyArgs, load, run};
@@ -97,39 +95,6 @@ impl Condition {
                 pauses: self.pauses.then(|| draw(2)),
                 unordered: unordered && child.ends_run,
             };
-        }
-    }
-}
-
-/// A spinning thread on every core, until dropped.
-struct Hogs {
-    stop: Arc<AtomicBool>,
-    threads: Vec<JoinHandle<()>>,
-}
-
-impl Hogs {
-    fn start() -> Self {
-        let stop = Arc::new(AtomicBool::new(false));
-        let hog = |core: usize| {
-            let stop = Arc::clone(&stop);
-            std::thread::spawn(move || {
-                // Not pinned it is a hog all the same.
-                let _ = realtime::pin(core);
-                while !stop.load(Ordering::Relaxed) {
-                    std::hint::spin_loop();
-                }
-            })
-        };
-        let threads = realtime::allowed_cores().into_iter().map(hog).collect();
-        Self { stop, threads }
-    }
-}
-
-impl Drop for Hogs {
-    fn drop(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
-        for thread in self.threads.drain(..) {
-            let _ = thread.join();
         }
     }
 }
@@ -216,7 +181,7 @@ fn on_one_thread(robot: &Robot, scenario: &Scenario) -> Result<Ran, Failure> {
 }
 
 fn in_processes(job: &Job, condition: Condition, seed: u64, unordered: bool, ticks: u64) -> Result<Ran, Failure> {
-    let mut plan = run::plan(job);
+    let mut plan = run::plan(job)?;
     condition.disturb(&mut plan, seed, unordered);
     let hogs = condition.hogs.then(Hogs::start);
     let (outcome, account) = run::launch(job, plan, ticks)?;

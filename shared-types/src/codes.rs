@@ -77,6 +77,26 @@ codes! {
 }
 
 codes! {
+    /// Why the controller refuses to go on, as the end of a sentence.
+    REFUSALS {
+        /// It goes on.
+        REFUSAL_NONE = 0 "",
+        /// A position, velocity or disturbance is a NaN or an infinity.
+        REFUSAL_STATE = 1 "the estimated state is not a finite number",
+        /// A code in the analyzer's report has no name.
+        REFUSAL_REPORT = 2 "the singularity report is of another version of the wire",
+        /// The law's system of equations has no answer here.
+        REFUSAL_SINGULAR = 3 "the arm is singular in a way that the law does not handle; start or lead the path elsewhere",
+        /// Even the slowest clock asks joints for far more speed than they have.
+        REFUSAL_SPEED = 4 "the path passes so near to a singularity that even at its slowest it needs far more joint speed than there is",
+        /// ζ cannot be turned so far, either way round.
+        REFUSAL_ROOM = 5 "the singular direction cannot be turned as asked: the joints have no room for it; ask for less, or start elsewhere",
+        /// The torque is not a finite number.
+        REFUSAL_TORQUE = 6 "the torque is not a finite number",
+    }
+}
+
+codes! {
     /// The drive's state.
     DRIVES {
         /// Fresh torque is applied.
@@ -103,6 +123,8 @@ codes! {
         DRIVE_RATE = 8 "rate",
         /// A torque would have driven a joint further beyond its speed limit.
         DRIVE_SPEED = 16 "speed",
+        /// A torque came that was computed from too old a state, and was refused: it counts as absent.
+        DRIVE_STALE = 64 "stale",
         /// The simulated motion left the finite numbers; the arm was stopped where it last was.
         DRIVE_DIVERGED = 32 "diverged",
     }

@@ -57,10 +57,23 @@ pub struct Complaint {
     pub remedy: String,
 }
 
+impl fmt::Display for Complaint {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.path, self.message)?;
+        if self.remedy.is_empty() { Ok(()) } else { write!(f, " ({})", self.remedy) }
+    }
+}
+
 impl Complaint {
     /// A complaint about the value at `path`.
     pub fn new(path: impl Into<String>, message: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self { path: path.into(), message: message.into(), remedy: remedy.into() }
+    }
+
+    /// The same complaint about a value inside `path`.
+    #[must_use]
+    pub fn within(self, path: &str) -> Self {
+        Self { path: format!("{path}.{}", self.path), ..self }
     }
 
     /// Finds the place in the text.

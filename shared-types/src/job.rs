@@ -53,7 +53,7 @@ pub struct Job {
     pub out: PathBuf,
     /// Whether the recorder writes a recording; it judges and hashes either way.
     pub record: bool,
-    /// Whether the recorder keeps every message as it was on the wire, in `messages/TOPIC.bin` of the results folder.
+    /// Whether the recorder keeps every message as it was on the wire, in `messages/TOPIC.kept` of the results folder.
     #[serde(default)]
     pub messages: bool,
     /// What happens.

@@ -4,6 +4,7 @@
 //! * [`messages`]: the five messages of the control chain, field by field with units and frames.
 //! * [`codes`]: the named integers that travel in them.
 //! * [`scenario`]: what a run does: robot, start, task, gains, noise, seed, judgement.
+//! * [`fault`]: what can be made to go wrong, in which process, when.
 //! * [`graph`]: which processes run, what each reads and writes, where, and what happens when one dies.
 //! * [`file`]: how such files are read, and how their errors name the place and the remedy.
 //! * [`job`]: all of it together, as a starting process reads it.
@@ -12,6 +13,7 @@
 //! This crate imports no other crate of the workspace, knows no algebra and does no input or output.
 
 pub mod codes;
+pub mod fault;
 pub mod file;
 pub mod graph;
 pub mod job;

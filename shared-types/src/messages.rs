@@ -150,7 +150,7 @@ wire! {
 
 wire! {
     /// What the arm shall do: controller → plant. Carries the reference it follows, so that the recording explains itself.
-    TorqueCommand on "torque" version 1 {
+    TorqueCommand on "torque" version 2 {
         /// Tick, incarnation, stamps.
         header: Header,
         /// Commanded torque Γ; N·m.
@@ -181,6 +181,10 @@ wire! {
         aux_d: [f64; MAX_SINGULARITIES],
         /// Per singularity: commanded rate of the auxiliary coordinate; rad/s.
         aux_rate_d: [f64; MAX_SINGULARITIES],
+        /// How far each joint will move while ζ is turned by null-space motion, said before it begins; rad. Zero when nothing is planned.
+        planned_dq: [f64; MAX_DOF],
+        /// How long that will take, the governor's stretch included; s. Zero when nothing is planned.
+        planned_s: f64,
         /// Per singularity: one of `codes::MODES`.
         mode: [u32; MAX_SINGULARITIES],
         /// Index of the task segment.
@@ -191,8 +195,12 @@ wire! {
         saturation_mask: u32,
         /// 1 where the goal was beyond reach and has been clipped to the boundary.
         clipped: u32,
+        /// 1 + the place of the singularity whose ζ is being turned as planned, 0 when none is.
+        planned: u32,
+        /// One of `codes::REFUSALS`.
+        refusal: u32,
         /// The controller's own state, so that a restarted one resumes from what it last published.
-        resume: [f64; 64],
+        resume: [f64; 80],
     }
 }
 
@@ -233,7 +241,7 @@ mod tests {
     fn a_nan_is_seen_wherever_it_sits() {
         let mut command = TorqueCommand::default();
         assert!(command.is_finite());
-        command.resume[63] = f64::NAN;
+        command.resume[79] = f64::NAN;
         assert!(!command.is_finite());
         let mut report = SingularityReport::default();
         report.singularities[3].kappa_2 = f64::INFINITY;

@@ -19,6 +19,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::fault::{Fault, Strike};
 use crate::file::{Complaint, InvalidFile};
 
 /// A validated scenario file. Every field but `name`, `robot`, `start` and `segment` has a default that works.
@@ -69,6 +70,9 @@ pub struct Scenario {
     /// What the recording shows first.
     #[serde(default)]
     pub view: View,
+    /// What goes wrong, and when.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub fault: Vec<Fault>,
     /// How the recording is kept.
     #[serde(default)]
     pub record: Record,
@@ -274,6 +278,8 @@ pub struct Control {
     pub governor: bool,
     /// Whether the disturbance estimate is compensated.
     pub compensate_disturbance: bool,
+    /// What the baselines are tuned to.
+    pub baseline: Baseline,
 }
 
 impl Default for Control {
@@ -287,7 +293,65 @@ impl Default for Control {
             aux_slew: [20.0, 50.0, 12.0],
             governor: true,
             compensate_disturbance: false,
+            baseline: Baseline::default(),
         }
+    }
+}
+
+/// Parameters of the baselines, each at the best found: `armplane compare sweep --tune` searches them again.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Baseline {
+    /// Of damped least squares.
+    pub damped_least_squares: Damping,
+    /// Of the inverse kinematics that joint-space PD follows.
+    pub joint_pd: Damping,
+    /// Truncated SVD drops directions with a smaller singular value (unit-scaled).
+    pub truncated_svd_floor: f64,
+    /// Of hold-and-blend.
+    pub hold_and_blend: HoldAndBlend,
+}
+
+/// λ² = largest²·(1 − w/onset)² where the manipulability w (unit-scaled) is below the onset, else 0.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Damping {
+    /// Manipulability below which damping begins.
+    pub onset: f64,
+    /// Largest λ.
+    pub largest: f64,
+}
+
+/// See [`Baseline::hold_and_blend`]. Published defaults: blend = [0.006, 0.06], hold_k_p = 50, hold_k_v = 14, push = 0.01, push_k_v = 5.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct HoldAndBlend {
+    /// Singular value over the largest: below the first the joint strategy alone, above the second the task alone.
+    pub blend: [f64; 2],
+    /// Stiffness of holding the joints (Type 1); 1/s².
+    pub hold_k_p: f64,
+    /// Damping of holding the joints (Type 1); 1/s.
+    pub hold_k_v: f64,
+    /// Open-loop torque (Type 2), as a share of the joint's limit.
+    pub push: f64,
+    /// Damping of the open-loop torque's motion; 1/s.
+    pub push_k_v: f64,
+}
+
+impl Default for Baseline {
+    fn default() -> Self {
+        Self {
+            damped_least_squares: Damping { onset: 0.16, largest: 0.02 },
+            joint_pd: Damping { onset: 0.16, largest: 0.04 },
+            truncated_svd_floor: 0.02,
+            hold_and_blend: HoldAndBlend::default(),
+        }
+    }
+}
+
+impl Default for HoldAndBlend {
+    fn default() -> Self {
+        Self { blend: [0.001, 0.01], hold_k_p: 0.001, hold_k_v: 5.0, push: 0.01, push_k_v: 5.0 }
     }
 }
 
@@ -314,6 +378,37 @@ pub enum Strategy {
     PseudoInverse,
     /// The same in the dynamically consistent null space (Fig. 2).
     DynamicallyConsistent,
+}
+
+impl Strategy {
+    /// Every law, the default first.
+    pub const ALL: [Self; 9] = [
+        Self::Blended,
+        Self::ChangKhatib,
+        Self::OperationalSpace,
+        Self::DampedLeastSquares,
+        Self::TruncatedSvd,
+        Self::HoldAndBlend,
+        Self::JointPd,
+        Self::PseudoInverse,
+        Self::DynamicallyConsistent,
+    ];
+
+    /// Its name in scenario files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Blended => "blended",
+            Self::ChangKhatib => "chang-khatib",
+            Self::OperationalSpace => "operational-space",
+            Self::DampedLeastSquares => "damped-least-squares",
+            Self::TruncatedSvd => "truncated-svd",
+            Self::HoldAndBlend => "hold-and-blend",
+            Self::JointPd => "joint-pd",
+            Self::PseudoInverse => "pseudo-inverse",
+            Self::DynamicallyConsistent => "dynamically-consistent",
+        }
+    }
 }
 
 /// When the goal counts as reached, judged on the simulator's truth at the end.
@@ -493,12 +588,44 @@ impl Scenario {
             positive(&format!("control.aux_rate_max.{i}"), self.control.aux_rate_max[i])?;
             positive(&format!("control.aux_slew.{i}"), self.control.aux_slew[i])?;
         }
+        let Baseline { damped_least_squares, joint_pd, truncated_svd_floor, hold_and_blend } = &self.control.baseline;
+        for (name, value) in [
+            ("damped_least_squares.onset", damped_least_squares.onset),
+            ("damped_least_squares.largest", damped_least_squares.largest),
+            ("joint_pd.onset", joint_pd.onset),
+            ("joint_pd.largest", joint_pd.largest),
+            ("truncated_svd_floor", *truncated_svd_floor),
+            ("hold_and_blend.blend.0", hold_and_blend.blend[0]),
+            ("hold_and_blend.blend.1", hold_and_blend.blend[1] - hold_and_blend.blend[0]),
+            ("hold_and_blend.hold_k_p", hold_and_blend.hold_k_p),
+            ("hold_and_blend.hold_k_v", hold_and_blend.hold_k_v),
+            ("hold_and_blend.push", hold_and_blend.push),
+            ("hold_and_blend.push_k_v", hold_and_blend.push_k_v),
+        ] {
+            positive(&format!("control.baseline.{name}"), value)?;
+        }
         positive("record.part_s", self.record.part_s)?;
         positive("record.part_mb", self.record.part_mb as f64)?;
         positive("goal.position_mm", self.goal.position_mm)?;
         positive("goal.orientation_deg", self.goal.orientation_deg)?;
         positive("goal.orthogonal_mm", self.goal.orthogonal_mm)?;
-        positive("goal.orthogonal_deg", self.goal.orthogonal_deg)
+        positive("goal.orthogonal_deg", self.goal.orthogonal_deg)?;
+        self.strikes(|_| Some(0)).map(drop)
+    }
+
+    /// Its faults in their fixed-size form; `index` says where a process stands in the manifest (`None`: it is not there).
+    ///
+    /// # Errors
+    /// [`Complaint`]: a fault that makes no sense, or of a process that the graph does not have.
+    pub fn strikes(&self, index: impl Fn(&str) -> Option<u32>) -> Result<Vec<Strike>, Complaint> {
+        let strike = |(i, fault): (usize, &Fault)| {
+            let place = index(&fault.process).ok_or_else(|| {
+                Complaint::new("process", format!("the graph has no process `{}`", fault.process), "take the fault out, or the process in")
+            });
+            let seed = self.seed.wrapping_mul(0x0100_0000_01b3).wrapping_add(i as u64);
+            place.and_then(|place| fault.strike(place, self.rate_hz, seed)).map_err(|complaint| complaint.within(&format!("fault.{i}")))
+        };
+        self.fault.iter().enumerate().map(strike).collect()
     }
 }
 
@@ -613,6 +740,14 @@ mod tests {
             let error = Scenario::parse("a.toml", &TEXT.replacen(right, wrong, 1), &[]).unwrap_err();
             assert!(error.to_string().contains(expected), "{error}");
             assert_eq!(error.line(), Some(line), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_law_is_called_what_its_file_says() {
+        for strategy in Strategy::ALL {
+            let named = Scenario::parse("a.toml", TEXT, &[format!("control.strategy={:?}", strategy.name())]).unwrap();
+            assert_eq!(named.control.strategy, strategy);
         }
     }
 

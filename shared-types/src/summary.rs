@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use crate::fault::Fault;
+
 /// `summary.json`, whole.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
@@ -41,13 +43,16 @@ pub struct Summary {
     pub joints: JointSummary,
     /// What happened at each singularity.
     pub singularities: Vec<SingularitySummary>,
+    /// Null-space turns of singular directions: what was said before each began, and what came of it.
+    pub turns: Vec<TurnSummary>,
     /// Mode changes, in order.
     pub modes: Vec<ModeChange>,
     /// Faults and refusals, in order.
     pub faults: Vec<FaultSummary>,
     /// Deadlines (real time only).
     pub deadlines: Deadlines,
-    /// Latency of each hop and end to end; µs.
+    /// Latency of each hop, and of the whole `chain` from the sensor sample to the torque in the plant's hands; µs. In real time the
+    /// chain's and the plant's own count from when the tick was due; ticks that never began or were never answered count too.
     pub latency_us: BTreeMap<String, Latency>,
     /// The recorder's account.
     pub recorder: RecorderSummary,
@@ -112,6 +117,10 @@ pub struct JointSummary {
     pub torque_step_p95_ratio: f64,
     /// Ticks with any torque at its limit.
     pub saturated_ticks: u64,
+    /// Changes of mode, all singularities together; each also stands in `modes`.
+    pub switches: u64,
+    /// Energy put in at them: the jump in commanded power, |Δτᵀq̇| of the tick of the change, over the 25 ms in which velocity feedback takes it back; J.
+    pub switch_energy_j: f64,
     /// Position at the start; rad.
     pub q_start: Vec<f64>,
     /// Position at the end; rad.
@@ -140,6 +149,23 @@ pub struct SingularitySummary {
     pub zeta_turned_deg: f64,
 }
 
+/// A null-space turn of a singular direction.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct TurnSummary {
+    /// When it was announced.
+    pub tick: u64,
+    /// Which singularity.
+    pub singularity: String,
+    /// How far each joint was to move; degrees (mm for prismatic joints).
+    pub planned_deg: Vec<f64>,
+    /// How long it was to take; s.
+    pub planned_s: f64,
+    /// How far each joint did move.
+    pub moved_deg: Vec<f64>,
+    /// How long it took; ticks.
+    pub took_ticks: u64,
+}
+
 /// A change of the reported mode.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ModeChange {
@@ -151,10 +177,11 @@ pub struct ModeChange {
     pub mode: String,
 }
 
-/// A fault, refusal or loss.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+/// A fault, planned or live or noticed, and what became of it; or a process's end that ended the run (`kind` `"exit"`).
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct FaultSummary {
-    /// When.
+    /// The first tick it concerns.
     pub tick: u64,
     /// Which process.
     pub process: String,
@@ -162,6 +189,19 @@ pub struct FaultSummary {
     pub kind: String,
     /// One sentence.
     pub detail: String,
+    /// `"planned"`, `"live"` or `"noticed"`.
+    pub origin: String,
+    /// Whether it came to pass: the run may have ended before.
+    pub struck: bool,
+    /// How long it took until anything noticed, wall-clock time; ms.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub detected_ms: Option<f64>,
+    /// How long it took until a process that was down worked again, wall-clock time; ms.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub restored_ms: Option<f64>,
+    /// The fault that repeats it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fault: Option<Fault>,
 }
 
 /// Deadlines met and missed.
@@ -204,6 +244,12 @@ pub struct RecorderSummary {
     /// Files it is spread over: `run.rrd`, `run-001.rrd`, …
     #[serde(default)]
     pub parts: u32,
+    /// Size of the messages kept beside it, which `armplane replay` reads; bytes, 0 where none were kept.
+    #[serde(default)]
+    pub messages_bytes: u64,
+    /// Processor time that the recorder used, start and end included; s.
+    #[serde(default)]
+    pub cpu_s: f64,
     /// Why there is no (whole) recording; empty when there is.
     pub error: String,
 }

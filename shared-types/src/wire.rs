@@ -16,6 +16,16 @@ pub struct Stamps {
     pub received_ns: [u64; 4],
     /// When hop `HOPS[i]` sent its output.
     pub sent_ns: [u64; 4],
+    /// When the tick should have begun: its point on the real-time grid; 0 in lockstep, where there is none.
+    pub due_ns: u64,
+}
+
+impl Stamps {
+    /// From when on latencies count: from when the tick was due, however late it began; without a grid from when its sample was sent.
+    #[must_use]
+    pub fn origin_ns(&self) -> u64 {
+        if self.due_ns > 0 { self.due_ns } else { self.sent_ns[0] }
+    }
 }
 
 /// The first field of every message.

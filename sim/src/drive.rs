@@ -3,7 +3,8 @@
 use model::Model;
 use nalgebra::SVector;
 use shared_types::codes::{
-    DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_EFFORT, DRIVE_HOLDING, DRIVE_RATE, DRIVE_REFUSED, DRIVE_SPEED, DRIVE_STOPPING,
+    DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_EFFORT, DRIVE_HOLDING, DRIVE_RATE, DRIVE_REFUSED, DRIVE_SPEED, DRIVE_STALE,
+    DRIVE_STOPPING,
 };
 
 /// Fastest change of applied torque, as a fraction of the effort limit per second: half of it in a millisecond.
@@ -35,7 +36,7 @@ pub struct Applied<const N: usize> {
     pub flags: u32,
     /// Bit i: the torque of joint i is not the one asked for.
     pub saturation_mask: u32,
-    /// Ticks since the last fresh torque.
+    /// Age of the torque in force: ticks since the state it was computed from, beyond the usual one.
     pub stale_ticks: u32,
     /// Whether the brakes hold the arm.
     pub braked: bool,
@@ -100,8 +101,18 @@ impl<const N: usize> Drive<N> {
     ///
     /// Ensures a finite torque within the effort limits. No allocation.
     pub fn step(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, command: Option<&SVector<f64, N>>) -> &Applied<N> {
+        self.answer(q, qdot, command, 0)
+    }
+
+    /// The same for a command that was computed from a state `age` ticks ago; one older than `hold_ticks` is refused and counts as absent.
+    pub fn answer(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, command: Option<&SVector<f64, N>>, age: u32) -> &Applied<N> {
         let mut flags = 0;
         let fresh = match command {
+            Some(_) if age > self.hold_ticks => {
+                self.refused = self.refused.saturating_add(1);
+                flags |= DRIVE_STALE;
+                None
+            }
             Some(tau) if tau.iter().all(|x| x.is_finite()) => Some(*tau),
             Some(_) => {
                 self.refused = self.refused.saturating_add(1);
@@ -113,7 +124,7 @@ impl<const N: usize> Drive<N> {
                 None
             }
         };
-        let stale_ticks = if fresh.is_some() { 0 } else { self.applied.stale_ticks.saturating_add(1) };
+        let stale_ticks = if fresh.is_some() { age } else { self.applied.stale_ticks.saturating_add(1) };
         let drive = self.next(fresh.is_some(), stale_ticks, qdot);
         self.stopping_ticks = if drive == DRIVE_STOPPING { self.stopping_ticks + 1 } else { 0 };
         self.returning = match (fresh, drive) {
@@ -252,6 +263,19 @@ mod tests {
             assert_eq!((applied.drive, applied.flags, applied.stale_ticks), (DRIVE_HOLDING, DRIVE_REFUSED, 1));
             assert_eq!((applied.tau, drive.refused()), (before, 1));
         }
+    }
+
+    #[test]
+    fn no_torque_acts_longer_than_it_may_be_held() {
+        let tau = ARM.gravity(&start());
+        let mut drive = drive();
+        let late = *drive.answer(&start(), &REST, Some(&tau), 2);
+        assert_eq!((late.drive, late.flags, late.stale_ticks), (DRIVE_ACTIVE, 0, 2), "late, but not too late");
+        assert_eq!(drive.step(&start(), &REST, None).drive, DRIVE_HOLDING, "the third tick");
+        assert_eq!(drive.step(&start(), &REST, None).drive, DRIVE_STOPPING);
+        let stale = *drive.answer(&start(), &REST, Some(&tau), 4);
+        assert_eq!((stale.flags & DRIVE_STALE, drive.refused()), (DRIVE_STALE, 1));
+        assert_ne!(stale.drive, DRIVE_ACTIVE);
     }
 
     #[test]

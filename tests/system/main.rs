@@ -8,6 +8,7 @@ mod inspect;
 mod life;
 mod paper;
 mod recording;
+mod replay;
 mod run;
 mod structure;
 mod top;

@@ -75,7 +75,8 @@ fn live_passes_on_every_byte_of_every_part() {
     assert_eq!((said.code, said.err.as_str()), (0, ""), "{}", said.out);
     assert_nothing_left(said.launcher);
     crate::command::until("the viewer to have everything", || desk.path().join("got").exists());
-    let parts = ["run.rrd", "run-001.rrd", "run-002.rrd"].map(|name| std::fs::read(desk.path().join("results").join(name)).expect("a part"));
+    let parts =
+        ["run.rrd", "run-001.rrd", "run-002.rrd"].map(|name| std::fs::read(desk.path().join("results").join(name)).expect("a part"));
     assert!(std::fs::read(desk.path().join("got")).expect("bytes") == parts.concat(), "what was shown is what is kept");
 }
 
@@ -127,10 +128,9 @@ fn csv_has_a_row_for_every_tick_of_every_part() {
 fn formats_that_are_not_built_in_say_how_to_get_them() {
     let desk = Desk::new();
     desk.run(&[&SHORT[..], &["--out", "results"]].concat());
-    for (format, built, file, magic) in [
-        ("parquet", cfg!(feature = "parquet"), "signals.parquet", b"PAR1"),
-        ("mcap", cfg!(feature = "mcap"), "run.mcap", b"\x89MCA"),
-    ] {
+    for (format, built, file, magic) in
+        [("parquet", cfg!(feature = "parquet"), "signals.parquet", b"PAR1"), ("mcap", cfg!(feature = "mcap"), "run.mcap", b"\x89MCA")]
+    {
         let said = desk.armplane(&["export", "results", "--format", format]);
         if built {
             assert_eq!(said.code, 0, "{}", said.err);
@@ -155,7 +155,8 @@ fn a_report_stands_alone() {
         assert!(!page.contains(foreign), "{foreign}");
     }
     let hash = summary["topics"]["torque"]["hash"].as_str().expect("a hash");
-    for expected in ["goal reached", "wrist", "type 2", "reorient", hash, env!("CARGO_PKG_VERSION"), "Linux", "No fault, refusal or loss."] {
+    for expected in ["goal reached", "wrist", "type 2", "reorient", hash, env!("CARGO_PKG_VERSION"), "Linux", "No fault, refusal or loss."]
+    {
         assert!(page.contains(expected), "{expected} is not in the page");
     }
     desk.run(&[&SHORT[..], &["--out", "plain", "--no-record"]].concat());

@@ -28,8 +28,37 @@ fn a_run_is_seen_from_outside() {
     seen.sort_unstable();
     assert_eq!(seen, of_run);
     assert!(after["processes"].as_array().unwrap().iter().all(|process| process["state"] == "running"), "{after}");
+    for process in after["processes"].as_array().unwrap().iter().filter(|process| process["name"] != "recorder") {
+        let number = |what: &str, key: &str| process[what][key].as_f64().unwrap_or_else(|| panic!("{what} {key}: {process}"));
+        for what in ["step_us", "age_us"] {
+            assert!(
+                number(what, "count") > 0.0 && number(what, "p50") <= number(what, "p99") && number(what, "p99") <= number(what, "max")
+            );
+        }
+    }
+    let wrist = after["singularities"].as_array().unwrap().iter().find(|one| one["name"] == "wrist").unwrap_or_else(|| panic!("{after}"));
+    assert!(wrist["s"].as_f64().unwrap().abs() < 0.1 && wrist["inside"] == true && wrist["type"] == "type 2", "{wrist}");
+    assert!(after["drive"] == "active" && after["phase"] == "running", "{after}");
     assert!(Command::new("kill").args(["-INT", &run.id().to_string()]).status().unwrap().success());
     let said = finish(run);
     assert_nothing_left(said.launcher);
     assert_eq!(desk.armplane(&["top", "--run", &name, "--once"]).code, 2, "it is gone");
+}
+
+#[test]
+fn being_watched_changes_no_byte() {
+    let desk = Desk::new();
+    let args = ["run", "--seed", "21", "--set", "segment.1.duration_s=20", "--no-record", "--json"];
+    let alone: Value = serde_json::from_str(&desk.armplane(&args).out).unwrap();
+    let run = desk.start(&args);
+    until("five processes", || children_of_run(run.id()).len() == 5);
+    let name = in_shared_memory(run.id()).into_iter().find(|name| !name.contains('.')).unwrap();
+    let watcher = desk.start(&["top", "--run", &name, "--every-ms", "10", "--json"]);
+    let watched = finish(run);
+    let seen = finish(watcher);
+    assert!(seen.code == 0 && seen.out.lines().count() > 3, "{}{}", seen.out, seen.err);
+    let last: Value = serde_json::from_str(seen.out.lines().last().unwrap()).unwrap();
+    assert!(last["processes"][0]["ticks"].as_u64().unwrap() > 0, "{last}");
+    let watched: Value = serde_json::from_str(&watched.out).unwrap();
+    assert_eq!(watched["topics"], alone["topics"]);
 }

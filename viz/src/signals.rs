@@ -271,7 +271,7 @@ fn split(e: Vector3<f64>, directions: impl Iterator<Item = Vector3<f64>>) -> [f6
 
 /// Times of the hops, µs; `None` where the data has not passed them all or clocks ran backwards.
 fn hops_us(stamps: &Stamps) -> Option<[f64; 7]> {
-    let Stamps { received_ns: received, sent_ns: sent } = stamps;
+    let Stamps { received_ns: received, sent_ns: sent, .. } = stamps;
     const _: () = assert!(HOPS.len() == 4);
     let span = |from: u64, to: u64| (from > 0).then(|| to.checked_sub(from)).flatten().map(|ns| ns as f64 * 1e-3);
     Some([
@@ -322,7 +322,7 @@ mod tests {
 
     #[test]
     fn hops_add_up_to_the_chain() {
-        let stamps = Stamps { received_ns: [0, 2_000, 5_000, 9_000], sent_ns: [1_000, 4_000, 8_000, 12_500] };
+        let stamps = Stamps { received_ns: [0, 2_000, 5_000, 9_000], sent_ns: [1_000, 4_000, 8_000, 12_500], due_ns: 0 };
         let hops = hops_us(&stamps).expect("complete");
         assert_eq!(hops, [1.0, 2.0, 1.0, 3.0, 1.0, 3.5, 11.5]);
         assert_eq!(hops[..6].iter().sum::<f64>(), hops[6]);

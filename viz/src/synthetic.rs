@@ -111,8 +111,11 @@ impl Run {
         let X = terms.X_BE;
         let mut m = Messages::default();
         let stamp = |hop: u64| 1_000_000_000 + tick * 1_000_000 + hop * 14_000 + (3_000.0 * (1.0 + noise(tick, hop))) as u64;
-        let stamps =
-            Stamps { received_ns: std::array::from_fn(|i| stamp(2 * i as u64)), sent_ns: std::array::from_fn(|i| stamp(2 * i as u64 + 1)) };
+        let stamps = Stamps {
+            received_ns: std::array::from_fn(|i| stamp(2 * i as u64)),
+            sent_ns: std::array::from_fn(|i| stamp(2 * i as u64 + 1)),
+            due_ns: 0,
+        };
         for header in [&mut m.sensor.header, &mut m.plant_state.header, &mut m.estimate.header, &mut m.report.header, &mut m.command.header]
         {
             *header = shared_types::Header { stamps, tick, incarnation: 1, flags: 0 };

@@ -44,6 +44,9 @@ pub fn run(shell: &Shell, robot: &Robot, scenario: &Scenario) -> Result<(), Proc
     let mut cycle = cycle(robot, scenario).map_err(ProcessError::setup)?;
     let mut estimates = shell.reader::<StateEstimate>()?;
     let mut reports = shell.writer::<SingularityReport>()?;
+    if let Some(last) = reports.legacy() {
+        cycle.resume(last);
+    }
     while let Some(estimate) = estimates.next()? {
         reports.send(cycle.step(estimate))?;
     }

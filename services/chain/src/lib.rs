@@ -3,7 +3,7 @@
 #![allow(non_snake_case)]
 
 use model::{Refused, Robot};
-use shared_types::codes::PHASE_REFUSED;
+use shared_types::codes::{PHASE_REFUSED, REFUSALS, name_of};
 use shared_types::scenario::Scenario;
 use shared_types::{PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
 
@@ -87,7 +87,10 @@ pub fn run(robot: &Robot, scenario: &Scenario, mut each: impl FnMut(&Tick)) -> R
 pub fn try_first_tick(robot: &Robot, scenario: &Scenario) -> Result<(), Refused> {
     let first = Chain::new(robot, scenario)?.step();
     match first.command.phase {
-        PHASE_REFUSED => Err(Refused::because("the control law refuses the start posture")),
+        PHASE_REFUSED => {
+            let why = name_of(REFUSALS, first.command.refusal);
+            Err(Refused::because(format_args!("the control law refuses the start: {why}")))
+        }
         _ => Ok(()),
     }
 }

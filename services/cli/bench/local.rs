@@ -5,11 +5,36 @@ use std::hint::black_box;
 use chain::Chain;
 use model::{Model, Robot};
 use nalgebra::SVector;
-use runtime::now_ns;
+use recorder::{Judge, Row, Tick};
+use runtime::{Keep, KeepError, now_ns};
+use shared_types::job::{Job, Mode};
 use shared_types::scenario::Scenario;
+use shared_types::{PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
 
 use super::super::failure::Failure;
-use super::{Distribution, Row, histogram};
+use super::super::{load, run};
+use super::{Distribution, Row as BenchRow, histogram};
+
+/// What the recorder did with a whole scenario.
+#[derive(serde::Serialize)]
+pub(super) struct Recorded {
+    /// Processor time of the whole recorder process per tick, in a run of its own; µs.
+    cpu_us_per_tick: f64,
+    /// The recording, at 1 kHz.
+    recording_mb_per_min: f64,
+    /// The messages that `armplane replay` reads, at 1 kHz.
+    messages_mb_per_min: f64,
+}
+
+impl Recorded {
+    pub(super) fn sentence(&self) -> String {
+        let Self { cpu_us_per_tick, recording_mb_per_min, messages_mb_per_min } = self;
+        format!(
+            "recorder: {cpu_us_per_tick:.1} µs of processor time a tick; {recording_mb_per_min:.0} MB a minute of recording and \
+             {messages_mb_per_min:.0} of messages at 1 kHz"
+        )
+    }
+}
 
 const N: usize = 6;
 /// Evaluations per sample: a clock reading costs a tenth of one.
@@ -17,7 +42,7 @@ const BATCH: u64 = 100;
 const SAMPLES: u64 = 5_000;
 
 /// The arm's terms at postures along a circle in joint space.
-pub(super) fn model(robot: &Robot) -> Result<Vec<Row>, Failure> {
+pub(super) fn model(robot: &Robot) -> Result<Vec<BenchRow>, Failure> {
     let model = Model::<N>::new(robot, None).map_err(Failure::work)?;
     let posture = |sample: u64| {
         let angle = sample as f64 * 0.01;
@@ -37,7 +62,7 @@ pub(super) fn model(robot: &Robot) -> Result<Vec<Row>, Failure> {
         }
         Distribution::of(&times).divided_by(BATCH as f64)
     };
-    let row = |mechanism: &str, distribution| Row::alone("model", mechanism, distribution);
+    let row = |mechanism: &str, distribution| BenchRow::alone("model", mechanism, distribution);
     Ok(vec![
         row(
             "A, bias and J in one pass",
@@ -67,7 +92,7 @@ pub(super) fn model(robot: &Robot) -> Result<Vec<Row>, Failure> {
 }
 
 /// The pure steps over a whole scenario, hand in hand; the last row is all of them as the chain runs them.
-pub(super) fn steps(robot: &Robot, scenario: &Scenario, which: &str) -> Result<Vec<Row>, Failure> {
+pub(super) fn steps(robot: &Robot, scenario: &Scenario, which: &str) -> Result<Vec<BenchRow>, Failure> {
     let mut plant = plant::cycle(robot, scenario).map_err(Failure::work)?;
     let mut estimator = estimator::cycle(robot, scenario).map_err(Failure::work)?;
     let mut analyzer = analyzer::cycle(robot, scenario).map_err(Failure::work)?;
@@ -96,7 +121,7 @@ pub(super) fn steps(robot: &Robot, scenario: &Scenario, which: &str) -> Result<V
     }
     let of = |index: usize| Distribution::of(&times[index]);
     if which == "plant" {
-        return Ok(vec![Row::alone("plant", "sample", of(0)), Row::alone("plant", "move", of(4))]);
+        return Ok(vec![BenchRow::alone("plant", "sample", of(0)), BenchRow::alone("plant", "move", of(4))]);
     }
     let mut chain = Chain::new(robot, scenario).map_err(Failure::work)?;
     let mut whole = histogram();
@@ -106,9 +131,69 @@ pub(super) fn steps(robot: &Robot, scenario: &Scenario, which: &str) -> Result<V
         whole.saturating_record(now_ns() - began);
     }
     Ok(vec![
-        Row::alone("control", "estimator", of(1)),
-        Row::alone("control", "analyzer", of(2)),
-        Row::alone("control", "controller", of(3)),
-        Row::alone("control", "whole tick, one thread", Distribution::of(&whole)),
+        BenchRow::alone("control", "estimator", of(1)),
+        BenchRow::alone("control", "analyzer", of(2)),
+        BenchRow::alone("control", "controller", of(3)),
+        BenchRow::alone("control", "whole tick, one thread", Distribution::of(&whole)),
     ])
+}
+
+/// What the recorder does with each tick, step by step; and a run in its own process.
+pub(super) fn record(robot: &Robot, scenario: &Scenario) -> Result<(Vec<BenchRow>, Recorded), Failure> {
+    let folder = tempfile::Builder::new().prefix("armplane-bench-").tempdir();
+    let folder = folder.map_err(|error| Failure::Work(format!("cannot make a temporary folder: {error}")))?;
+    let job = Job {
+        run: String::new(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        mode: Mode::Lockstep,
+        out: folder.path().to_owned(),
+        record: true,
+        messages: true,
+        robot: load::robot_text(robot),
+        graph: load::graph(None)?,
+        scenario: scenario.clone(),
+    };
+    let mut tape = recorder::Tape::<N>::start(robot, &job, 1).map_err(Failure::work)?;
+    let mut judge = Judge::new(recorder::limits(robot), scenario.goal.clone(), scenario.duration_s() * f64::from(scenario.rate_hz));
+    let parts = folder.path().join("parts");
+    let (mut sensor, mut truth) = (Keep::<SensorSample>::create(&parts), Keep::<PlantState>::create(&parts));
+    let (mut estimate, mut report) = (Keep::<StateEstimate>::create(&parts), Keep::<SingularityReport>::create(&parts));
+    let mut command = Keep::<TorqueCommand>::create(&parts);
+    let mut times: [_; 3] = std::array::from_fn(|_| histogram());
+    chain::run(robot, scenario, |tick| {
+        let chain::Tick { sensor: s, truth: t, estimate: e, report: r, command: c } = tick;
+        let row = Row { tick: s.header.tick, sensor: Some(*s), truth: Some(*t), estimate: Some(*e), report: Some(*r), command: Some(*c) };
+        let began = now_ns();
+        judge.tick(Tick { sensor: s, truth: t, estimate: e, report: r, command: c });
+        let judged = now_ns();
+        tape.tick(&row);
+        let taped = now_ns();
+        // A full disk is told by the run below.
+        let _ = (keep(&mut sensor, s), keep(&mut truth, t), keep(&mut estimate, e), keep(&mut report, r), keep(&mut command, c));
+        for (times, lap) in times.iter_mut().zip([judged - began, taped - judged, now_ns() - taped]) {
+            times.saturating_record(lap);
+        }
+    })
+    .map_err(Failure::input)?;
+    tape.finish();
+    let rows = ["judge", "recording", "messages"].iter().zip(&times);
+    let rows = rows.map(|(what, times)| BenchRow::alone("record", what, Distribution::of(times))).collect();
+
+    let ticks = (scenario.duration_s() * f64::from(scenario.rate_hz)).round() as u64;
+    let (outcome, account) = run::launch(&job, run::plan(&job)?, ticks)?;
+    let account = account.ok_or_else(|| Failure::Work("the recorder left no account of the run".to_owned()))?.recorder;
+    if !account.error.is_empty() {
+        return Err(Failure::Work(account.error));
+    }
+    let per_tick = |amount: f64| amount / outcome.ticks.max(1) as f64;
+    let recorded = Recorded {
+        cpu_us_per_tick: per_tick(account.cpu_s * 1e6),
+        recording_mb_per_min: per_tick(account.bytes as f64 * 1e-6) * 60_000.0,
+        messages_mb_per_min: per_tick(account.messages_bytes as f64 * 1e-6) * 60_000.0,
+    };
+    Ok((rows, recorded))
+}
+
+fn keep<M: shared_types::Message>(keep: &mut Result<Keep<M>, KeepError>, message: &M) -> bool {
+    keep.as_mut().is_ok_and(|keep| keep.add(message).is_ok())
 }

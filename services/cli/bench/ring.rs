@@ -5,6 +5,7 @@ use std::process::Command;
 
 use launcher::{Child, End, Event, Launcher, Limits, Plan, Restart};
 use runtime::floor::{Floor, Wake};
+use runtime::stock::{Block, Notice, Stock};
 use runtime::{Process, ProcessError, Reader, Shell, Writer, now_ns, realtime, sleep_until};
 use serde::{Deserialize, Serialize};
 use shared_types::wire::HOPS;
@@ -20,13 +21,26 @@ const PRIORITY: u8 = 80;
 /// How a message gets to the next process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) enum Mechanism {
-    /// A topic with its doorbell, as in a run: stamped, checked, hashed by whoever likes.
+    /// A topic with its doorbell, as in a run: stamped and checked.
     Topic,
     Futex,
     Pipe,
     Spin,
+    /// iceoryx2's publish-subscribe, its reader woken as said.
+    Doorbell,
+    Listener,
+    WaitSet,
+    Poll,
     /// Not at all: only the first process keeps its rhythm.
     Nothing,
+}
+
+/// What a mechanism is made of.
+enum Means {
+    Topic,
+    Floor(Wake),
+    Stock(Notice),
+    None,
 }
 
 impl Mechanism {
@@ -36,7 +50,25 @@ impl Mechanism {
             Self::Futex => "futex + copy",
             Self::Pipe => "pipe",
             Self::Spin => "spin + copy",
+            Self::Doorbell => "iceoryx2 + doorbell",
+            Self::Listener => "iceoryx2 Listener",
+            Self::WaitSet => "iceoryx2 WaitSet",
+            Self::Poll => "iceoryx2, polled",
             Self::Nothing => "clock_nanosleep",
+        }
+    }
+
+    fn means(self) -> Means {
+        match self {
+            Self::Topic => Means::Topic,
+            Self::Futex => Means::Floor(Wake::Futex),
+            Self::Pipe => Means::Floor(Wake::Pipe),
+            Self::Spin => Means::Floor(Wake::Spin),
+            Self::Doorbell => Means::Stock(Notice::Doorbell),
+            Self::Listener => Means::Stock(Notice::Listener),
+            Self::WaitSet => Means::Stock(Notice::WaitSet),
+            Self::Poll => Means::Stock(Notice::Poll),
+            Self::Nothing => Means::None,
         }
     }
 }
@@ -46,6 +78,8 @@ impl Mechanism {
 pub(super) struct Ring {
     /// What process i sends to process i + 1.
     pub(super) topics: Vec<String>,
+    /// Blocks of so many bytes go around instead of the topics' messages.
+    pub(super) block_bytes: Option<usize>,
     /// The core of each process; `None` is wherever the kernel likes, without FIFO.
     pub(super) cores: Vec<Option<usize>>,
     pub(super) mechanisms: Vec<Mechanism>,
@@ -82,7 +116,13 @@ impl Ring {
             ends_run: index == 0,
             restart: Restart::Never,
         });
-        let plan = Plan { mode: runtime::Mode::Lockstep, rate_hz: 1000, children: children.collect(), limits: Limits::default() };
+        let plan = Plan {
+            mode: runtime::Mode::Lockstep,
+            rate_hz: 1000,
+            children: children.collect(),
+            limits: Limits::default(),
+            faults: Vec::new(),
+        };
         let launcher = Launcher::prepare(plan).map_err(Failure::work)?;
         let folder = launcher.run_dir().to_owned();
         let task = serde_json::to_vec(self).map_err(Failure::work)?;
@@ -114,75 +154,144 @@ pub(super) fn peer(name: &str, run: &Path) -> Result<(), ProcessError> {
     let index = index.ok_or_else(|| ProcessError::setup(format!("{name:?} is not in the ring")))?;
     let count = ring.topics.len();
     let (reads, writes) = (ring.topics[(index + count - 1) % count].as_str(), ring.topics[index].as_str());
-    match (reads, writes) {
-        ("plant_state", "sensor") => go::<PlantState, SensorSample>(&ring, index, run),
-        ("sensor", "plant_state") => go::<SensorSample, PlantState>(&ring, index, run),
-        ("torque", "singularity") => go::<TorqueCommand, SingularityReport>(&ring, index, run),
-        ("singularity", "torque") => go::<SingularityReport, TorqueCommand>(&ring, index, run),
-        ("torque", "sensor") => go::<TorqueCommand, SensorSample>(&ring, index, run),
-        ("sensor", "estimate") => go::<SensorSample, StateEstimate>(&ring, index, run),
-        ("estimate", "singularity") => go::<StateEstimate, SingularityReport>(&ring, index, run),
-        _ => Err(ProcessError::setup(format!("no ring leads from {reads} to {writes}"))),
+    match (ring.block_bytes, reads, writes) {
+        (Some(64), ..) => go(&ring, index, run, Blocks::<8>::open),
+        (Some(1024), ..) => go(&ring, index, run, Blocks::<128>::open),
+        (Some(4096), ..) => go(&ring, index, run, Blocks::<512>::open),
+        (None, "plant_state", "sensor") => go(&ring, index, run, Messages::<PlantState, SensorSample>::open),
+        (None, "sensor", "plant_state") => go(&ring, index, run, Messages::<SensorSample, PlantState>::open),
+        (None, "torque", "singularity") => go(&ring, index, run, Messages::<TorqueCommand, SingularityReport>::open),
+        (None, "singularity", "torque") => go(&ring, index, run, Messages::<SingularityReport, TorqueCommand>::open),
+        (None, "torque", "sensor") => go(&ring, index, run, Messages::<TorqueCommand, SensorSample>::open),
+        (None, "sensor", "estimate") => go(&ring, index, run, Messages::<SensorSample, StateEstimate>::open),
+        (None, "estimate", "singularity") => go(&ring, index, run, Messages::<StateEstimate, SingularityReport>::open),
+        (bytes, ..) => Err(ProcessError::setup(format!("no ring leads from {reads} to {writes} with {bytes:?} bytes"))),
     }
 }
 
-/// Both ends that a process has, by topic and by floor.
-struct Ends<In: Message, Out: Message> {
+/// Both ends that a process has of a ring.
+trait Ends {
+    fn send(&mut self, mechanism: Mechanism) -> Result<(), ProcessError>;
+    fn receive(&mut self, mechanism: Mechanism) -> Result<(), ProcessError>;
+}
+
+/// A process's place in a ring: whom it reads from, its own, whom it writes to.
+#[derive(Clone, Copy)]
+struct Place {
+    from: usize,
+    me: usize,
+    to: usize,
+}
+
+fn foreign(mechanism: Mechanism) -> ProcessError {
+    ProcessError::setup(format!("{} cannot carry this payload", mechanism.name()))
+}
+
+/// Messages, by topic and by floor.
+struct Messages<In: Message, Out: Message> {
     reader: Reader<In>,
     writer: Writer<Out>,
     floor: Floor,
-    from: usize,
-    to: usize,
+    place: Place,
     /// Messages sent on the topic: their ticks follow each other.
     sent: u64,
 }
 
-impl<In: Message + Default, Out: Message + Default> Ends<In, Out> {
+impl<In: Message + Default, Out: Message + Default> Messages<In, Out> {
+    fn open(shell: &Shell, floor: Floor, place: Place) -> Result<Self, ProcessError> {
+        Ok(Self { reader: shell.reader()?, writer: shell.writer()?, floor, place, sent: 0 })
+    }
+}
+
+impl<In: Message + Default, Out: Message + Default> Ends for Messages<In, Out> {
     fn send(&mut self, mechanism: Mechanism) -> Result<(), ProcessError> {
         let mut message = Out::default();
-        let wake = match mechanism {
-            Mechanism::Topic => {
+        match mechanism.means() {
+            Means::Topic => {
                 message.header_mut().tick = self.sent;
                 self.sent += 1;
-                return Ok(self.writer.send(message)?);
+                Ok(self.writer.send(message)?)
             }
-            Mechanism::Futex => Wake::Futex,
-            Mechanism::Pipe => Wake::Pipe,
-            Mechanism::Spin => Wake::Spin,
-            Mechanism::Nothing => return Ok(()),
-        };
-        self.floor.send(wake, self.to, &message).map_err(ProcessError::setup)
+            Means::Floor(wake) => self.floor.send(wake, self.place.me, &message).map_err(ProcessError::setup),
+            Means::Stock(_) => Err(foreign(mechanism)),
+            Means::None => Ok(()),
+        }
     }
 
     fn receive(&mut self, mechanism: Mechanism) -> Result<(), ProcessError> {
-        let wake = match mechanism {
-            Mechanism::Topic => {
+        match mechanism.means() {
+            Means::Topic => {
                 let message = self.reader.next()?.ok_or_else(|| ProcessError::setup("stopped before the end"))?;
                 std::hint::black_box(message);
-                return Ok(());
             }
-            Mechanism::Futex => Wake::Futex,
-            Mechanism::Pipe => Wake::Pipe,
-            Mechanism::Spin => Wake::Spin,
-            Mechanism::Nothing => return Ok(()),
-        };
-        std::hint::black_box(self.floor.receive::<In>(wake, self.from).map_err(ProcessError::setup)?);
+            Means::Floor(wake) => {
+                std::hint::black_box(self.floor.receive::<In>(wake, self.place.from).map_err(ProcessError::setup)?);
+            }
+            Means::Stock(_) => return Err(foreign(mechanism)),
+            Means::None => {}
+        }
         Ok(())
     }
 }
 
-fn go<In: Message + Default, Out: Message + Default>(ring: &Ring, index: usize, run: &Path) -> Result<(), ProcessError> {
+/// Blocks of `N` words, by floor and by iceoryx2 as it comes.
+struct Blocks<const N: usize> {
+    stock: Stock<N>,
+    floor: Floor,
+    place: Place,
+    sent: u64,
+}
+
+impl<const N: usize> Blocks<N> {
+    fn open(shell: &Shell, floor: Floor, place: Place) -> Result<Self, ProcessError> {
+        Ok(Self { stock: Stock::open(shell, place.from, place.me, place.to)?, floor, place, sent: 0 })
+    }
+}
+
+impl<const N: usize> Ends for Blocks<N> {
+    fn send(&mut self, mechanism: Mechanism) -> Result<(), ProcessError> {
+        self.sent += 1;
+        let block = std::hint::black_box(Block([self.sent; N]));
+        match mechanism.means() {
+            Means::Floor(wake) => self.floor.send(wake, self.place.me, &block).map_err(ProcessError::setup),
+            Means::Stock(notice) => self.stock.send(notice, &block),
+            Means::Topic => Err(foreign(mechanism)),
+            Means::None => Ok(()),
+        }
+    }
+
+    fn receive(&mut self, mechanism: Mechanism) -> Result<(), ProcessError> {
+        let block = match mechanism.means() {
+            Means::Floor(wake) => self.floor.receive::<Block<N>>(wake, self.place.from).map_err(ProcessError::setup)?,
+            Means::Stock(notice) => self.stock.receive(notice)?,
+            Means::Topic => return Err(foreign(mechanism)),
+            Means::None => return Ok(()),
+        };
+        // Read in full, and nothing torn: all words of a block are the same.
+        let first = block.0[0];
+        match block.0.iter().fold(0, |odd, word| odd | (word ^ first)) {
+            0 => Ok(()),
+            _ => Err(ProcessError::setup(format!("{} handed over a torn block", mechanism.name()))),
+        }
+    }
+}
+
+fn go<E: Ends>(
+    ring: &Ring,
+    me: usize,
+    run: &Path,
+    open: impl FnOnce(&Shell, Floor, Place) -> Result<E, ProcessError>,
+) -> Result<(), ProcessError> {
     let count = ring.topics.len();
-    let shell = Shell::open(run, HOPS[index])?;
-    let (reader, writer) = (shell.reader()?, shell.writer()?);
+    let shell = Shell::open(run, HOPS[me])?;
     let floor = Floor::open(run, count).map_err(ProcessError::setup)?;
-    let mut ends = Ends::<In, Out> { reader, writer, floor, from: (index + count - 1) % count, to: index, sent: 0 };
-    if ring.cores[index].is_some() {
+    let mut ends = open(&shell, floor, Place { from: (me + count - 1) % count, me, to: (me + 1) % count })?;
+    if ring.cores[me].is_some() {
         realtime::enter(Some(PRIORITY)).iter().for_each(|right| eprintln!("measured without {right}"));
     }
     // Nobody measures before everybody is connected, whichever mechanism comes first.
     shell.pace(0).next()?;
-    if index == 0 {
+    if me == 0 {
         let measured = drive(ring, &mut ends)?;
         let text = serde_json::to_vec(&measured).map_err(ProcessError::setup)?;
         return std::fs::write(run.join(MEASURED), text).map_err(ProcessError::setup);
@@ -196,12 +305,14 @@ fn go<In: Message + Default, Out: Message + Default>(ring: &Ring, index: usize, 
         }
     }
     // The end of the run is the first process's to say.
-    ends.reader.next()?;
+    while !shell.is_stopping() {
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
     Ok(())
 }
 
 /// The first process: sends, and takes the time until the answer has come around.
-fn drive<In: Message + Default, Out: Message + Default>(ring: &Ring, ends: &mut Ends<In, Out>) -> Result<Vec<Measured>, ProcessError> {
+fn drive(ring: &Ring, ends: &mut impl Ends) -> Result<Vec<Measured>, ProcessError> {
     let mut histograms: Vec<_> = ring.mechanisms.iter().map(|_| (super::histogram(), super::histogram())).collect();
     for round in 0..=ring.rounds {
         for (&mechanism, (trips, wakes)) in ring.mechanisms.iter().zip(&mut histograms) {

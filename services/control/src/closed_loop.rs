@@ -2,7 +2,7 @@
 
 use crate::sweep::lines;
 use crate::testing::{Figures, Plant, Tick, robot, run, scenario};
-use crate::types::Mode;
+use crate::types::{Kind, Mode};
 use shared_types::scenario::{Scenario, Strategy};
 
 macro_rules! scenario_text {
@@ -27,12 +27,15 @@ fn figure_5(settings: &[&str], plant: Plant) -> Figure5 {
     let (mut zeta_start, mut turned, mut settled_mm) = (None, 0.0, 0.0_f64);
     let (mut q_start, mut q_end) = (None, nalgebra::Vector6::zeros());
     let run = run::<6>(&scenario, plant, |k, tick| {
-        let zeta = tick.report.singularities[1].axis();
+        // The wrist is the second by formula, the last by number.
+        let zeta = tick.report.meant().iter().find(|s| s.kind == Kind::Wrist).expect("a wrist").axis();
         let start = *zeta_start.get_or_insert(zeta);
         q_start.get_or_insert(tick.q);
         if tick.command.segment == 0 {
             turned = libm::acos(start.dot(&zeta).clamp(-1.0, 1.0)).to_degrees();
-            assert!(matches!(tick.command.mode[1], Mode::Reorient));
+            assert!(tick.command.mode.contains(&Mode::Reorient));
+            let plan = tick.command.plan.expect("said before it begins").by.map(f64::to_degrees);
+            assert!((plan[3].abs() - 90.0).abs() < 1e-3 && (plan[3] + plan[5]).abs() < 1e-3, "{plan}");
         }
         q_end = tick.q;
         if k > 300 {
@@ -173,6 +176,77 @@ fn seven_joints_follow_a_line_while_the_spare_one_moves() {
     assert!(f.across_mm < 0.02 && f.across_deg < 0.02 && success(&f).0, "{f:?}");
 }
 
+/// A plan, what the joints did, and how far the elbow's measure and ζ of the wrist went.
+#[test]
+fn a_ur5_turns_its_singular_direction_and_passes_its_wrist_lock() {
+    let scenario = scenario(scenario_text!("ur5-wrist"), &[]);
+    let (mut plan, mut moved, mut sides) = (None, None, [0.0_f64; 2]);
+    let mut q_start = None;
+    let f = run::<6>(&scenario, Plant::default(), |_, tick| {
+        let start: nalgebra::Vector6<f64> = *q_start.get_or_insert(tick.q);
+        if tick.command.segment == 0 {
+            plan = tick.command.plan;
+            moved = Some(tick.q - start);
+        }
+        let s = tick.report.singularities[1].s;
+        sides = [sides[0].max(s), sides[1].min(s)];
+    });
+    let (plan, moved) = (plan.unwrap(), moved.unwrap());
+    println!("{f:?}\nplanned {} in {} s, moved {moved}", plan.by, plan.duration_s);
+    assert!((plan.by - moved).amax() < 2e-3, "what was said is what happened: {} {moved}", plan.by);
+    assert!(sides[0] > 0.6 && sides[1] < -0.6, "through the lock: {sides:?}");
+    assert!(f.across_mm < 0.02 && f.along_deg.max(f.across_deg) < 0.02 && f.torque_step_p95 < 0.01 && success(&f).0, "{f:?}");
+}
+
+#[test]
+fn elbows_of_other_arms_leave_their_lock_in_either_posture_and_come_back() {
+    let mut sides = [0.0_f64; 2];
+    let mut seen = |s: f64| sides = [sides[0].max(s), sides[1].min(s)];
+    let ur5 = run::<6>(&scenario(scenario_text!("ur5-elbow"), &[]), Plant::default(), |_, tick| seen(tick.report.singularities[0].s));
+    let iiwa = run::<7>(&scenario(scenario_text!("iiwa-elbow"), &[]), Plant::default(), |_, tick| seen(tick.report.singularities[0].s));
+    println!("{ur5:?}\n{iiwa:?}");
+    assert!(sides[0] > 0.5 && sides[1] < -0.5, "both postures: {sides:?}");
+    for f in [ur5, iiwa] {
+        assert!(f.along_mm < 0.1 && f.across_mm < 0.01 && f.torque_step_p95 < 0.01 && success(&f).0, "{f:?}");
+    }
+}
+
+#[test]
+fn a_locked_elbow_leaves_the_spare_joint_its_posture() {
+    let mut turned = [0.0; 2];
+    let f = run::<7>(&scenario(scenario_text!("iiwa-posture"), &[]), Plant::default(), |k, tick| turned[usize::from(k > 0)] = tick.q[0]);
+    println!("{f:?}\nq1 {turned:?}");
+    assert!(turned[1] - turned[0] > 0.3, "the posture changes: {turned:?}");
+    assert!(f.along_mm < 0.1 && f.across_mm < 0.01 && success(&f).0, "{f:?}");
+}
+
+/// The same arm by number: what the tracking of singular values costs against the formulas.
+#[test]
+fn a_puma_by_number_comes_close_to_the_formulas() {
+    let numeric = |text: &str| run::<6>(&scenario(text, &["analysis.numeric=true"]), Plant::default(), |_, _| {});
+    let elbow = numeric(scenario_text!("elbow-in-and-out"));
+    let both = numeric(scenario_text!("fig4-elbow-and-wrist"));
+    let three = numeric(scenario_text!("straight-up"));
+    println!("{elbow:?}\n{both:?}\n{three:?}");
+    for f in [elbow, both, three] {
+        assert!(f.along_mm < 0.3 && f.across_mm < 0.01 && f.along_deg < 0.15 && success(&f).0, "{f:?}");
+    }
+    let Figure5 { run, moved, turned, .. } = figure_5(&["analysis.numeric=true"], Plant::default());
+    assert!((turned - 90.0).abs() < 0.05 && run.across_mm < 0.01 && run.along_deg.max(run.across_deg) < 0.02, "{turned} {run:?}");
+    assert!((moved[3] - 90.0).abs() < 0.05 && (moved[5] + 90.0).abs() < 0.05, "{moved:?}");
+}
+
+#[test]
+fn a_turn_without_room_is_refused_before_anything_moves() {
+    let settings =
+        ["start={q_deg = [20, -60, 170, 150, 0, 250]}", "segment=[{reorient = {singularity = \"wrist\", by_deg = 60}, duration_s = 1.0}]"];
+    let mut last = None;
+    let f = run::<6>(&scenario(scenario_text!("fig5-wrist-rotation"), &settings), Plant::default(), |_, tick| last = Some(tick.command));
+    // Joint 4 may go to 170°, joint 6 to 266°: +60° is too much for the one, −120° for the other.
+    assert!(f.refused && f.speed < 1e-6, "{f:?}");
+    assert_eq!(last.unwrap().refusal, crate::Refusal::Room);
+}
+
 #[test]
 fn nothing_chatters_at_the_edge() {
     let at = |s: f64, strategy: &str| {
@@ -283,5 +357,53 @@ fn the_baselines_on_the_sweep() {
         Strategy::JointPd,
     ] {
         sweep(7, 60, 0.28, Plant::default(), strategy);
+    }
+}
+
+#[test]
+#[ignore = "probe"]
+fn probe() {
+    let dir = std::env::var("PROBE").unwrap();
+    let mut files: Vec<_> = std::fs::read_dir(dir).unwrap().flatten().map(|f| f.path()).collect();
+    files.sort();
+    for file in files {
+        let text = std::fs::read_to_string(&file).unwrap();
+        let scenario = scenario(&text, &[]);
+        let plant = Plant { encoder_bits: if text.contains("#noise") { 16 } else { 0 }, ..Plant::default() };
+        let every: usize = text.lines().find_map(|l| l.strip_prefix("#every ")).map_or(100_000, |n| n.parse().unwrap());
+        println!("== {}", file.display());
+        fn one<const N: usize>(k: usize, every: usize, tick: &Tick<N>) {
+            if k % every == 0 {
+                let s: Vec<String> = tick
+                    .report
+                    .meant()
+                    .iter()
+                    .enumerate()
+                    .map(|(i, s)| {
+                        format!("{:+.3}{}{:?}(β{:.2})", s.s, if s.angular { "r" } else { "t" }, tick.command.mode[i], tick.command.beta[i])
+                    })
+                    .collect();
+                let (a, b) = tick.split();
+                println!(
+                    "   {k} {} along {:.3} {:.3}° across {:.3} {:.3}° scale {:.2} {:?}",
+                    s.join(" "),
+                    a[0],
+                    a[1],
+                    b[0],
+                    b[1],
+                    tick.command.time_scale,
+                    tick.command.refusal
+                );
+                if let Some(plan) = tick.command.plan {
+                    println!("      plan {:.2} s {:?}", plan.duration_s, plan.by.map(f64::to_degrees).as_slice());
+                }
+            }
+        }
+        let f = if scenario.robot == "iiwa14" {
+            run::<7>(&scenario, plant, |k, t: &Tick<7>| one(k, every, t))
+        } else {
+            run::<6>(&scenario, plant, |k, t: &Tick<6>| one(k, every, t))
+        };
+        println!("   {f:?}");
     }
 }

@@ -3,15 +3,15 @@
 use crate::MAX_SINGULARITIES;
 use crate::auxiliary::{Demand, Gains, Loop};
 use crate::centre::{AtCentre, PoseMotion};
-use crate::governor::{Governor, Load};
-use crate::law::baselines::{self, JointMemory};
-use crate::law::{Active, Actives, LawError, Torques, Wanted, blended, chang_khatib, null_space};
+use crate::governor::{Governor, Load, MARGIN};
+use crate::law::baselines::{self, Inverse, JointMemory};
+use crate::law::{Active, Actives, LawError, Torques, Wanted, blended, chang_khatib, hold_and_blend, null_space};
 use crate::linear::{angular, clamp_norm, linear, rotation_log, stack};
 use crate::reference::{Charts, Foresight, Memory, Situation, Target};
 use crate::saturation::limit;
-use crate::singular::{Analyzer, PumaFactors};
-use crate::trajectory::{FORESEEN_STEP_S, Foreseen, Path, PathError, Progress};
-use crate::types::{Command, Kind, Mode, Phase, Report, Singularity};
+use crate::singular::{Analyzer, GeometricFactors, PumaFactors};
+use crate::trajectory::{FORESEEN_STEP_S, Foreseen, Path, PathError, Progress, quintic};
+use crate::types::{Command, Mode, Phase, Plan, Refusal, Report, Singularity};
 use model::{Factors, Model, ModelError, Pose, Robot, StartError, Terms};
 use nalgebra::{Matrix3, SVector, Vector3, Vector6};
 use shared_types::scenario::{Control, Scenario, Start, Strategy};
@@ -22,6 +22,11 @@ const POSITION_ERROR_MAX: f64 = 0.05;
 const ORIENTATION_ERROR_MAX: f64 = 0.25;
 /// Distance that a planned null-space motion keeps from joint limits, rad.
 const LIMIT_MARGIN: f64 = 0.03;
+
+/// Share of a joint's speed, at full clock speed, beyond which the path is refused: twice the limit even at the slowest clock.
+const HOPELESS: f64 = 40.0;
+/// Turning rate of ζ per null motion below which it cannot be turned.
+const TURNS: f64 = 0.05;
 
 /// Why a scenario cannot be controlled.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -56,14 +61,22 @@ pub fn start_posture<const N: usize>(robot: &Robot, scenario: &Scenario) -> Resu
 }
 
 /// A null-space turn of ζ that is under way.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Turn {
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Turn<const N: usize> {
     /// ζ when it began.
     from: Vector3<f64>,
     /// The whole angle, rad.
     angle: f64,
-    /// Whether it has begun.
-    begun: bool,
+    /// How far each joint will move, rad.
+    by: SVector<f64, N>,
+    /// How long it will take, s; 0 before it begins.
+    duration_s: f64,
+}
+
+impl<const N: usize> Turn<N> {
+    fn none() -> Self {
+        Self { from: Vector3::zeros(), angle: 0.0, by: SVector::zeros(), duration_s: 0.0 }
+    }
 }
 
 /// What the controller remembers from tick to tick: all of it travels in `resume`.
@@ -72,8 +85,8 @@ struct State<const N: usize> {
     progress: Progress,
     governor: Governor,
     loops: [Loop; MAX_SINGULARITIES],
-    turn: Turn,
-    refused: bool,
+    turn: Turn<N>,
+    refusal: Refusal,
     path_time_s: f64,
     joint_memory: JointMemory<N>,
 }
@@ -116,7 +129,8 @@ impl<const N: usize> Controller<N> {
         }
         let charts = match robot.factors {
             Factors::Puma { a2, a3, d4 } if !scenario.analysis.numeric => Charts::Puma(PumaFactors::new(a2, a3, d4)),
-            _ => Charts::Numeric,
+            _ if scenario.analysis.numeric => Charts::Numeric,
+            _ => GeometricFactors::of::<N>(robot).map_or(Charts::Numeric, |factors| Charts::Geometric(factors.geometry)),
         };
         Ok(Self {
             path: Path::new(scenario, &report)?,
@@ -132,8 +146,8 @@ impl<const N: usize> Controller<N> {
                 progress: Progress::at(rest.X_BE),
                 governor: Governor::default(),
                 loops: [Loop::default(); MAX_SINGULARITIES],
-                turn: Turn::default(),
-                refused: false,
+                turn: Turn::none(),
+                refusal: Refusal::None,
                 path_time_s: 0.0,
                 joint_memory: JointMemory::at(q_start),
             },
@@ -153,8 +167,11 @@ impl<const N: usize> Controller<N> {
         tau_disturbance: &SVector<f64, N>,
         report: &Report<N>,
     ) -> Command<N> {
-        if self.state.refused || !q.iter().chain(qdot).chain(tau_disturbance).all(|x| x.is_finite()) {
-            return self.refuse(q, qdot);
+        if self.state.refusal != Refusal::None {
+            return self.refuse(q, qdot, self.state.refusal);
+        }
+        if !q.iter().chain(qdot).chain(tau_disturbance).all(|x| x.is_finite()) {
+            return self.refuse(q, qdot, Refusal::State);
         }
         let terms = self.model.evaluate(q, qdot);
         // On a copy: a tick that is refused half-way leaves no half-made state.
@@ -164,13 +181,14 @@ impl<const N: usize> Controller<N> {
                 self.state = state;
                 command
             }
-            _ => self.refuse(q, qdot),
+            Ok(_) => self.refuse(q, qdot, Refusal::Torque),
+            Err(error) => self.refuse(q, qdot, error.refusal()),
         }
     }
 
     /// Refuses to go on, from now on: for what is wrong before the law is asked.
-    pub fn refuse(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> Command<N> {
-        self.state.refused = true;
+    pub fn refuse(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, why: Refusal) -> Command<N> {
+        self.state.refusal = why;
         if q.iter().chain(qdot).all(|x| x.is_finite()) {
             self.refusal(Some((&self.model.evaluate(q, qdot), qdot)))
         } else {
@@ -191,7 +209,7 @@ impl<const N: usize> Controller<N> {
         let before = state.progress.leg;
         self.path.advance(&mut state.progress, 0.0, report);
         if state.progress.leg != before {
-            state.turn.begun = false;
+            state.turn = Turn::none();
         }
         let rate = state.governor.rate;
         let desired_E = self.path.desired(&state.progress, rate, state.governor.rate_dot);
@@ -232,14 +250,16 @@ impl<const N: usize> Controller<N> {
             if let Some((place, angle)) = leg.and_then(|leg| leg.reorient)
                 && place == i
             {
-                target = self.reorient(state, singularity, q, angle);
+                target = self.reorient(state, singularity, q, (terms, &report.p_BC), (angle, leg.map_or(0.0, |leg| leg.duration_s)))?;
             }
             let gains = Gains { k: self.control.k_aux, k_v: self.control.k_v, rate_max: self.rate_max(i), slew: self.slew(i) };
             let demand = match self.control.strategy {
                 Strategy::ChangKhatib => hard_switch(&mut state.loops[i], singularity, &target, &gains, rate, self.dt),
                 _ => state.loops[i].step(singularity, &target, &gains, rate, self.dt),
             };
-            load = load.max(demand.load);
+            if self.is_ours() {
+                load = load.max(demand.load);
+            }
             telemetry.note(i, &state.loops[i], singularity, &target, &demand);
             if state.loops[i].engaged() {
                 actives.push(Active {
@@ -265,7 +285,11 @@ impl<const N: usize> Controller<N> {
             a_feed: steady.a,
             posture: (self.posture(state) - q) * (0.25 * self.control.k_p) - qdot * self.control.k_v,
         };
-        let torques = self.torques(state, q, qdot, &desired, &error, &wanted, &actives)?;
+        let torques = self.torques(state, q, qdot, terms, &desired, &error, &wanted, &actives)?;
+        let share = (0..N).fold(0.0_f64, |share, i| share.max(torques.qdot_nominal[i].abs() / self.model.velocity()[i]));
+        if self.is_ours() && self.control.governor && share > HOPELESS {
+            return Err(LawError::Speed { share });
+        }
         let mut bias = terms.bias();
         if self.control.compensate_disturbance {
             bias -= tau_disturbance;
@@ -274,11 +298,8 @@ impl<const N: usize> Controller<N> {
 
         // The clock for the next tick.
         if self.control.governor {
-            for i in 0..N {
-                load = load.max(torques.qdot_nominal[i].abs() / self.model.velocity()[i]);
-            }
             let load = Load {
-                speed: load,
+                speed: load.max(share),
                 holding: terms.gravity,
                 following: (terms.A * torques.qddot_path + terms.coriolis) / (rate * rate),
                 braking: terms.A * torques.qdot_nominal,
@@ -306,11 +327,17 @@ impl<const N: usize> Controller<N> {
             beta: telemetry.beta,
             aux_d: telemetry.aux_d,
             aux_rate_d: telemetry.aux_rate_d,
+            plan: leg.and_then(|leg| leg.reorient).filter(|_| state.turn.duration_s > 0.0).map(|(place, _)| Plan {
+                place,
+                by: state.turn.by,
+                duration_s: state.turn.duration_s,
+            }),
             mode: telemetry.mode,
             segment: state.progress.leg as u32,
             phase,
             saturation_mask: limited.mask,
             clipped: telemetry.clipped,
+            refusal: Refusal::None,
         };
         state.progress.time_s += rate * self.dt;
         state.path_time_s += rate * self.dt;
@@ -323,12 +350,14 @@ impl<const N: usize> Controller<N> {
         state: &mut State<N>,
         q: &SVector<f64, N>,
         qdot: &SVector<f64, N>,
+        terms: &Terms<N>,
         desired: &PoseMotion,
         error: &Vector6<f64>,
         wanted: &Wanted<'_, N>,
         actives: &Actives<N>,
     ) -> Result<Torques<N>, LawError> {
-        let arm = baselines::Arm { q, qdot, desired, error, k_p: self.control.k_p, k_v: self.control.k_v, length_m: self.length_m };
+        let arm = baselines::Arm { q, qdot, terms, desired, error, k_p: self.control.k_p, k_v: self.control.k_v, length_m: self.length_m };
+        let tuned = &self.control.baseline;
         match self.control.strategy {
             Strategy::Blended => blended::torques(wanted, actives),
             Strategy::ChangKhatib if actives.is_empty() => blended::torques(wanted, actives),
@@ -336,12 +365,12 @@ impl<const N: usize> Controller<N> {
             Strategy::OperationalSpace => blended::torques(wanted, &Actives::none()),
             Strategy::PseudoInverse => null_space::torques(wanted, null_space::Projector::PseudoInverse),
             Strategy::DynamicallyConsistent => null_space::torques(wanted, null_space::Projector::DynamicallyConsistent),
-            Strategy::DampedLeastSquares => baselines::resolved(&arm, wanted, baselines::Inverse::Damped),
-            Strategy::TruncatedSvd => baselines::resolved(&arm, wanted, baselines::Inverse::Truncated),
-            Strategy::HoldAndBlend => baselines::hold_and_blend(&arm, wanted, &mut state.joint_memory, self.model.effort()),
+            Strategy::DampedLeastSquares => baselines::resolved(&arm, wanted, Inverse::Damped(tuned.damped_least_squares)),
+            Strategy::TruncatedSvd => baselines::resolved(&arm, wanted, Inverse::Truncated { floor: tuned.truncated_svd_floor }),
+            Strategy::HoldAndBlend => hold_and_blend::torques(&arm, wanted, &mut state.joint_memory, &tuned.hold_and_blend, &self.model),
             Strategy::JointPd => {
                 let at = |q: &SVector<f64, N>| (self.model.forward_kinematics(q), self.model.jacobian(q));
-                baselines::joint_pd(&arm, wanted, &mut state.joint_memory, self.dt, at)
+                baselines::joint_pd(&arm, wanted, &mut state.joint_memory, Inverse::Damped(tuned.joint_pd), self.dt, at)
             }
         }
     }
@@ -355,12 +384,15 @@ impl<const N: usize> Controller<N> {
         from + (goal - from) * self.path.ramp(&state.progress)
     }
 
+    /// Whether the auxiliary coordinates drive the arm: their demand slows the clock, and foresight comes from their formulas. Not what others do.
+    fn is_ours(&self) -> bool {
+        matches!(self.control.strategy, Strategy::Blended | Strategy::ChangKhatib)
+    }
+
     /// What the path ahead takes of the arm.
     fn foresee(&self, state: &State<N>, q: &SVector<f64, N>, terms: &Terms<N>, report: &Report<N>, p_EC: &Vector3<f64>) -> Foreseen {
         let mut foreseen = Foreseen::default();
-        // Foresight comes from the singularities' formulas: part of the paper's laws here, not of what others do.
-        let ours = matches!(self.control.strategy, Strategy::Blended | Strategy::ChangKhatib);
-        if !ours || self.path.leg(state.progress.leg).is_none_or(|leg| leg.reorient.is_some()) {
+        if !self.is_ours() || self.path.leg(state.progress.leg).is_none_or(|leg| leg.reorient.is_some()) {
             return foreseen;
         }
         let at = Foresight {
@@ -386,32 +418,56 @@ impl<const N: usize> Controller<N> {
     }
 
     /// Turning ζ by a commanded profile; the other way round where joint limits force it and the goal is the same line.
-    fn reorient(&self, state: &mut State<N>, s: &Singularity<N>, q: &SVector<f64, N>, angle: f64) -> Target {
-        if !state.turn.begun {
-            let fits = |angle: f64| self.turn_fits(s.kind, q, angle);
+    ///
+    /// The joint motion is predicted, and said, before anything moves.
+    fn reorient(
+        &self,
+        state: &mut State<N>,
+        s: &Singularity<N>,
+        q: &SVector<f64, N>,
+        (terms, p_BC): (&Terms<N>, &Vector3<f64>),
+        (angle, duration_s): (f64, f64),
+    ) -> Result<Target, LawError> {
+        if state.turn.duration_s == 0.0 {
+            let plan = |angle: f64| {
+                let by = self.charts.turning(s, terms, p_BC, angle).filter(|by| self.has_room(q, by))?;
+                Some(Turn { from: s.axis(), angle, by, duration_s: self.turn_takes(angle, &by, duration_s) })
+            };
             let other = angle - std::f64::consts::PI.copysign(angle);
-            let angle = if !fits(angle) && fits(other) { other } else { angle };
-            state.turn = Turn { from: s.axis(), angle, begun: true };
+            state.turn = plan(angle).or_else(|| plan(other)).ok_or(LawError::Room { angle_deg: angle.to_degrees() })?;
         }
         let [x, v, _] = self.path.fraction(&state.progress);
         let turned = turned(s, &state.turn.from);
         let wanted = state.turn.angle * x;
         // `turned` is known up to whole turns: the one nearest to what is wanted.
         let error = crate::linear::wrap_angle(wanted - turned);
-        Target { error, rate: state.turn.angle * v * state.governor.rate, weight: 1.0, mode: Mode::Reorient, clipped: false }
+        // From angles of ζ to the auxiliary coordinate.
+        let per_aux = if s.kappa_2.abs() > TURNS { s.kappa_2 } else { 1.0 };
+        let rate = state.turn.angle * v * state.governor.rate;
+        Ok(Target { error: error / per_aux, rate: rate / per_aux, weight: 1.0, mode: Mode::Reorient, clipped: false })
     }
 
-    /// Whether the joints that turn ζ stay within their limits.
-    fn turn_fits(&self, kind: Kind, q: &SVector<f64, N>, angle: f64) -> bool {
-        let fits = |i: usize, by: f64| {
-            let end = q[i] + by;
-            end > self.model.lower()[i] + LIMIT_MARGIN && end < self.model.upper()[i] - LIMIT_MARGIN
+    /// Whether every joint stays within its limits.
+    fn has_room(&self, q: &SVector<f64, N>, by: &SVector<f64, N>) -> bool {
+        let inside = |i: usize| {
+            let end = q[i] + by[i];
+            by[i] == 0.0 || end > self.model.lower()[i] + LIMIT_MARGIN && end < self.model.upper()[i] - LIMIT_MARGIN
         };
-        match kind {
-            Kind::Wrist => fits(3, angle) && fits(5, -angle),
-            Kind::Overhead => fits(0, angle),
-            Kind::Elbow | Kind::Numeric => true,
+        (0..N).all(inside)
+    }
+
+    /// How long a turn takes whose time law the governor slows down where a rate would be beyond its limit: ∫ max(1, demand/0.95) dt.
+    fn turn_takes(&self, angle: f64, by: &SVector<f64, N>, planned_s: f64) -> f64 {
+        const SLICES: u32 = 64;
+        let mut share = angle.abs() / self.control.aux_rate_max.iter().fold(0.0, |max: f64, x| max.max(*x));
+        for i in 0..N {
+            share = share.max(by[i].abs() / self.model.velocity()[i]);
         }
+        if !self.control.governor {
+            return planned_s;
+        }
+        let slice = planned_s / f64::from(SLICES);
+        (0..SLICES).map(|k| slice * (share * quintic(slice * (f64::from(k) + 0.5), planned_s)[1] / MARGIN).max(1.0)).sum()
     }
 
     /// Thresholds and bounds are given for elbow, wrist and overhead; any further singularity takes the last.
@@ -455,19 +511,21 @@ impl<const N: usize> Controller<N> {
             beta: [1.0; MAX_SINGULARITIES],
             aux_d: [0.0; MAX_SINGULARITIES],
             aux_rate_d: [0.0; MAX_SINGULARITIES],
+            plan: None,
             mode: [Mode::Regular; MAX_SINGULARITIES],
             segment: self.state.progress.leg as u32,
             phase: Phase::Refused,
             saturation_mask: mask,
             clipped: false,
+            refusal: self.state.refusal,
         }
     }
 
     /// What must survive a restart, for the message's `resume`.
     #[must_use]
-    pub fn state(&self) -> [f64; 64] {
-        let mut out = Packer { values: [0.0; 64], at: 0 };
-        let State { progress, governor, loops, turn, refused, path_time_s, joint_memory } = &self.state;
+    pub fn state(&self) -> [f64; 80] {
+        let mut out = Packer { values: [0.0; 80], at: 0 };
+        let State { progress, governor, loops, turn, refusal, path_time_s, joint_memory } = &self.state;
         out.put(progress.leg as f64);
         out.put(progress.time_s);
         out.put(flag(progress.begun));
@@ -478,10 +536,13 @@ impl<const N: usize> Controller<N> {
         out.put(governor.demand);
         turn.from.iter().for_each(|x| out.put(*x));
         out.put(turn.angle);
-        out.put(flag(turn.begun));
-        out.put(flag(*refused));
+        turn.by.iter().for_each(|x| out.put(*x));
+        out.put(turn.duration_s);
+        out.put(f64::from(refusal.code()));
         out.put(*path_time_s);
         out.put(flag(joint_memory.holding));
+        out.put(joint_memory.votes);
+        out.put(f64::from(joint_memory.reversed));
         joint_memory.q.iter().for_each(|x| out.put(*x));
         for one in loops {
             let flags = flag(one.memory.passing) + 2.0 * flag(one.memory.holding) + 4.0 * (one.memory.side + 1.0);
@@ -495,7 +556,7 @@ impl<const N: usize> Controller<N> {
     }
 
     /// Takes [`state`](Self::state) back: the next tick continues as if nothing had happened.
-    pub fn restore(&mut self, state: &[f64; 64]) {
+    pub fn restore(&mut self, state: &[f64; 80]) {
         let mut from = state.iter().copied();
         let mut get = || from.next().unwrap_or(0.0);
         let (leg, time_s, begun) = (get() as usize, get(), get() != 0.0);
@@ -504,10 +565,12 @@ impl<const N: usize> Controller<N> {
         let (p, by, turn) = (vector(), vector(), vector());
         self.state.progress = Progress { leg, time_s, begun, start: Pose { R, p }, by, turn };
         self.state.governor = Governor { rate: get(), rate_dot: get(), demand: get() };
-        self.state.turn = Turn { from: Vector3::from_fn(|_, _| get()), angle: get(), begun: get() != 0.0 };
-        self.state.refused = get() != 0.0;
+        self.state.turn =
+            Turn { from: Vector3::from_fn(|_, _| get()), angle: get(), by: SVector::from_fn(|_, _| get()), duration_s: get() };
+        self.state.refusal = Refusal::from_code(get() as u32).unwrap_or_default();
         self.state.path_time_s = get();
-        self.state.joint_memory = JointMemory { holding: get() != 0.0, q: SVector::from_fn(|_, _| get()) };
+        self.state.joint_memory =
+            JointMemory { holding: get() != 0.0, votes: get(), reversed: get() as u32, q: SVector::from_fn(|_, _| get()) };
         for one in &mut self.state.loops {
             let packed = get() as u32;
             let flags = packed / 32;
@@ -542,7 +605,7 @@ fn flag(x: bool) -> f64 {
 }
 
 struct Packer {
-    values: [f64; 64],
+    values: [f64; 80],
     at: usize,
 }
 
@@ -628,9 +691,9 @@ mod tests {
         let mut bad = q;
         bad[3] = f64::NAN;
         let command = controller.step(&bad, &zero, &zero, &report);
-        assert!(command.phase == Phase::Refused && command.tau.iter().all(|x| x.is_finite()));
+        assert!(command.refusal == Refusal::State && command.phase == Phase::Refused && command.tau.iter().all(|x| x.is_finite()));
         let command = controller.step(&q, &zero, &zero, &report);
-        assert_eq!(command.phase, Phase::Refused, "and stays so");
+        assert_eq!((command.phase, command.refusal), (Phase::Refused, Refusal::State), "and stays so");
         assert!((command.tau - puma().gravity(&q)).amax() < 1e-9, "gravity is held");
     }
 
@@ -641,7 +704,7 @@ mod tests {
         let mut report = analyzer.step(&q, &zero, &puma().evaluate(&q, &zero));
         report.singularities[1].aux_row = SVector::zeros();
         let command = controller.step(&q, &zero, &zero, &report);
-        assert!(command.phase == Phase::Refused && command.tau.iter().all(|x| x.is_finite()));
+        assert!(command.refusal == Refusal::Singular && command.phase == Phase::Refused && command.tau.iter().all(|x| x.is_finite()));
     }
 
     #[test]

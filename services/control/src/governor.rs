@@ -6,7 +6,7 @@ use nalgebra::SVector;
 /// Slowest clock.
 const SLOWEST: f64 = 0.05;
 /// Share of a limit that the path may take.
-const MARGIN: f64 = 0.95;
+pub const MARGIN: f64 = 0.95;
 /// Time constants, s.
 const DOWN: f64 = 0.020;
 const UP: f64 = 0.080;

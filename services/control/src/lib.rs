@@ -38,6 +38,6 @@ mod types;
 
 pub use controller::{Controller, SetupError, start_posture};
 pub use singular::Analyzer;
-pub use types::{Class, Command, Kind, Mode, Phase, Report, Singularity};
+pub use types::{Class, Command, Kind, Mode, Phase, Plan, Refusal, Report, Singularity};
 
 pub use shared_types::MAX_SINGULARITIES;

@@ -1,7 +1,7 @@
 //! A seeded set of straight lines through and near each singularity of a PUMA: what a control law has to get along with.
 //!
 //! Each line is a [`Scenario`] of its own. It is made from a posture at or near a lock, a direction and a turn; it is kept if the arm can follow it:
-//! at 201 points along it a posture exists within the joint limits that continues the one before.
+//! at 201 points along it a posture exists within the joint limits that continues the one before, but for what the wrist does in a near miss.
 
 use crate::linear::{rotation_exp, rotation_log, wrap_angle};
 use crate::singular::PumaFactors;
@@ -12,6 +12,9 @@ use shared_types::scenario::{Scenario, Segment, Start};
 
 /// Points at which a line is checked.
 const STEPS: u32 = 200;
+
+/// Distance from the wrist's lock within which it may jump between two points of a line, rad.
+const NEAR_MISS: f64 = 0.05;
 
 /// One line of a sweep.
 #[derive(Clone, Debug, PartialEq)]
@@ -198,11 +201,13 @@ impl Inverse<'_> {
         self.all(X, near).map(|(q, _)| q).min_by(|a, b| distance(a).total_cmp(&distance(b)))
     }
 
-    /// The posture that continues `near`; a wrist may turn fast, but not jump to its other posture.
+    /// The posture that continues `near`; a wrist may turn fast, but jump only where it passes its lock so closely that it could as well go straight
+    /// through: near misses are what singularities are about.
     fn next(&self, X: &Pose, near: &SVector<f64, 6>) -> Option<SVector<f64, 6>> {
         let found = self.nearest(X, near)?;
         let jump = (found - near).abs();
-        (jump.rows(0, 3).max() < 0.3 && jump.rows(3, 3).max() < 0.8).then_some(found)
+        let near_miss = found[4].abs().max(near[4].abs()) < NEAR_MISS;
+        (jump.rows(0, 3).max() < 0.3 && (near_miss || jump.rows(3, 3).max() < 0.8)).then_some(found)
     }
 }
 

@@ -6,7 +6,7 @@
 
 use crate::centre::PoseMotion;
 use crate::linear::{rotation_exp, rotation_log, stack};
-use crate::types::Report;
+use crate::types::{Class, Kind, Report, Singularity};
 use model::Pose;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use shared_types::codes;
@@ -302,7 +302,10 @@ fn direction<const N: usize>(segment: usize, text: &str, report: &Report<N>) -> 
 /// Where in the report the singularity of this name is ([`codes::singularity_name`]).
 fn place<const N: usize>(segment: usize, name: &str, report: &Report<N>) -> Result<usize, PathError> {
     let mut names = report.meant().iter().enumerate().map(|(i, singularity)| codes::singularity_name(singularity.kind.code(), i));
-    names.clone().position(|known| known == name).ok_or_else(|| {
+    // What is found by number has no name of its own; the one fold in which the arm starts is what others call its elbow.
+    let is_elbow = |s: &Singularity<N>| s.kind == Kind::Numeric && s.class == Class::Type1 && !s.angular && s.inside;
+    let elbow = || report.meant().iter().position(is_elbow).filter(|_| name == codes::name_of(codes::KINDS, codes::KIND_ELBOW));
+    names.clone().position(|known| known == name).or_else(elbow).ok_or_else(|| {
         let known = names.by_ref().collect::<Vec<_>>().join(", ");
         let known = if known.is_empty() { "it reports none".to_owned() } else { format!("it has {known}") };
         PathError::UnknownSingularity { segment, name: name.to_owned(), known }

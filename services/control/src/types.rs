@@ -90,6 +90,26 @@ coded! {
     }
 }
 
+coded! {
+    /// Why the controller refuses to go on.
+    Refusal {
+        /// It goes on.
+        None = REFUSAL_NONE,
+        /// The state is not finite.
+        State = REFUSAL_STATE,
+        /// The report cannot be read.
+        Report = REFUSAL_REPORT,
+        /// The law has no answer.
+        Singular = REFUSAL_SINGULAR,
+        /// No clock is slow enough.
+        Speed = REFUSAL_SPEED,
+        /// ζ cannot be turned as asked.
+        Room = REFUSAL_ROOM,
+        /// The torque is not finite.
+        Torque = REFUSAL_TORQUE,
+    }
+}
+
 /// One singularity at one posture: a factor s_i of det J, its direction ζ_i, and the regular coordinate that replaces it.
 ///
 /// Whoever finds it, by formula or by number, promises: inside the neighbourhood, the Jacobian without ζ's row and with `aux_row`
@@ -128,7 +148,7 @@ pub struct Singularity<const N: usize> {
     pub aux_row: SVector<f64, N>,
     /// Second-order motion along ζ per null motion: > 0 is a fold.
     pub kappa_1: f64,
-    /// Turning rate of ζ along the null motion.
+    /// Turning rate of ζ along the null motion that `aux` counts; positive about the singular frame's second axis.
     pub kappa_2: f64,
 }
 
@@ -226,6 +246,8 @@ pub struct Command<const N: usize> {
     pub aux_d: [f64; MAX_SINGULARITIES],
     /// Auxiliary rate commanded per singularity, rad/s.
     pub aux_rate_d: [f64; MAX_SINGULARITIES],
+    /// The null-space turn of ζ that is under way, as it was planned.
+    pub plan: Option<Plan<N>>,
     /// What the law does per singularity.
     pub mode: [Mode; MAX_SINGULARITIES],
     /// Index of the task segment.
@@ -236,4 +258,17 @@ pub struct Command<const N: usize> {
     pub saturation_mask: u32,
     /// The goal was beyond reach and has been clipped to the boundary.
     pub clipped: bool,
+    /// Why the phase is [`Phase::Refused`].
+    pub refusal: Refusal,
+}
+
+/// A null-space turn of ζ, as it is said before it begins.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plan<const N: usize> {
+    /// Place of the singularity in the report.
+    pub place: usize,
+    /// How far each joint will move, rad.
+    pub by: SVector<f64, N>,
+    /// How long it will take, s.
+    pub duration_s: f64,
 }

@@ -122,11 +122,15 @@ pub fn command_message<const N: usize>(tick: u64, command: &Command<N>, controll
         beta: command.beta,
         aux_d: command.aux_d,
         aux_rate_d: command.aux_rate_d,
+        planned_dq: command.plan.map_or([0.0; MAX_DOF], |plan| padded(&plan.by)),
+        planned_s: command.plan.map_or(0.0, |plan| plan.duration_s),
         mode: command.mode.map(|mode| mode.code()),
         segment: command.segment,
         phase: command.phase.code(),
         saturation_mask: command.saturation_mask,
         clipped: u32::from(command.clipped),
+        planned: command.plan.map_or(0, |plan| plan.place as u32 + 1),
+        refusal: command.refusal.code(),
         resume: controller.state(),
     }
 }

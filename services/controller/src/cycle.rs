@@ -1,6 +1,6 @@
 //! The controller's pure step: torque from the estimated state and its singularity report.
 
-use control::{Controller, SetupError, start_posture, wire};
+use control::{Controller, Refusal, SetupError, start_posture, wire};
 use model::{Model, Robot};
 use shared_types::scenario::Scenario;
 use shared_types::{SingularityReport, StateEstimate, TorqueCommand};
@@ -32,7 +32,7 @@ impl<const N: usize> Cycle<N> {
         let (q, qdot) = (wire::joints(&estimate.q), wire::joints(&estimate.qdot));
         let command = match wire::report(report) {
             Ok(report) => self.controller.step(&q, &qdot, &wire::joints(&estimate.tau_disturbance), &report),
-            Err(_) => self.controller.refuse(&q, &qdot),
+            Err(_) => self.controller.refuse(&q, &qdot, Refusal::Report),
         };
         wire::command_message(estimate.header.tick, &command, &self.controller)
     }

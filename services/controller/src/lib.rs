@@ -45,6 +45,9 @@ pub fn run(shell: &Shell, robot: &Robot, scenario: &Scenario) -> Result<(), Proc
     let mut reports = shell.reader::<SingularityReport>()?;
     let mut estimates = shell.reader::<StateEstimate>()?;
     let mut torques = shell.writer::<TorqueCommand>()?;
+    if let Some(last) = torques.legacy() {
+        cycle.resume(last);
+    }
     while let Some(report) = reports.next()? {
         let Some(estimate) = estimates.at(report.header.tick)? else { continue };
         torques.send(cycle.step(estimate, report))?;

@@ -16,16 +16,41 @@ use shared_types::{Header, MAX_DOF, SensorSample, StateEstimate};
 ///
 /// θ = exp(−bandwidth·T), φ = exp(−`disturbance_bandwidth`·T); φ = 1 makes k = 0: the model is then taken as exact.
 /// A difference of encoder readings would carry their noise times 1/T; this filter carries it times about bandwidth^1.5 √(T/4).
+///
+/// A few missing samples are predicted over. After a longer gap position and velocity begin anew, from two samples. A reading that no motion
+/// within the speed limits explains is not believed, for as long as it can be a disturbance of the line and not the arm.
 #[derive(Clone, Debug)]
 pub struct Cycle<const N: usize> {
     model: Model<N>,
     T: f64,
     gains: Gains,
+    /// The largest believable innovation per tick; rad.
+    gate: SVector<f64, N>,
     state: Option<State<N>>,
 }
 
+/// Missing samples that the model predicts over.
+const MOST_PREDICTED: u64 = 5;
+
+/// A reading is believable within what so many times the speed limit explains, and in any case within [`BELIEVED`].
+const GATE: f64 = 10.0;
+
+/// rad.
+const BELIEVED: f64 = 0.02;
+
+/// Ticks for which an unbelievable reading is set aside; then it is the truth.
+const PATIENCE: u32 = 20;
+
+/// Samples after which nothing remembers the beginning.
+const SETTLED: u32 = 2;
+
 #[derive(Clone, Copy, Debug)]
 struct State<const N: usize> {
+    tick: u64,
+    /// Samples since the last beginning.
+    samples: u32,
+    /// Ticks since the last believable reading, per joint.
+    doubted: [u32; N],
     q: SVector<f64, N>,
     qdot: SVector<f64, N>,
     d: SVector<f64, N>,
@@ -60,6 +85,7 @@ impl<const N: usize> Cycle<N> {
             model: Model::new(robot, None)?,
             T,
             gains: Gains::place(pole(scenario.estimator.bandwidth), pole(scenario.estimator.disturbance_bandwidth)),
+            gate: Model::<N>::new(robot, None)?.velocity().map(|limit| (GATE * limit * T).max(BELIEVED)),
             state: None,
         })
     }
@@ -67,24 +93,34 @@ impl<const N: usize> Cycle<N> {
     /// Takes up the state that `last` carries: what a restarted estimator does.
     pub fn resume(&mut self, last: &StateEstimate) {
         let take = |values: &[f64]| SVector::from_column_slice(&values[..N]);
-        self.state = Some(State { q: take(&last.q), qdot: take(&last.qdot), d: take(&last.resume) });
+        let (q, qdot, d) = (take(&last.q), take(&last.qdot), take(&last.resume));
+        self.state = Some(State { tick: last.header.tick, samples: SETTLED, doubted: [0; N], q, qdot, d });
     }
 
     /// The estimate at the sample's tick.
     pub fn step(&mut self, sample: &SensorSample) -> StateEstimate {
-        let measured = SVector::<f64, N>::from_column_slice(&sample.q_encoder[..N]);
+        let mut measured = SVector::<f64, N>::from_column_slice(&sample.q_encoder[..N]);
         let tau = SVector::<f64, N>::from_column_slice(&sample.tau_drive[..N]);
-        let predicted = match self.state {
-            None => State { q: measured, qdot: SVector::zeros(), d: SVector::zeros() },
-            Some(state) if sample.drive == DRIVE_BRAKED => State { qdot: SVector::zeros(), ..state },
-            Some(state) => self.predict(&state, &tau),
+        let tick = sample.header.tick;
+        let mut predicted = match self.state {
+            None => State { tick, samples: 0, doubted: [0; N], q: measured, qdot: SVector::zeros(), d: SVector::zeros() },
+            Some(state) => self.reach(&state, tick, sample.drive, &measured, &tau),
         };
+        (predicted.tick, predicted.samples) = (tick, predicted.samples.saturating_add(1));
+        for i in 0..N {
+            let is_believed = (measured[i] - predicted.q[i]).abs() <= self.gate[i] || predicted.doubted[i] >= PATIENCE;
+            predicted.doubted[i] = if is_believed { 0 } else { predicted.doubted[i] + 1 };
+            if !is_believed {
+                measured[i] = predicted.q[i];
+            }
+        }
         let innovation = measured - predicted.q;
         let Gains { g, h, k } = self.gains;
         let state = State {
             q: predicted.q + innovation * g,
             qdot: predicted.qdot + innovation * (h / self.T),
             d: predicted.d + innovation * (2.0 * k / (self.T * self.T)),
+            ..predicted
         };
         self.state = Some(state);
         let tau_disturbance = if k == 0.0 { SVector::zeros() } else { self.model.mass_matrix(&state.q) * state.d };
@@ -100,6 +136,24 @@ impl<const N: usize> Cycle<N> {
         }
     }
 
+    /// The state at `tick` before its sample is taken in.
+    fn reach(&self, state: &State<N>, tick: u64, drive: u32, measured: &SVector<f64, N>, tau: &SVector<f64, N>) -> State<N> {
+        let gap = tick.saturating_sub(state.tick).max(1);
+        if gap > MOST_PREDICTED {
+            // Long out of sight: where it is is known, and how far it has come; how fast it is the next sample tells.
+            let mean = (measured - state.q) / (gap as f64 * self.T);
+            let qdot = if drive == DRIVE_BRAKED { SVector::zeros() } else { mean };
+            return State { samples: 0, doubted: [0; N], q: *measured, qdot, ..*state };
+        }
+        if drive == DRIVE_BRAKED {
+            return State { qdot: SVector::zeros(), ..*state };
+        }
+        if state.samples == 1 && gap == 1 && state.tick > 0 {
+            return State { q: *measured, qdot: (measured - state.q) / self.T, ..*state };
+        }
+        (0..gap).fold(*state, |state, _| self.predict(&state, tau))
+    }
+
     /// One tick ahead under constant torque: the midpoint rule, second order in T like the truth's own variation within a tick.
     fn predict(&self, state: &State<N>, tau: &SVector<f64, N>) -> State<N> {
         let T = self.T;
@@ -107,7 +161,7 @@ impl<const N: usize> Cycle<N> {
         let q_mid = state.q + state.qdot * (T / 2.0);
         let qdot_mid = state.qdot + half * (T / 2.0);
         let qddot = self.model.forward_dynamics(&q_mid, &qdot_mid, tau) + state.d;
-        State { q: state.q + state.qdot * T + qddot * (T * T / 2.0), qdot: state.qdot + qddot * T, d: state.d }
+        State { q: state.q + state.qdot * T + qddot * (T * T / 2.0), qdot: state.qdot + qddot * T, ..*state }
     }
 }
 

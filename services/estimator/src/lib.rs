@@ -44,6 +44,9 @@ pub fn run(shell: &Shell, robot: &Robot, scenario: &Scenario) -> Result<(), Proc
     let mut cycle = cycle(robot, scenario).map_err(ProcessError::setup)?;
     let mut sensors = shell.reader::<SensorSample>()?;
     let mut estimates = shell.writer::<StateEstimate>()?;
+    if let Some(last) = estimates.legacy() {
+        cycle.resume(last);
+    }
     while let Some(sample) = sensors.next()? {
         estimates.send(cycle.step(sample))?;
     }

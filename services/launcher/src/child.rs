@@ -109,6 +109,13 @@ impl Child {
         let _ = self.process.wait();
     }
 
+    /// Whether the kernel has it stopped (SIGSTOP).
+    pub(crate) fn is_stopped(&self) -> bool {
+        let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.pid())).unwrap_or_default();
+        // The second field is the command in parentheses and may contain anything: count from its end.
+        stat.rsplit_once(") ").is_some_and(|(_, rest)| rest.starts_with('T'))
+    }
+
     /// New lines on its standard error.
     pub(crate) fn new_lines(&mut self) -> Vec<String> {
         let lines: Vec<_> = self.lines.try_iter().collect();

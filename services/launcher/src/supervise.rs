@@ -7,10 +7,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-use runtime::{Board, BoardError, Hub, Manifest, ManifestError, Mode, Phase, Process, RunDir, RunDirError, State, Stop, TopicError};
+use runtime::{
+    Account, Board, BoardError, Hub, MOST_FAULTS, Manifest, ManifestError, Mode, Origin, Phase, Process, RunDir, RunDirError, State, Stop,
+    TopicError, now_ns,
+};
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::process::Signal;
 use rustix::time::Timespec;
+use shared_types::fault::{Fault, Kind, Strike, Way};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 
@@ -18,6 +22,12 @@ use crate::child::{self, Exit};
 
 /// How often progress is reported, and signals are looked at; an exit is noticed at once.
 const BEAT: Duration = Duration::from_millis(40);
+
+/// A process that does nothing for so long while it should is killed ...
+const SILENCE: Duration = Duration::from_secs(2);
+
+/// ... sooner where the kernel says that it is stopped.
+const SILENCE_STOPPED: Duration = Duration::from_millis(100);
 
 /// What to do when a process ends unasked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -75,6 +85,8 @@ pub struct Plan {
     pub children: Vec<Child>,
     /// How long the launcher is patient.
     pub limits: Limits,
+    /// What goes wrong, and when.
+    pub faults: Vec<Strike>,
 }
 
 /// What happens while a run goes on.
@@ -93,6 +105,13 @@ pub enum Event<'a> {
         process: &'a str,
         /// What.
         line: &'a str,
+    },
+    /// A process did nothing more and has been killed for it.
+    Silenced {
+        /// Which.
+        process: &'a str,
+        /// For how long it had done nothing.
+        silent: Duration,
     },
     /// A process ended unasked and has been started again.
     Restarted {
@@ -136,6 +155,12 @@ pub enum LaunchError {
         /// Why.
         source: io::Error,
     },
+    /// More faults than a run can have.
+    #[error("{count} faults are planned, a run has room for {MOST_FAULTS}: take some out")]
+    TooManyFaults {
+        /// How many.
+        count: usize,
+    },
     /// A process that died before the first tick.
     #[error("{0}")]
     NotReady(Failure),
@@ -157,7 +182,7 @@ pub enum LaunchError {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Failure {
     /// A process ended unasked.
-    #[error("{process} (process {pid}) ended unexpectedly with {exit} at tick {tick}{}{}", hint(suspect), said(last_words))]
+    #[error("{process} (process {pid}) ended unexpectedly with {exit} at tick {tick}{}{}{}", spent(*restarts), hint(suspect), said(last_words))]
     Died {
         /// Which.
         process: String,
@@ -167,6 +192,8 @@ pub enum Failure {
         exit: Exit,
         /// Ticks it had done.
         tick: u64,
+        /// How often it had been started again.
+        restarts: u32,
         /// Another process that had fallen behind before, which may be the reason.
         suspect: Option<String>,
         /// The end of its standard error.
@@ -190,6 +217,10 @@ pub enum Failure {
         /// The limit.
         limit: Duration,
     },
+}
+
+fn spent(restarts: u32) -> String {
+    if restarts == 0 { String::new() } else { format!(" after {restarts} restarts, all that its budget allows") }
 }
 
 fn hint(suspect: &Option<String>) -> String {
@@ -230,7 +261,7 @@ pub struct ProcessOutcome {
 }
 
 /// What became of a run.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
     /// How it ended.
     pub end: End,
@@ -238,6 +269,8 @@ pub struct Outcome {
     pub ticks: u64,
     /// Its processes, in the order of the plan.
     pub processes: Vec<ProcessOutcome>,
+    /// Its faults, planned and live, in the order in which they were known.
+    pub faults: Vec<Account>,
 }
 
 /// The usual command for a process: this same program again, `armplane NAME --run DIR`.
@@ -285,6 +318,8 @@ struct Slot {
     last_words: Vec<String>,
     /// When to start it again.
     due: Option<Instant>,
+    /// The ticks it had done, and when they were first seen: how long it has been silent.
+    seen: Option<(u64, Instant)>,
 }
 
 impl std::fmt::Debug for Slot {
@@ -311,6 +346,11 @@ impl Launcher {
         };
         manifest.write(&run)?;
         let board = Board::create(&run)?;
+        for fault in &plan.faults {
+            if board.ledger().enter(fault, Origin::Planned).is_none() {
+                return Err(LaunchError::TooManyFaults { count: plan.faults.len() });
+            }
+        }
         let hub = Hub::create(&run, &manifest)?;
         let slots = plan.children.iter().map(|_| Slot::default()).collect();
         Ok(Self { nursery: Nursery(slots), hub, board, run, plan })
@@ -346,7 +386,8 @@ impl Launcher {
             (End::Completed, Some(failure)) => End::Failed(failure),
             (end, _) => end,
         };
-        let outcome = Outcome { end, ticks: self.ticks(), processes: self.process_outcomes() };
+        let faults = self.board.ledger().accounts().map(|(_, account)| account).collect();
+        let outcome = Outcome { end, ticks: self.ticks(), processes: self.process_outcomes(), faults };
         let Self { nursery, hub, board, run, .. } = self;
         drop((nursery, hub, board));
         run.remove().map_err(LaunchError::LeftBehind)?;
@@ -363,7 +404,7 @@ impl Launcher {
         let child = child.map_err(|source| LaunchError::Spawn { process: name, command: program, source })?;
         line.set_pid(child.pid());
         let slot = &mut self.nursery.0[index];
-        (slot.pid, slot.exit, slot.due, slot.child) = (child.pid(), None, None, Some(child));
+        (slot.pid, slot.exit, slot.due, slot.seen, slot.child) = (child.pid(), None, None, None, Some(child));
         Ok(())
     }
 
@@ -410,12 +451,104 @@ impl Launcher {
                     Restart::Budget { times, back_off } if slot.restarts < times => {
                         let pause = back_off * 2_u32.saturating_pow(slot.restarts);
                         slot.due = Some(Instant::now() + pause);
+                        self.enter_death(index);
                     }
                     _ => return End::Failed(self.died(index)),
                 }
             }
+            self.continue_paused();
+            self.end_silence(report);
             if let Some(failure) = self.start_again(commands, report) {
                 return End::Failed(failure);
+            }
+        }
+    }
+
+    /// A death that a fault explains has been noticed; one that nobody planned becomes a fault, so that nobody waits for the dead, and
+    /// so that the run can be repeated.
+    fn enter_death(&self, index: usize) {
+        let ledger = self.board.ledger();
+        let is_explained = |account: &Account| {
+            account.strike.process as usize == index
+                && account.strike.kind().is_some_and(Kind::takes_down)
+                && account.struck_ns != 0
+                && account.restored_ns == 0
+        };
+        let is_known = ledger.accounts().any(|(_, account)| is_explained(&account));
+        if !is_known {
+            let fault = Fault { at_tick: Some(self.first_tick_missed(index)), ..Fault::new(self.name(index), Kind::Kill) };
+            // A process that the vocabulary does not know cannot be waited for by its ticks either.
+            if let Ok(strike) = fault.strike(index as u32, self.plan.rate_hz, 0)
+                && let Some(place) = ledger.enter(&strike, Origin::Noticed)
+            {
+                ledger.has_struck(place, now_ns());
+            }
+        }
+        ledger.notice(index, now_ns());
+        self.board.ring_all();
+    }
+
+    /// The first tick of which nothing has come from a dead process. Everybody waits for it by now, so that its readers say how far it came:
+    /// it may have died between sending and saying so.
+    fn first_tick_missed(&self, index: usize) -> u64 {
+        let closed = self.board.line(index).ticks();
+        let process = &self.plan.children[index].process;
+        let reads = |other: &Process| !other.polled && process.writes.iter().any(|topic| other.reads.contains(topic));
+        let has_got = |(other, child): (usize, &Child)| {
+            // Who makes the ticks says when it begins one, the others when they end it.
+            let head_start = u64::from(child.process.makes_ticks);
+            reads(&child.process) && self.board.line(other).ticks() > closed + head_start
+        };
+        closed + u64::from(self.plan.children.iter().enumerate().any(has_got))
+    }
+
+    /// Continues those that a fault has stopped for a time.
+    fn continue_paused(&self) {
+        for (_, account) in self.board.ledger().accounts() {
+            let Account { strike, struck_ns, restored_ns, .. } = account;
+            if struck_ns == 0 || restored_ns != 0 || strike.way() != Some(Way::Paused) || strike.kind() != Some(Kind::Hang) {
+                continue;
+            }
+            let passed_ns = (strike.until - strike.at).saturating_mul(1_000_000_000 / u64::from(self.plan.rate_hz.max(1)));
+            if (self.ticks() >= strike.until || now_ns() >= struck_ns.saturating_add(passed_ns))
+                && let Some(child) = self.nursery.0.get(strike.process as usize).and_then(|slot| slot.child.as_ref())
+            {
+                child.signal(Signal::CONT);
+            }
+        }
+    }
+
+    /// Kills those that do nothing more: stopped by somebody, or stuck.
+    fn end_silence(&mut self, report: Report<'_>) {
+        let source = self.ticks();
+        for index in 0..self.plan.children.len() {
+            let (line, plan) = (self.board.line(index), &self.plan.children[index]);
+            let slot = &mut self.nursery.0[index];
+            let Some(child) = slot.child.as_ref() else { continue };
+            let (ticks, now) = (line.ticks(), Instant::now());
+            let is_replaced = plan.process.makes_ticks || plan.restart != Restart::Never;
+            let since = match slot.seen {
+                Some((seen, since)) if seen == ticks && is_replaced => since,
+                _ => {
+                    slot.seen = Some((ticks, now));
+                    continue;
+                }
+            };
+            let silent = now - since;
+            if child.is_stopped() {
+                self.board.ledger().notice(index, now_ns());
+            }
+            let limit = if child.is_stopped() { SILENCE_STOPPED } else { SILENCE };
+            let is_late = child.is_stopped() || (ticks < source && !plan.process.polled && line.state() == State::Running);
+            let is_paused = self.board.ledger().accounts().any(|(_, account)| {
+                let Account { strike, struck_ns, restored_ns, .. } = account;
+                strike.process as usize == index && strike.way() == Some(Way::Paused) && struck_ns != 0 && restored_ns == 0
+            });
+            if is_late && !is_paused && silent > limit {
+                child.signal(Signal::KILL);
+                slot.seen = None;
+                self.board.ledger().notice(index, now_ns());
+                report(Event::Silenced { process: &plan.process.name, silent });
             }
         }
     }
@@ -429,7 +562,9 @@ impl Launcher {
                 continue;
             }
             if let Err(error) = self.hub.clear_dead() {
+                // Never into a half-open service: what the dead one left is cleared away first, or at the next look.
                 tracing::warn!("{error}");
+                continue;
             }
             if let Err(error) = self.start(index, commands) {
                 tracing::error!("{error}");
@@ -457,6 +592,8 @@ impl Launcher {
         let mut failure = None;
         let concerned: Vec<usize> =
             (0..self.plan.children.len()).filter(|&index| self.plan.children[index].process.polled == polled).collect();
+        // Who has been stopped cannot end.
+        self.signal(&concerned, Signal::CONT);
         for insist in [None, Some(Signal::TERM)] {
             if let Some(signal) = insist {
                 self.signal(&concerned, signal);
@@ -524,6 +661,9 @@ impl Launcher {
             }
             (slot.exit, slot.last_words, slot.child) = (Some(exit), last_words, None);
             self.board.line(index).end();
+            if !exit.is_success() {
+                self.board.ledger().notice(index, now_ns());
+            }
             ended.push(index);
         }
         ended
@@ -536,6 +676,7 @@ impl Launcher {
             pid: slot.pid,
             exit: slot.exit.unwrap_or(Exit::Code(0)),
             tick: self.board.line(index).ticks(),
+            restarts: slot.restarts,
             suspect: self.stood_still().filter(|&other| other != index).map(|other| self.name(other).to_owned()),
             last_words: slot.last_words.clone(),
         }

@@ -51,7 +51,7 @@ fn plant(run: &Path, ticks: u64) -> Result<(), ProcessError> {
         sample.header.tick = tick;
         sample.q_encoder[0] = state;
         sensors.send(sample)?;
-        match torques.at_until(tick, pace.deadline_ns())? {
+        match torques.arriving(tick, pace.deadline_ns())? {
             Some(torque) => state += torque.tau[0],
             None if shell.is_stopping() => break,
             None => state += 1e3,
@@ -131,7 +131,7 @@ fn launch_and_tell() -> Result<(), ProcessError> {
 
 fn process(name: &str, reads: &[&str], writes: &[&str], polled: bool) -> Process {
     let own = |names: &[&str]| names.iter().map(ToString::to_string).collect();
-    Process { name: name.into(), reads: own(reads), writes: own(writes), polled, ..Process::default() }
+    Process { name: name.into(), reads: own(reads), writes: own(writes), polled, makes_ticks: name == "plant", ..Process::default() }
 }
 
 fn plan(mode: Mode, restart: Restart) -> Plan {
@@ -140,6 +140,7 @@ fn plan(mode: Mode, restart: Restart) -> Plan {
         mode,
         rate_hz: 1000,
         limits: Limits { stop: Duration::from_secs(5), ..Limits::default() },
+        faults: Vec::new(),
         children: vec![
             child(process("plant", &["torque"], &["sensor"], false), true, Restart::Never),
             child(process("controller", &["sensor"], &["torque"], false), false, restart),
@@ -210,7 +211,9 @@ fn three_processes_pass_ten_thousand_ticks_in_order_and_lose_nothing_twice_the_s
     assert_eq!(outcome.end, End::Completed);
     assert_eq!(outcome.ticks, 10_000);
     assert!(outcome.processes.iter().all(|p| p.exit == Exit::Code(0) && p.restarts == 0 && p.pid != 0), "{outcome:?}");
-    assert!(outcome.processes.iter().all(|p| p.counts == runtime::Counts::default()), "{outcome:?}");
+    let nothing_wrong = |p: &crate::ProcessOutcome| p.counts == runtime::Counts { sent: p.counts.sent, ..runtime::Counts::default() };
+    assert!(outcome.processes.iter().all(nothing_wrong), "{outcome:?}");
+    assert_eq!(outcome.processes.iter().map(|p| p.counts.sent).sum::<u64>(), 20_000);
     let first = fields(&ran.recorded);
     assert_eq!((&*first[0], &*first[2], &*first[4]), ("10000", "10000", "0"));
     assert!(!is_left_behind(&ran.name));

@@ -3,9 +3,12 @@
 use model::{Model, ModelError, Robot, StartError};
 use nalgebra::SVector;
 use shared_types::codes::{DRIVE_DIVERGED, PHASE_DONE, PHASE_REFUSED, PHASE_RUNNING};
+use shared_types::fault::Strike;
 use shared_types::scenario::Scenario;
 use shared_types::{Header, MAX_DOF, PlantState, SensorSample, TorqueCommand};
 use sim::{Drive, Encoders, Plant, PlantError};
+
+use crate::trouble::Trouble;
 
 /// How long after the controller refused to go on the run lasts: time to come to rest; s.
 const REFUSED_S: f64 = 2.0;
@@ -42,6 +45,9 @@ pub struct Cycle<const N: usize> {
     refused_limit: u64,
     limit: u64,
     diverged: bool,
+    trouble: Trouble<N>,
+    /// Torque that acted on the joints over the last tick: what the drives applied, where none of them failed; N·m.
+    acted: SVector<f64, N>,
 }
 
 impl<const N: usize> Cycle<N> {
@@ -56,9 +62,12 @@ impl<const N: usize> Cycle<N> {
         let known = Model::new(robot, (!scenario.frame.is_empty()).then_some(scenario.frame.as_str()))?;
         let start = SVector::from_column_slice(&start);
         let ticks = |seconds: f64| (seconds * f64::from(scenario.rate_hz)).round() as u64;
+        let drive = Drive::new(known, scenario.rate_hz, options.hold_ticks, &start);
         Ok(Self {
             plant: Plant::new(robot, &scenario.frame, options, scenario.rate_hz, &start)?,
-            drive: Drive::new(known, scenario.rate_hz, options.hold_ticks, &start),
+            acted: drive.applied().tau,
+            drive,
+            trouble: Trouble::new(scenario.dt_s()),
             encoders: Encoders::new(robot, options.encoder_bits, options.encoder_noise_counts, scenario.seed),
             phase: PHASE_RUNNING,
             refused_ticks: 0,
@@ -78,7 +87,7 @@ impl<const N: usize> Cycle<N> {
         let header = Header { tick, ..Header::default() };
         let sample = SensorSample {
             header,
-            q_encoder: padded(&self.encoders.read(tick, &x.q)),
+            q_encoder: padded(&self.trouble.read(tick, &self.encoders.read(tick, &x.q))),
             tau_drive: padded(&applied.tau),
             drive: applied.drive,
             stale_ticks: applied.stale_ticks,
@@ -90,7 +99,7 @@ impl<const N: usize> Cycle<N> {
             header,
             q: padded(&x.q),
             qdot: padded(&x.qdot),
-            tau: padded(&applied.tau),
+            tau: padded(&self.acted),
             p_BE: X_BE.p.into(),
             R_BE,
             V_BE: (self.plant.model().jacobian(&x.q) * x.qdot).into(),
@@ -106,14 +115,23 @@ impl<const N: usize> Cycle<N> {
         (sample, truth)
     }
 
-    /// Advances one tick under `command` (`None`: none came).
+    /// Takes up the faults that concern `tick`, before its sample.
+    pub fn afflict(&mut self, tick: u64, strikes: &[Strike]) {
+        let reading = self.encoders.read(tick, &self.plant.state().q);
+        self.trouble.begin(strikes, &reading, &self.acted);
+    }
+
+    /// Advances one tick under `command` (`None`: none came). How old it is its header says.
     pub fn step(&mut self, command: Option<&TorqueCommand>) {
         let tau = command.map(|command| SVector::<f64, N>::from_column_slice(&command.tau[..N]));
+        let age = command.map_or(0, |command| self.ticks.saturating_sub(command.header.tick));
         let x = self.plant.state();
-        let applied = self.drive.step(&x.q, &x.qdot, tau.as_ref());
-        if applied.braked {
+        let applied = self.drive.answer(&x.q, &x.qdot, tau.as_ref(), u32::try_from(age).unwrap_or(u32::MAX));
+        let (braked, acting) = (applied.braked, self.trouble.act(&applied.tau, &x.qdot, self.plant.model().effort()));
+        self.acted = acting;
+        if braked {
             self.plant.hold();
-        } else if self.plant.step(&applied.tau).is_err() {
+        } else if self.plant.step(&acting).is_err() {
             self.drive.brake(DRIVE_DIVERGED);
             self.plant.hold();
             self.diverged = true;
@@ -274,6 +292,7 @@ mod tests {
         let mut poison = command(&cycle.sample(0).1, [0.0; 6]);
         poison.tau[2] = f64::NAN;
         for tick in 1..=2000 {
+            poison.header.tick = tick - 1;
             cycle.step(Some(&poison));
             let (sample, truth) = cycle.sample(tick);
             assert!(sample.is_finite() && truth.is_finite());

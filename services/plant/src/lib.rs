@@ -2,9 +2,11 @@
 #![allow(non_snake_case)]
 
 mod cycle;
+mod trouble;
 
 use model::{Refused, Robot, with_dof};
-use runtime::{ProcessError, Shell};
+use runtime::{MOST_FAULTS, ProcessError, Shell};
+use shared_types::fault::{Kind, Strike};
 use shared_types::scenario::Scenario;
 use shared_types::{PlantState, SensorSample, TorqueCommand};
 
@@ -16,6 +18,8 @@ pub trait Step {
     fn sample(&self, tick: u64) -> (SensorSample, PlantState);
     /// Moves the arm to the next tick under `command` (`None`: none came).
     fn step(&mut self, command: Option<&TorqueCommand>);
+    /// Takes up the faults that concern `tick`, before its sample.
+    fn afflict(&mut self, tick: u64, strikes: &[Strike]);
     /// Whether the task is over.
     fn is_over(&self) -> bool;
 }
@@ -26,6 +30,9 @@ impl<const N: usize> Step for Cycle<N> {
     }
     fn step(&mut self, command: Option<&TorqueCommand>) {
         self.step(command);
+    }
+    fn afflict(&mut self, tick: u64, strikes: &[Strike]) {
+        self.afflict(tick, strikes);
     }
     fn is_over(&self) -> bool {
         self.is_over()
@@ -51,11 +58,23 @@ pub fn run(shell: &Shell, robot: &Robot, scenario: &Scenario) -> Result<(), Proc
     let mut truths = shell.writer::<PlantState>()?;
     let mut torques = shell.reader::<TorqueCommand>()?;
     let mut pace = shell.pace(0);
+    let mut strikes = Vec::with_capacity(MOST_FAULTS);
     while let Some(tick) = pace.next()? {
+        let was_afflicted = !strikes.is_empty();
+        strikes.clear();
+        shell.struck_by(tick, |place, strike, kind| {
+            if matches!(kind, Kind::Sensor | Kind::Drive) {
+                shell.has_struck(place);
+                strikes.push(*strike);
+            }
+        });
+        if was_afflicted || !strikes.is_empty() {
+            cycle.afflict(tick, &strikes);
+        }
         let (sample, truth) = cycle.sample(tick);
         sensors.send(sample)?;
         truths.send(truth)?;
-        cycle.step(torques.at_until(tick, pace.deadline_ns())?);
+        cycle.step(torques.arriving(tick, pace.deadline_ns())?);
         if cycle.is_over() {
             break;
         }

@@ -44,6 +44,17 @@ impl Assembler {
         Self { rows: VecDeque::with_capacity(patience + 1), next: 0, patience, horizon }
     }
 
+    /// Goes on where an earlier assembler had come to, with the rows that it had not given out.
+    pub fn resume(&mut self, next: u64, rows: impl IntoIterator<Item = Row>) {
+        self.next = next;
+        self.rows.extend(rows);
+    }
+
+    /// The next tick to be given out, and what there is of it and the ticks after it.
+    pub fn pending(&self) -> (u64, impl Iterator<Item = &Row>) {
+        (self.next, self.rows.iter())
+    }
+
     /// The row of a tick; `None` when it has been given out already.
     pub fn row(&mut self, tick: u64) -> Option<&mut Row> {
         let place = usize::try_from(tick.checked_sub(self.next)?).ok()?;

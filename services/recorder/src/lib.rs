@@ -2,22 +2,27 @@
 #![allow(non_snake_case)]
 
 mod assemble;
+mod checkpoint;
 mod judge;
+mod witness;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use model::{Robot, with_dof};
-use runtime::{Drain, Keep, Mode, ProcessError, Shell, TopicHash};
+use runtime::{Count, Drain, Keep, Mode, ProcessError, Shell, TopicHash};
 use shared_types::job::Job;
 use shared_types::scenario::{Record, Scenario};
 use shared_types::summary::{RecorderSummary, Summary, TopicSummary};
 use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
-use viz::{RecordError, Recording, RunInfo, TickRow};
+use viz::{Level, RecordError, Recording, RunInfo, TickRow};
+
+use checkpoint::{Checkpoint, Memory, Progress, StoredRow};
+use witness::Witness;
 
 pub use assemble::{Assembler, Row};
-pub use judge::{Judge, Limits, Tick, Verdict};
+pub use judge::{Judge, Limits, TaskError, Tick, Verdict};
 
 /// Name of the recorder's part of the summary in the run's directory.
 pub const SUMMARY: &str = "summary.json";
@@ -40,7 +45,7 @@ const HORIZON: usize = 2 * runtime::RECORDER_DEPTH;
 /// [`ProcessError`] where the recorder cannot begin, the graph breaks, or the summary cannot be written. A recording that fails
 /// (a full disk) does not end the run: it is said in the summary.
 pub fn run(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<(), ProcessError> {
-    let summary = with_dof!(robot.dof(), N => record::<N>(shell, robot, job))
+    let summary = with_dof!(robot.dof(), N => record::<N>(shell, robot, job, run_dir))
         .unwrap_or_else(|| Err(ProcessError::setup("unsupported number of joints")))?;
     let path = run_dir.join(SUMMARY);
     serde_json::to_vec(&summary)
@@ -49,24 +54,57 @@ pub fn run(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<()
         .map_err(|error| ProcessError::setup(format!("cannot write {}: {error}", path.display())))
 }
 
-fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
+fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Summary, ProcessError> {
     let folder = job.out.join(MESSAGES);
+    let mut memory = Memory::new(run_dir);
+    let past = if shell.incarnation() > 1 { memory.last() } else { None };
     let mut topics = Topics::open(shell, job.messages.then_some(folder.as_path()))?;
     let mut assembler = Assembler::new(PATIENCE, HORIZON);
     let mut judge = Judge::new(limits(robot), job.scenario.goal.clone(), job.scenario.duration_s() * f64::from(job.scenario.rate_hz));
-    let mut tape = Tape::<N>::start(robot, job)?;
+    if shell.mode() == Mode::Realtime {
+        judge = judge.on_grid(shell.manifest().period_ns());
+    }
+    let mut tape = Tape::<N>::start(robot, job, shell.incarnation())?;
+    let mut witness = Witness::default();
+    if let Some(past) = past {
+        topics.resume(&past.progress);
+        assembler.resume(past.next, past.rows.into_iter().map(Row::from));
+        tape.result.error = past.result.error;
+        (judge, witness) = (past.judge, Witness::resume(past.told));
+    }
     while shell.poll(POLL)? {
         topics.drain(&mut assembler)?;
         while let Some(row) = assembler.pop(false) {
             take(&row, &mut judge, &mut tape);
         }
+        if !tape.result.error.is_empty() || topics.has_failed() {
+            shell.notice();
+        }
+        witness.tell(shell, &mut tape);
+        if shell.is_about_to_fall() || memory.is_due() {
+            tape.flush();
+            topics.flush();
+            let (next, rows) = assembler.pending();
+            let rows = rows.map(StoredRow::from).collect();
+            let checkpoint = Checkpoint { judge, progress: topics.progress(), next, rows, result: tape.result, told: witness.told() };
+            shell.elsewhere(|| memory.save(&checkpoint));
+            (judge, tape.result) = (checkpoint.judge, checkpoint.result);
+        }
     }
     while let Some(row) = assembler.pop(true) {
         take(&row, &mut judge, &mut tape);
     }
-    let summary = summary(robot, job, shell.mode(), judge.verdict(), &topics, tape.finish());
-    topics.finish()?;
-    Ok(summary)
+    witness.tell(shell, &mut tape);
+    let (kept, mut tape) = (topics.finish(), tape.finish());
+    tape.messages_bytes = kept.bytes;
+    if tape.error.is_empty() {
+        tape.error = kept.error;
+    }
+    tape.cpu_s = runtime::realtime::cpu_time_s();
+    // What was sent, less what came: gaps in the ticks alone would take for lost what a fault never let be sent.
+    let refused = shell.count(Count::Refused) + shell.count(Count::Fenced);
+    tape.lost = shell.sent_by_all().saturating_sub(topics.account().iter().map(|(_, hash)| hash.count()).sum::<u64>() + refused);
+    Ok(summary(robot, job, shell.mode(), judge.verdict(), &topics, tape))
 }
 
 fn take<const N: usize>(row: &Row, judge: &mut Judge, tape: &mut Tape<N>) {
@@ -75,17 +113,21 @@ fn take<const N: usize>(row: &Row, judge: &mut Judge, tape: &mut Tape<N>) {
     } = row
     {
         judge.tick(Tick { sensor, truth, estimate, report, command });
+    } else if let Some(sensor) = &row.sensor {
+        judge.torn(sensor);
     }
     tape.tick(row);
 }
 
-fn limits(robot: &Robot) -> Limits {
+/// A robot's limits, as the judge wants them.
+#[must_use]
+pub fn limits(robot: &Robot) -> Limits {
     let of = |value: fn(&model::Joint) -> f64| robot.joints.iter().map(value).collect();
     Limits { effort: of(|joint| joint.effort), velocity: of(|joint| joint.velocity) }
 }
 
 /// The recording, as long as it can be written; the first error ends it and is kept.
-struct Tape<const N: usize> {
+pub struct Tape<const N: usize> {
     recording: Option<Recording<N>>,
     folder: PathBuf,
     limits: PartLimits,
@@ -107,20 +149,34 @@ impl PartLimits {
 }
 
 impl<const N: usize> Tape<N> {
-    fn start(robot: &Robot, job: &Job) -> Result<Self, ProcessError> {
+    /// A recording in the job's folder, where the job wants one; a further file of it for a later incarnation.
+    ///
+    /// # Errors
+    /// When the file cannot be made.
+    pub fn start(robot: &Robot, job: &Job, incarnation: u32) -> Result<Self, ProcessError> {
         let tape =
             Self { recording: None, folder: job.out.clone(), limits: PartLimits::new(&job.scenario), result: RecorderSummary::default() };
         if !job.record {
             return Ok(tape);
         }
         let info = RunInfo { scenario: &job.scenario, robot, run: &job.run, version: &job.version, seed: job.scenario.seed };
-        // A restarted recorder goes on in the next part; the launcher has removed what an older run left.
-        let part = viz::parts_in(&job.out).len() as u32;
-        let recording = Recording::create_part(&job.out, part, &info).map_err(ProcessError::setup)?;
-        Ok(Self { recording: Some(recording), result: RecorderSummary { file: viz::part_name(0), ..RecorderSummary::default() }, ..tape })
+        let first = RecorderSummary { file: viz::part_name(0), ..RecorderSummary::default() };
+        if incarnation > 1 {
+            // A further file of the same recording: what the predecessor wrote stays as it is.
+            let part = viz::parts_in(&job.out).len() as u32;
+            let recording = Recording::create_part(&job.out, part, &info).map_err(ProcessError::setup)?;
+            return Ok(Self { recording: Some(recording), result: first, ..tape });
+        }
+        // A folder given with --out may hold an older recording with more parts.
+        for old in viz::parts_in(&job.out) {
+            std::fs::remove_file(&old).map_err(|error| ProcessError::setup(format!("cannot replace {}: {error}", old.display())))?;
+        }
+        let recording = Recording::create(&job.out, &info).map_err(ProcessError::setup)?;
+        Ok(Self { recording: Some(recording), result: first, ..tape })
     }
 
-    fn tick(&mut self, row: &Row) {
+    /// Adds a tick; what is missing of it is left out.
+    pub fn tick(&mut self, row: &Row) {
         let Some(recording) = &mut self.recording else { return };
         let row = TickRow {
             tick: row.tick,
@@ -137,24 +193,41 @@ impl<const N: usize> Tape<N> {
         }
     }
 
+    fn event(&mut self, tick: u64, level: Level, text: &str) {
+        if let Some(recording) = &mut self.recording {
+            recording.event(tick, level, text);
+        }
+    }
+
+    /// Writes out what is being gathered: from now on it outlives the recorder.
+    fn flush(&mut self) {
+        if let Some(recording) = &mut self.recording {
+            recording.flush();
+        }
+    }
+
     /// Keeps the first error; what was written before it stays.
     fn fail(&mut self, error: &RecordError) {
         eprintln!("{error}");
         self.result.error = error.to_string();
         if let Some(recording) = self.recording.take() {
-            (self.result.bytes, self.result.parts) = (recording.bytes(), recording.part() + 1);
             // A part that could not be followed by another still gets its end.
             let _ = recording.finish();
         }
     }
 
-    fn finish(mut self) -> RecorderSummary {
-        if let Some(recording) = self.recording.take() {
-            (self.result.bytes, self.result.parts) = (recording.bytes(), recording.part() + 1);
-            match recording.finish() {
-                Ok(info) => self.result.bytes = info.bytes,
-                Err(error) => self.fail(&error),
-            }
+    /// Ends the recording.
+    pub fn finish(mut self) -> RecorderSummary {
+        if let Some(recording) = self.recording.take()
+            && let Err(error) = recording.finish()
+        {
+            self.fail(&error);
+        }
+        if !self.result.file.is_empty() {
+            // All of them, a predecessor's too.
+            let parts = viz::parts_in(&self.folder);
+            self.result.parts = parts.len() as u32;
+            self.result.bytes = parts.iter().filter_map(|part| std::fs::metadata(part).ok()).map(|file| file.len()).sum();
         }
         self.result
     }
@@ -165,31 +238,67 @@ struct Tap<M: Message> {
     drain: Drain<M>,
     hash: TopicHash,
     keep: Option<Keep<M>>,
+    kept: Kept,
+}
+
+/// What became of the kept messages; a disk that is full ends the keeping, not the run.
+#[derive(Clone, Debug, Default)]
+struct Kept {
+    bytes: u64,
+    error: String,
 }
 
 impl<M: Message> Tap<M> {
     fn open(shell: &Shell, messages: Option<&Path>) -> Result<Self, ProcessError> {
-        let keep = messages.map(Keep::create).transpose().map_err(ProcessError::setup)?;
-        Ok(Self { drain: shell.drain()?, hash: TopicHash::default(), keep })
+        // A restarted recorder goes on where its predecessor was killed.
+        let keep = |folder| if shell.incarnation() > 1 { Keep::resume(folder) } else { Keep::create(folder) };
+        let keep = messages.map(keep).transpose().map_err(ProcessError::setup)?;
+        Ok(Self { drain: shell.drain()?, hash: TopicHash::default(), keep, kept: Kept::default() })
     }
 
     fn drain(&mut self, assembler: &mut Assembler, place: impl Fn(&mut Row) -> &mut Option<M>) -> Result<(), ProcessError> {
-        let (hash, keep) = (&mut self.hash, &mut self.keep);
-        let mut kept = Ok(());
+        let (hash, keep, kept) = (&mut self.hash, &mut self.keep, &mut self.kept);
         self.drain.drain(|message| {
             hash.add(message);
-            if let (Ok(()), Some(keep)) = (&kept, keep.as_mut()) {
-                kept = keep.add(message);
+            if let Some(keeping) = keep
+                && let Err(error) = keeping.add(message)
+            {
+                eprintln!("{error}");
+                *kept = Kept { bytes: keeping.bytes(), error: error.to_string() };
+                *keep = None;
             }
             if let Some(row) = assembler.row(message.header().tick) {
                 *place(row) = Some(*message);
             }
         })?;
-        kept.map_err(ProcessError::setup)
+        Ok(())
     }
 
-    fn finish(self) -> Result<(), ProcessError> {
-        self.keep.map_or(Ok(()), |keep| keep.finish().map_err(ProcessError::setup))
+    fn flush(&mut self) {
+        if let Some(keep) = &mut self.keep
+            && let Err(error) = keep.flush()
+        {
+            eprintln!("{error}");
+            self.kept = Kept { bytes: keep.bytes(), error: error.to_string() };
+            self.keep = None;
+        }
+    }
+
+    fn progress(&self) -> Progress {
+        Progress { hash: self.hash, last: self.drain.last(), lost: self.drain.lost() }
+    }
+
+    fn resume(&mut self, progress: &Progress) {
+        self.hash = progress.hash;
+        self.drain.resume(progress.last, progress.lost);
+    }
+
+    fn finish(&mut self) -> Kept {
+        match self.keep.take().map(|keep| (keep.bytes(), keep.finish())) {
+            None => self.kept.clone(),
+            Some((_, Ok(bytes))) => Kept { bytes, error: String::new() },
+            Some((bytes, Err(error))) => Kept { bytes, error: error.to_string() },
+        }
     }
 }
 
@@ -212,12 +321,11 @@ impl Topics {
         })
     }
 
-    fn finish(self) -> Result<(), ProcessError> {
-        self.sensor.finish()?;
-        self.truth.finish()?;
-        self.estimate.finish()?;
-        self.report.finish()?;
-        self.command.finish()
+    /// Ends the keeping of messages: how many bytes there are, and the first thing that went wrong.
+    fn finish(&mut self) -> Kept {
+        let all = [self.sensor.finish(), self.truth.finish(), self.estimate.finish(), self.report.finish(), self.command.finish()];
+        let error = all.iter().find(|kept| !kept.error.is_empty()).map(|kept| kept.error.clone()).unwrap_or_default();
+        Kept { bytes: all.iter().map(|kept| kept.bytes).sum(), error }
     }
 
     fn drain(&mut self, assembler: &mut Assembler) -> Result<(), ProcessError> {
@@ -228,14 +336,40 @@ impl Topics {
         self.command.drain(assembler, |row| &mut row.command)
     }
 
-    /// Per topic: name, count, hash, lost.
-    fn account(&self) -> [(&'static str, &TopicHash, u64); 5] {
+    fn flush(&mut self) {
+        self.sensor.flush();
+        self.truth.flush();
+        self.estimate.flush();
+        self.report.flush();
+        self.command.flush();
+    }
+
+    fn has_failed(&self) -> bool {
+        [&self.sensor.kept, &self.truth.kept, &self.estimate.kept, &self.report.kept, &self.command.kept]
+            .iter()
+            .any(|kept| !kept.error.is_empty())
+    }
+
+    fn progress(&self) -> [Progress; 5] {
+        [self.sensor.progress(), self.truth.progress(), self.estimate.progress(), self.report.progress(), self.command.progress()]
+    }
+
+    fn resume(&mut self, [sensor, truth, estimate, report, command]: &[Progress; 5]) {
+        self.sensor.resume(sensor);
+        self.truth.resume(truth);
+        self.estimate.resume(estimate);
+        self.report.resume(report);
+        self.command.resume(command);
+    }
+
+    /// Per topic: name and hash.
+    fn account(&self) -> [(&'static str, &TopicHash); 5] {
         [
-            (SensorSample::TOPIC, &self.sensor.hash, self.sensor.drain.lost()),
-            (PlantState::TOPIC, &self.truth.hash, self.truth.drain.lost()),
-            (StateEstimate::TOPIC, &self.estimate.hash, self.estimate.drain.lost()),
-            (SingularityReport::TOPIC, &self.report.hash, self.report.drain.lost()),
-            (TorqueCommand::TOPIC, &self.command.hash, self.command.drain.lost()),
+            (SensorSample::TOPIC, &self.sensor.hash),
+            (PlantState::TOPIC, &self.truth.hash),
+            (StateEstimate::TOPIC, &self.estimate.hash),
+            (SingularityReport::TOPIC, &self.report.hash),
+            (TorqueCommand::TOPIC, &self.command.hash),
         ]
     }
 }
@@ -259,20 +393,17 @@ fn summary(robot: &Robot, job: &Job, mode: Mode, verdict: Verdict, topics: &Topi
         ticks_per_s: if verdict.wall_s > 0.0 { verdict.ticks as f64 / verdict.wall_s } else { 0.0 },
         topics: account
             .iter()
-            .map(|(name, hash, _)| ((*name).to_owned(), TopicSummary { count: hash.count(), hash: format!("{:016x}", hash.digest()) }))
+            .map(|(name, hash)| ((*name).to_owned(), TopicSummary { count: hash.count(), hash: format!("{:016x}", hash.digest()) }))
             .collect::<BTreeMap<_, _>>(),
         task: verdict.task,
         joints: verdict.joints,
         singularities: verdict.singularities,
+        turns: verdict.turns,
         modes: verdict.modes,
         faults: Vec::new(),
         deadlines: Default::default(),
         latency_us: verdict.latency_us,
-        recorder: RecorderSummary {
-            messages: account.iter().map(|(_, hash, _)| hash.count()).sum(),
-            lost: account.iter().map(|(_, _, lost)| lost).sum(),
-            ..tape
-        },
+        recorder: RecorderSummary { messages: account.iter().map(|(_, hash)| hash.count()).sum(), ..tape },
         processes: Vec::new(),
         machine: Default::default(),
     }

@@ -15,13 +15,15 @@ use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use rustix::thread::futex;
 
 use crate::clock::timespec;
+use crate::gauge::{Glance, Glimpse, Spread, Times};
+use crate::ledger::Ledger;
 use crate::run_dir::RunDir;
 
 /// Most processes a run may have.
 pub const MAX_PROCESSES: usize = 16;
 
 /// "armboard" and the version of this layout.
-const MAGIC: u64 = u64::from_be_bytes(*b"armbrd\0\x01");
+const MAGIC: u64 = u64::from_be_bytes(*b"armbrd\0\x02");
 
 /// The bit of a doorbell on which a source of ticks waits for the recorder; below it one bit per topic.
 pub(crate) const PROGRESS: u32 = 1 << 31;
@@ -124,6 +126,8 @@ pub enum State {
     Running = 4,
     /// It has ended.
     Gone = 5,
+    /// It stands still (SIGSTOP).
+    Stopped = 6,
 }
 
 /// Declares what is counted: the variants, and the record of all of them.
@@ -168,6 +172,10 @@ counts! {
     Repeated repeated,
     /// Ticks never received.
     Lost lost,
+    /// Received messages refused because a number in them was not finite.
+    Refused refused,
+    /// Messages sent.
+    Sent sent,
 }
 
 /// One process on the board.
@@ -181,6 +189,8 @@ pub struct Line {
     incarnation: AtomicU32,
     state: AtomicU32,
     counts: [AtomicU64; COUNTS],
+    step: Times,
+    age: Times,
 }
 
 impl Line {
@@ -221,6 +231,7 @@ impl Line {
             3 => State::Connected,
             4 => State::Running,
             5 => State::Gone,
+            6 => State::Stopped,
             _ => State::Absent,
         }
     }
@@ -250,6 +261,26 @@ impl Line {
     #[must_use]
     pub fn count(&self, count: Count) -> u64 {
         self.counts[count as usize].load(Ordering::Relaxed)
+    }
+
+    /// How long it takes from its input in hand to its output sent; for the source of ticks in real time from the tick's due time.
+    #[must_use]
+    pub fn step(&self) -> Spread {
+        self.step.read()
+    }
+
+    /// How old the tick is when its output is sent, or for the source of ticks, when its answer is in hand; in real time since it was due.
+    #[must_use]
+    pub fn age(&self) -> Spread {
+        self.age.read()
+    }
+
+    pub(crate) fn note_step(&self, ns: u64) {
+        self.step.record(ns);
+    }
+
+    pub(crate) fn note_age(&self, ns: u64) {
+        self.age.record(ns);
     }
 
     pub(crate) fn add(&self, count: Count, n: u64) {
@@ -291,6 +322,8 @@ struct Page {
     stop: AtomicU32,
     /// Origin of the real-time grid on `CLOCK_MONOTONIC`; 0 until the source of ticks has set it.
     grid_origin_ns: AtomicU64,
+    ledger: Ledger,
+    glance: Glance,
     lines: [Line; MAX_PROCESSES],
 }
 
@@ -381,6 +414,16 @@ impl Board {
         &self.page().lines[index]
     }
 
+    /// What the arm is doing.
+    #[must_use]
+    pub fn glimpse(&self) -> Glimpse {
+        self.page().glance.read()
+    }
+
+    pub(crate) fn glance(&self) -> &Glance {
+        &self.page().glance
+    }
+
     /// The launcher, when all processes are through with the phase before.
     pub fn begin(&self, phase: Phase) {
         self.page().phase.fetch_max(phase as u32, Ordering::AcqRel);
@@ -407,7 +450,14 @@ impl Board {
         self.ring_all();
     }
 
-    fn ring_all(&self) {
+    /// The faults of the run.
+    #[must_use]
+    pub fn ledger(&self) -> &Ledger {
+        &self.page().ledger
+    }
+
+    /// Wakes everybody: something has changed that is no message.
+    pub fn ring_all(&self) {
         for line in &self.page().lines {
             line.bell.ring(ANYTHING);
         }

@@ -1,4 +1,7 @@
-//! Two messages that should be the same and are not: where they first differ, by name.
+//! Two messages that should be the same and are not: where they first differ, by name, and how far they do.
+
+use std::marker::PhantomData;
+use std::ops::Range;
 
 use shared_types::wire::{Field, Stamps};
 use shared_types::{Message, SingularityState};
@@ -14,6 +17,22 @@ pub struct Difference {
     pub found: String,
 }
 
+/// How far a field differs over many messages.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct FieldDifference {
+    /// The field, over all its elements: `singularities[0].zeta_B`.
+    pub field: String,
+    /// In how many messages it differs.
+    pub messages: u64,
+    /// Largest |found − expected| of an element, in the field's own unit; infinite where one of them is not a number.
+    pub largest: f64,
+    /// The tick of the largest.
+    pub tick: u64,
+    /// The element, and both values there.
+    #[serde(rename = "at")]
+    pub difference: Difference,
+}
+
 /// The header behind its stamps, which are not compared.
 const HEADER: &[Field] = {
     const fn field(name: &'static str, type_name: &'static str, offset: usize, size: usize) -> Field {
@@ -22,44 +41,146 @@ const HEADER: &[Field] = {
     &[field("tick", "u64", 0, 8), field("incarnation", "u32", 8, 4), field("flags", "u32", 12, 4)]
 };
 
+#[derive(Clone, Copy, Debug)]
+enum Number {
+    F64,
+    U64,
+    U32,
+}
+
+/// A field of plain numbers, nested structures looked into.
+#[derive(Clone, Debug)]
+struct Leaf {
+    name: String,
+    is_array: bool,
+    number: Number,
+    bytes: Range<usize>,
+}
+
+impl Leaf {
+    fn size(&self) -> usize {
+        if matches!(self.number, Number::U32) { 4 } else { 8 }
+    }
+
+    fn elements(&self) -> impl Iterator<Item = Range<usize>> + use<> {
+        let size = self.size();
+        self.bytes.clone().step_by(size).map(move |begin| begin..begin + size)
+    }
+
+    fn difference<M: Message>(&self, element: Range<usize>, expected: &M, found: &M) -> Difference {
+        let index = (element.start - self.bytes.start) / self.size();
+        let field = if self.is_array { format!("{}[{index}]", self.name) } else { self.name.clone() };
+        let text = |message: &M| {
+            let bytes = &bytemuck::bytes_of(message)[element.clone()];
+            match self.number {
+                Number::F64 => format!("{:?}", bytemuck::pod_read_unaligned::<f64>(bytes)),
+                Number::U64 => bytemuck::pod_read_unaligned::<u64>(bytes).to_string(),
+                Number::U32 => bytemuck::pod_read_unaligned::<u32>(bytes).to_string(),
+            }
+        };
+        Difference { field, expected: text(expected), found: text(found) }
+    }
+
+    fn value(&self, bytes: &[u8]) -> f64 {
+        match self.number {
+            Number::F64 => bytemuck::pod_read_unaligned(bytes),
+            Number::U64 => bytemuck::pod_read_unaligned::<u64>(bytes) as f64,
+            Number::U32 => f64::from(bytemuck::pod_read_unaligned::<u32>(bytes)),
+        }
+    }
+}
+
+/// All plain fields of a structure that begins at byte `base`, in order.
+fn leaves(layout: &[Field], base: usize, prefix: &str, found: &mut Vec<Leaf>) {
+    for field in layout {
+        let (name, begin) = (format!("{prefix}{}", field.name), base + field.offset);
+        if field.type_name == "Header" {
+            leaves(HEADER, begin, "header.", found);
+        } else if field.type_name.contains("SingularityState") {
+            let size = size_of::<SingularityState>();
+            for (index, place) in (begin..begin + field.size).step_by(size).enumerate() {
+                leaves(SingularityState::LAYOUT, place, &format!("{name}[{index}]."), found);
+            }
+        } else {
+            let number = match field.type_name {
+                kind if kind.contains("f64") => Number::F64,
+                kind if kind.contains("u64") => Number::U64,
+                _ => Number::U32,
+            };
+            found.push(Leaf { name, is_array: field.type_name.starts_with('['), number, bytes: begin..begin + field.size });
+        }
+    }
+}
+
+fn leaves_of<M: Message>() -> Vec<Leaf> {
+    let mut found = Vec::new();
+    leaves(M::FIELDS, 0, "", &mut found);
+    found
+}
+
 /// Where the contents of two messages first differ; stamps are not compared.
 #[must_use]
 pub fn first_difference<M: Message>(expected: &M, found: &M) -> Option<Difference> {
     let place = expected.content().iter().zip(found.content()).position(|(a, b)| a != b)? + size_of::<Stamps>();
-    let (field, range, is_f64) = locate(M::FIELDS, place, 0);
-    let text = |message: &M| {
-        let bytes = &bytemuck::bytes_of(message)[range.clone()];
-        match bytes.len() {
-            8 if is_f64 => format!("{:?}", bytemuck::pod_read_unaligned::<f64>(bytes)),
-            8 => bytemuck::pod_read_unaligned::<u64>(bytes).to_string(),
-            _ => bytemuck::pod_read_unaligned::<u32>(bytes).to_string(),
-        }
-    };
-    Some(Difference { field, expected: text(expected), found: text(found) })
+    let leaf = leaves_of::<M>().into_iter().find(|leaf| leaf.bytes.contains(&place))?;
+    let element = leaf.elements().find(|element| element.contains(&place))?;
+    Some(leaf.difference(element, expected, found))
 }
 
-/// The number at byte `place` of a structure that begins at byte `base`: its name, its bytes, and whether it is an `f64`.
-fn locate(layout: &[Field], place: usize, base: usize) -> (String, std::ops::Range<usize>, bool) {
-    let is_here = |field: &&Field| (field.offset..field.offset + field.size).contains(&(place - base));
-    // Layouts cover every byte: the wire's own tests prove it.
-    let Some(field) = layout.iter().find(is_here) else { return ("?".to_owned(), place..place + 4, false) };
-    let begin = base + field.offset;
-    let element = |size: usize| {
-        let index = (place - begin) / size;
-        let name = if field.type_name.starts_with('[') { format!("{}[{index}]", field.name) } else { field.name.to_owned() };
-        (name, begin + index * size)
-    };
-    if field.type_name == "Header" {
-        let (name, range, is_f64) = locate(HEADER, place, begin);
-        (format!("header.{name}"), range, is_f64)
-    } else if field.type_name.contains("SingularityState") {
-        let (outer, begin) = element(size_of::<SingularityState>());
-        let (inner, range, is_f64) = locate(SingularityState::LAYOUT, place, begin);
-        (format!("{outer}.{inner}"), range, is_f64)
-    } else {
-        let size = if field.type_name.contains("u32") { 4 } else { 8 };
-        let (name, begin) = element(size);
-        (name, begin..begin + size, field.type_name.contains("f64"))
+/// How far two series of messages differ, field by field.
+#[derive(Clone, Debug)]
+pub struct Differences<M> {
+    leaves: Vec<(Leaf, Option<FieldDifference>)>,
+    _messages: PhantomData<M>,
+}
+
+impl<M: Message> Default for Differences<M> {
+    fn default() -> Self {
+        Self { leaves: leaves_of::<M>().into_iter().map(|leaf| (leaf, None)).collect(), _messages: PhantomData }
+    }
+}
+
+impl<M: Message> Differences<M> {
+    /// Takes in a pair of messages of the same tick; stamps are not compared.
+    pub fn add(&mut self, expected: &M, found: &M) {
+        if expected.content() == found.content() {
+            return;
+        }
+        let (old, new) = (bytemuck::bytes_of(expected), bytemuck::bytes_of(found));
+        for (leaf, so_far) in &mut self.leaves {
+            if old[leaf.bytes.clone()] == new[leaf.bytes.clone()] {
+                continue;
+            }
+            let mut largest: Option<(f64, Range<usize>)> = None;
+            for element in leaf.elements().filter(|element| old[element.clone()] != new[element.clone()]) {
+                let size = (leaf.value(&new[element.clone()]) - leaf.value(&old[element.clone()])).abs();
+                let size = if size.is_nan() { f64::INFINITY } else { size };
+                if largest.as_ref().is_none_or(|(largest, _)| size > *largest) {
+                    largest = Some((size, element));
+                }
+            }
+            let Some((size, element)) = largest else { continue };
+            let messages = so_far.as_ref().map_or(0, |so_far| so_far.messages) + 1;
+            match so_far {
+                Some(so_far) if so_far.largest >= size => so_far.messages = messages,
+                _ => {
+                    let difference = leaf.difference(element, expected, found);
+                    *so_far = Some(FieldDifference {
+                        field: leaf.name.clone(),
+                        messages,
+                        largest: size,
+                        tick: expected.header().tick,
+                        difference,
+                    });
+                }
+            }
+        }
+    }
+
+    /// The fields that differ, in the order of the message.
+    #[must_use]
+    pub fn fields(self) -> Vec<FieldDifference> {
+        self.leaves.into_iter().filter_map(|(_, difference)| difference).collect()
     }
 }
 
@@ -99,5 +220,27 @@ mod tests {
         assert_eq!(first_difference(&expected, &found).unwrap().field, "singularities[1].inside");
         found.header.tick = 9;
         assert_eq!(first_difference(&expected, &found).unwrap().field, "header.tick");
+    }
+
+    #[test]
+    fn the_largest_difference_of_each_field_is_kept_with_its_place() {
+        let mut differences = Differences::default();
+        let expected = TorqueCommand::default();
+        for (tick, by) in [(3, 1.0), (4, -2.5), (5, 0.5)] {
+            let (mut expected, mut found) = (expected, expected);
+            (expected.header.tick, found.header.tick) = (tick, tick);
+            found.header.stamps.sent_ns[1] = tick;
+            found.tau[1] = by;
+            found.phase = 2;
+            differences.add(&expected, &found);
+        }
+        let mut poisoned = expected;
+        poisoned.aux_d[3] = f64::NAN;
+        differences.add(&expected, &poisoned);
+        let fields = differences.fields();
+        assert_eq!(fields.iter().map(|field| &*field.field).collect::<Vec<_>>(), ["tau", "aux_d", "phase"]);
+        assert_eq!((fields[0].messages, fields[0].largest, fields[0].tick, &*fields[0].difference.field), (3, 2.5, 4, "tau[1]"));
+        assert_eq!((fields[1].largest, &*fields[1].difference.found), (f64::INFINITY, "NaN"));
+        assert_eq!((fields[2].largest, fields[2].tick), (2.0, 3));
     }
 }

@@ -1,11 +1,12 @@
 //! The edge of a process: every message it receives or sends passes here, and nowhere else.
 //!
-//! This is the one seam for faults. Today it holds what must always hold: messages of dead incarnations are refused, and numbers that
-//! are not finite never leave; and the pauses with which `verify` disturbs a process.
+//! It holds what must always hold (messages of dead incarnations are refused, numbers that are not finite neither leave nor enter), the pauses
+//! with which `verify` disturbs a process, and how a fault spoils a message.
 
 use std::time::Duration;
 
 use shared_types::Message;
+use shared_types::fault::{Strike, Way};
 use shared_types::wire::{Field, Header};
 
 /// Refuses the messages of a writer's dead incarnations.
@@ -66,6 +67,28 @@ pub fn random(seed: u64, index: u64) -> u64 {
     let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     z ^ (z >> 31)
+}
+
+/// Whether a fault concerns the message of a tick: the same answer every time.
+pub(crate) fn happens(strike: &Strike, tick: u64) -> bool {
+    // 53 bits make a number in [0, 1) exactly; another draw than the delay's.
+    strike.probability >= 1.0 || ((random(!strike.seed, tick) >> 11) as f64) < strike.probability * (1u64 << 53) as f64
+}
+
+/// Spoils the number that a corruption aims at.
+pub(crate) fn spoil<M: Message>(message: &mut M, strike: &Strike, process: &str) {
+    let Some((field, place)) = strike.field(process) else { return };
+    let tick = message.header().tick;
+    let start = field.offset + place * size_of::<f64>();
+    let Some(bytes) = bytemuck::bytes_of_mut(message).get_mut(start..start + size_of::<f64>()) else { return };
+    let value: f64 = bytemuck::pod_read_unaligned(bytes);
+    let spoilt = match strike.way() {
+        Some(Way::Nan) => f64::NAN,
+        Some(Way::Inf) => f64::INFINITY,
+        Some(Way::Flip) => f64::from_bits(value.to_bits() ^ 1 << (random(strike.seed, tick) % 64)),
+        _ => (value.abs().max(1.0) * strike.amount).copysign(value),
+    };
+    bytes.copy_from_slice(&spoilt.to_ne_bytes());
 }
 
 /// The first field of a message that holds a number that is not finite.

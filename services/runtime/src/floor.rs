@@ -9,10 +9,10 @@ use std::path::Path;
 use std::ptr::NonNull;
 use std::sync::atomic::{AtomicU32, Ordering};
 
+use bytemuck::Pod;
 use rustix::fs::{CWD, Mode};
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use rustix::thread::futex;
-use shared_types::Message;
 
 /// Most bytes of a message.
 const LARGEST: usize = 4096;
@@ -80,7 +80,7 @@ impl Floor {
     ///
     /// # Errors
     /// When the pipe fails.
-    pub fn send<M: Message>(&mut self, wake: Wake, index: usize, message: &M) -> std::io::Result<()> {
+    pub fn send<M: Pod>(&mut self, wake: Wake, index: usize, message: &M) -> std::io::Result<()> {
         const { assert!(size_of::<M>() <= LARGEST) };
         if wake == Wake::Pipe {
             return self.pipes[index].write_all(bytemuck::bytes_of(message));
@@ -101,7 +101,7 @@ impl Floor {
     ///
     /// # Errors
     /// When the pipe fails.
-    pub fn receive<M: Message>(&mut self, wake: Wake, index: usize) -> std::io::Result<M> {
+    pub fn receive<M: Pod>(&mut self, wake: Wake, index: usize) -> std::io::Result<M> {
         const { assert!(size_of::<M>() <= LARGEST) };
         if wake == Wake::Pipe {
             let mut message = M::zeroed();

@@ -1,30 +1,135 @@
-//! Messages in a file as they were on the wire, one after the other and nothing else: any language reads them with one call.
+//! Messages kept in files: every message of a topic as it was on the wire, packed, so that a run can be compared, replayed or read by others.
+//!
+//! ```text
+//! file     "armkept\x01" · layout hash u64 · bytes of a message u32 · 0 u32 · blocks
+//! block    messages n u32 · bytes of the packed rest u32 · LZ4 block of n columns-first deltas
+//! ```
+//!
+//! All integers little-endian. Inside a block a message is a row of 64-bit words, each word minus the one above it (the first row minus
+//! nothing), zig-zagged so that small changes of either sign are small numbers; then all lowest bytes of the first word come first, then
+//! its second bytes, …, so that what hardly changes becomes zeros in a row. Blocks do not depend on each other: what a killed writer
+//! leaves is readable up to its last whole block.
 
-use std::fs::File;
-use std::io::{BufReader, BufWriter, Read, Write};
+use std::fs::{File, OpenOptions};
+use std::io::{BufReader, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
 
 use shared_types::Message;
 
+const MAGIC: [u8; 8] = *b"armkept\x01";
+const HEAD: usize = 24;
+/// Messages in a block: at 1 kHz a killed writer loses less than this many milliseconds.
+const BLOCK: usize = 64;
+
 /// Why kept messages cannot be written or read.
 #[derive(Debug, thiserror::Error)]
-#[error("cannot {action} the messages in {path}: {source}")]
-pub struct KeepError {
-    action: &'static str,
-    path: PathBuf,
-    source: std::io::Error,
+pub enum KeepError {
+    /// The file.
+    #[error("cannot {action} the messages in {path}: {source}")]
+    File {
+        /// What was tried.
+        action: &'static str,
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// It was written by a program with other messages.
+    #[error("the messages in {path} have the wire format {found:016x}, this program speaks {ours:016x}: use the program that made the run")]
+    WireFormat {
+        /// Which.
+        path: PathBuf,
+        /// The file's.
+        found: u64,
+        /// This program's.
+        ours: u64,
+    },
+    /// It holds no messages of ours, or no longer.
+    #[error("{path} is damaged or does not hold kept messages: {reason}")]
+    Damaged {
+        /// Which.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+}
+
+impl KeepError {
+    /// Whether there are no kept messages at all.
+    #[must_use]
+    pub fn is_absent(&self) -> bool {
+        matches!(self, Self::File { source, .. } if source.kind() == ErrorKind::NotFound)
+    }
 }
 
 fn path_in<M: Message>(folder: &Path) -> PathBuf {
-    folder.join(format!("{}.bin", M::TOPIC))
+    folder.join(format!("{}.kept", M::TOPIC))
 }
 
-/// Keeps the messages of a topic in a folder, as `TOPIC.bin`.
+fn head<M: Message>() -> [u8; HEAD] {
+    let mut head = [0; HEAD];
+    head[..8].copy_from_slice(&MAGIC);
+    head[8..16].copy_from_slice(&M::layout_hash().to_le_bytes());
+    head[16..20].copy_from_slice(&(size_of::<M>() as u32).to_le_bytes());
+    head
+}
+
+/// Packs messages; both buffers are the caller's, so that nothing is allocated per block.
+fn pack<M: Message>(messages: &[M], planes: &mut Vec<u8>, packed: &mut Vec<u8>) -> usize {
+    const { assert!(size_of::<M>().is_multiple_of(8), "messages are rows of 64-bit words") };
+    let (n, words) = (messages.len(), size_of::<M>() / 8);
+    planes.clear();
+    planes.resize(n * size_of::<M>(), 0);
+    let rows: &[u64] = bytemuck::cast_slice(messages);
+    for word in 0..words {
+        let mut above = 0_u64;
+        for row in 0..n {
+            let value = rows[row * words + word];
+            let delta = value.wrapping_sub(above).cast_signed();
+            let folded = (delta << 1) ^ (delta >> 63);
+            for (byte, part) in folded.to_le_bytes().into_iter().enumerate() {
+                planes[(word * 8 + byte) * n + row] = part;
+            }
+            above = value;
+        }
+    }
+    packed.resize(lz4_flex::block::get_maximum_output_size(planes.len()), 0);
+    // The buffer holds the worst case.
+    lz4_flex::block::compress_into(planes, packed).unwrap_or(0)
+}
+
+/// The inverse of [`pack`], onto the end of `messages`.
+fn unpack<M: Message>(n: usize, packed: &[u8], messages: &mut Vec<M>) -> Result<(), String> {
+    let words = size_of::<M>() / 8;
+    let mut planes = vec![0; n * size_of::<M>()];
+    match lz4_flex::block::decompress_into(packed, &mut planes) {
+        Ok(size) if size == planes.len() => {}
+        Ok(size) => return Err(format!("a block of {n} messages unpacks to {size} bytes")),
+        Err(error) => return Err(error.to_string()),
+    }
+    let begin = messages.len();
+    messages.resize(begin + n, M::zeroed());
+    let rows: &mut [u64] = bytemuck::cast_slice_mut(&mut messages[begin..]);
+    for word in 0..words {
+        let mut above = 0_u64;
+        for row in 0..n {
+            let folded = u64::from_le_bytes(std::array::from_fn(|byte| planes[(word * 8 + byte) * n + row]));
+            above = above.wrapping_add((folded >> 1) ^ (folded & 1).wrapping_neg());
+            rows[row * words + word] = above;
+        }
+    }
+    Ok(())
+}
+
+/// Keeps the messages of a topic in a folder, as `TOPIC.kept`.
 pub struct Keep<M> {
     path: PathBuf,
-    file: BufWriter<File>,
-    _messages: PhantomData<M>,
+    file: File,
+    block: Vec<M>,
+    planes: Vec<u8>,
+    packed: Vec<u8>,
+    bytes: u64,
 }
 
 impl<M: Message> Keep<M> {
@@ -34,10 +139,37 @@ impl<M: Message> Keep<M> {
     /// When the folder or the file cannot be made.
     pub fn create(folder: &Path) -> Result<Self, KeepError> {
         let path = path_in::<M>(folder);
-        match std::fs::create_dir_all(folder).and_then(|()| File::create(&path)) {
-            Ok(file) => Ok(Self { path, file: BufWriter::new(file), _messages: PhantomData }),
-            Err(source) => Err(KeepError { action: "keep", path, source }),
+        let made = std::fs::create_dir_all(folder).and_then(|()| File::create(&path)).and_then(|mut file| {
+            file.write_all(&head::<M>())?;
+            Ok(file)
+        });
+        match made {
+            Ok(file) => Ok(Self::on(path, file, HEAD as u64)),
+            Err(source) => Err(KeepError::File { action: "keep", path, source }),
         }
+    }
+
+    /// Goes on behind the last whole block that an earlier writer of the same run left.
+    ///
+    /// # Errors
+    /// When there is no such file, or it is not of this program's wire format.
+    pub fn resume(folder: &Path) -> Result<Self, KeepError> {
+        let mut kept = Kept::<M>::open(folder)?;
+        while kept.skip_block()? {}
+        let (path, end) = (kept.path, kept.place);
+        let opened = OpenOptions::new().write(true).open(&path).and_then(|mut file| {
+            file.set_len(end)?;
+            file.seek(SeekFrom::End(0))?;
+            Ok(file)
+        });
+        match opened {
+            Ok(file) => Ok(Self::on(path, file, end)),
+            Err(source) => Err(KeepError::File { action: "keep", path, source }),
+        }
+    }
+
+    fn on(path: PathBuf, file: File, bytes: u64) -> Self {
+        Self { path, file, block: Vec::with_capacity(BLOCK), planes: Vec::new(), packed: Vec::new(), bytes }
     }
 
     /// Adds a message, stamps included.
@@ -45,19 +177,46 @@ impl<M: Message> Keep<M> {
     /// # Errors
     /// When the file cannot be written.
     pub fn add(&mut self, message: &M) -> Result<(), KeepError> {
-        self.file.write_all(bytemuck::bytes_of(message)).map_err(|source| self.failed(source))
+        self.block.push(*message);
+        if self.block.len() < BLOCK { Ok(()) } else { self.write_block() }
     }
 
-    /// Writes what has not been written yet.
+    /// Writes what has not been written yet; returns the size of the file in bytes.
     ///
     /// # Errors
     /// When the file cannot be written.
-    pub fn finish(mut self) -> Result<(), KeepError> {
-        self.file.flush().map_err(|source| self.failed(source))
+    pub fn finish(mut self) -> Result<u64, KeepError> {
+        self.flush()?;
+        Ok(self.bytes)
     }
 
-    fn failed(&self, source: std::io::Error) -> KeepError {
-        KeepError { action: "keep", path: self.path.clone(), source }
+    /// Writes what has not been written yet, in a block that is shorter than usual.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn flush(&mut self) -> Result<(), KeepError> {
+        if self.block.is_empty() { Ok(()) } else { self.write_block() }
+    }
+
+    /// Bytes in the file so far.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    fn write_block(&mut self) -> Result<(), KeepError> {
+        let size = pack(&self.block, &mut self.planes, &mut self.packed);
+        let mut head = [0; 8];
+        head[..4].copy_from_slice(&(self.block.len() as u32).to_le_bytes());
+        head[4..].copy_from_slice(&(size as u32).to_le_bytes());
+        self.block.clear();
+        match self.file.write_all(&head).and_then(|()| self.file.write_all(&self.packed[..size])) {
+            Ok(()) => {
+                self.bytes += (head.len() + size) as u64;
+                Ok(())
+            }
+            Err(source) => Err(KeepError::File { action: "keep", path: self.path.clone(), source }),
+        }
     }
 }
 
@@ -65,6 +224,10 @@ impl<M: Message> Keep<M> {
 pub struct Kept<M> {
     path: PathBuf,
     file: BufReader<File>,
+    /// Where the next block begins; bytes.
+    place: u64,
+    block: std::vec::IntoIter<M>,
+    packed: Vec<u8>,
     _messages: PhantomData<M>,
 }
 
@@ -72,57 +235,159 @@ impl<M: Message> Kept<M> {
     /// The file that [`Keep`] left in a folder.
     ///
     /// # Errors
-    /// When there is none.
+    /// When there is none, or its messages are not this program's.
     pub fn open(folder: &Path) -> Result<Self, KeepError> {
         let path = path_in::<M>(folder);
-        match File::open(&path) {
-            Ok(file) => Ok(Self { path, file: BufReader::new(file), _messages: PhantomData }),
-            Err(source) => Err(KeepError { action: "read", path, source }),
+        let mut found = [0; HEAD];
+        let opened = File::open(&path).map(BufReader::new).and_then(|mut file| {
+            let n = read_whole(&mut file, &mut found)?;
+            Ok((file, n))
+        });
+        let (file, n) = match opened {
+            Ok(opened) => opened,
+            Err(source) => return Err(KeepError::File { action: "read", path, source }),
+        };
+        if n < HEAD || found[..8] != MAGIC {
+            return Err(KeepError::Damaged { path, reason: "its first bytes are not those of such a file".to_owned() });
         }
+        if found != head::<M>() {
+            let mut theirs = [0; 8];
+            theirs.copy_from_slice(&found[8..16]);
+            return Err(KeepError::WireFormat { path, found: u64::from_le_bytes(theirs), ours: M::layout_hash() });
+        }
+        Ok(Self { path, file, place: HEAD as u64, block: Vec::new().into_iter(), packed: Vec::new(), _messages: PhantomData })
     }
 
-    /// The next message; `None` after the last whole one.
+    /// The next message; `None` after the last whole block.
     ///
     /// # Errors
-    /// When the file cannot be read.
+    /// When the file cannot be read, or is damaged.
     pub fn next_message(&mut self) -> Result<Option<M>, KeepError> {
-        let mut message = M::zeroed();
-        match self.file.read_exact(bytemuck::bytes_of_mut(&mut message)) {
-            Ok(()) => Ok(Some(message)),
-            Err(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => Ok(None),
-            Err(source) => Err(KeepError { action: "read", path: self.path.clone(), source }),
+        if let Some(message) = self.block.next() {
+            return Ok(Some(message));
+        }
+        let Some(n) = self.read_block()? else { return Ok(None) };
+        let mut messages = Vec::with_capacity(n);
+        unpack(n, &self.packed, &mut messages).map_err(|reason| KeepError::Damaged { path: self.path.clone(), reason })?;
+        self.block = messages.into_iter();
+        Ok(self.block.next())
+    }
+
+    fn skip_block(&mut self) -> Result<bool, KeepError> {
+        Ok(self.read_block()?.is_some())
+    }
+
+    /// Reads the next block, still packed; returns how many messages it holds.
+    fn read_block(&mut self) -> Result<Option<usize>, KeepError> {
+        let failed = |path: &Path, source| KeepError::File { action: "read", path: path.to_owned(), source };
+        let mut head = [0; 8];
+        if read_whole(&mut self.file, &mut head).map_err(|source| failed(&self.path, source))? < head.len() {
+            return Ok(None);
+        }
+        let number = |at: usize| u32::from_le_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]) as usize;
+        let (n, size) = (number(0), number(4));
+        if n == 0 || n > BLOCK || size > lz4_flex::block::get_maximum_output_size(n * size_of::<M>()) {
+            let reason = format!("a block at byte {} claims {n} messages in {size} bytes", self.place);
+            return Err(KeepError::Damaged { path: self.path.clone(), reason });
+        }
+        self.packed.resize(size, 0);
+        if read_whole(&mut self.file, &mut self.packed).map_err(|source| failed(&self.path, source))? < size {
+            return Ok(None);
+        }
+        self.place += (head.len() + size) as u64;
+        Ok(Some(n))
+    }
+}
+
+/// Fills the buffer as far as the file goes.
+fn read_whole(file: &mut impl Read, buffer: &mut [u8]) -> std::io::Result<usize> {
+    let mut n = 0;
+    while n < buffer.len() {
+        match file.read(&mut buffer[n..]) {
+            Ok(0) => break,
+            Ok(more) => n += more,
+            Err(error) if error.kind() == ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
         }
     }
+    Ok(n)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::RunDir;
-    use shared_types::SensorSample;
+    use shared_types::{PlantState, SensorSample};
+
+    fn message(tick: u64) -> SensorSample {
+        let mut message = SensorSample::default();
+        message.header.tick = tick;
+        message.header.stamps.sent_ns[0] = 1_000_000 * tick + tick % 7;
+        message.q_encoder[2] = (0.1 * tick as f64).sin();
+        message.tau_drive[5] = if tick.is_multiple_of(5) { f64::from_bits(0x7ff8_0000_0000_1234) } else { -0.0 };
+        message.stale_ticks = u32::MAX - tick as u32;
+        message
+    }
+
+    fn bytes_of(folder: &Path) -> Vec<Vec<u8>> {
+        let mut kept = Kept::<SensorSample>::open(folder).unwrap();
+        std::iter::from_fn(|| kept.next_message().unwrap()).map(|message| bytemuck::bytes_of(&message).to_vec()).collect()
+    }
+
+    fn expected(n: u64) -> Vec<Vec<u8>> {
+        (0..n).map(|tick| bytemuck::bytes_of(&message(tick)).to_vec()).collect()
+    }
 
     #[test]
-    fn what_is_kept_comes_back_byte_for_byte_and_a_torn_end_is_the_end() {
+    fn what_is_kept_comes_back_byte_for_byte_in_less_room() {
         let run = RunDir::create().unwrap();
         let folder = run.path().join("messages");
-        let message = |tick: u64| {
-            let mut message = SensorSample::default();
-            message.header.tick = tick;
-            message.header.stamps.sent_ns[0] = 77;
-            message.q_encoder[2] = 0.1 * tick as f64;
-            message
-        };
+        let n = 3 * BLOCK as u64 + 5;
         let mut keep = Keep::create(&folder).unwrap();
-        (0..3).for_each(|tick| keep.add(&message(tick)).unwrap());
+        (0..n).for_each(|tick| keep.add(&message(tick)).unwrap());
+        let bytes = keep.finish().unwrap();
+        assert_eq!(bytes, std::fs::metadata(folder.join("sensor.kept")).unwrap().len());
+        assert!(bytes < n * size_of::<SensorSample>() as u64 / 5, "{bytes} bytes for {n} messages");
+        assert_eq!(bytes_of(&folder), expected(n));
+    }
+
+    #[test]
+    fn a_torn_end_is_the_end_and_a_new_writer_goes_on_behind_it() {
+        let run = RunDir::create().unwrap();
+        let mut keep = Keep::create(run.path()).unwrap();
+        (0..2 * BLOCK as u64).for_each(|tick| keep.add(&message(tick)).unwrap());
         keep.finish().unwrap();
-        let path = folder.join("sensor.bin");
-        let bytes = std::fs::read(&path).unwrap();
-        assert_eq!(bytes.len(), 3 * size_of::<SensorSample>());
-        std::fs::write(&path, &bytes[..bytes.len() - 1]).unwrap();
-        let mut kept = Kept::<SensorSample>::open(&folder).unwrap();
-        assert_eq!(kept.next_message().unwrap(), Some(message(0)));
-        assert_eq!(kept.next_message().unwrap(), Some(message(1)));
-        assert_eq!(kept.next_message().unwrap(), None);
-        assert!(Kept::<SensorSample>::open(run.path()).err().unwrap().to_string().contains("sensor.bin"));
+        let path = run.path().join("sensor.kept");
+        let whole = std::fs::read(&path).unwrap();
+        std::fs::write(&path, &whole[..whole.len() - 1]).unwrap();
+        assert_eq!(bytes_of(run.path()), expected(BLOCK as u64));
+        let mut keep = Keep::resume(run.path()).unwrap();
+        (BLOCK as u64..100).for_each(|tick| keep.add(&message(tick)).unwrap());
+        keep.finish().unwrap();
+        assert_eq!(bytes_of(run.path()), expected(100));
+    }
+
+    #[test]
+    fn files_that_are_not_ours_are_refused_and_never_believed() {
+        let run = RunDir::create().unwrap();
+        assert!(Kept::<SensorSample>::open(run.path()).err().unwrap().is_absent());
+        let mut keep = Keep::create(run.path()).unwrap();
+        (0..10).for_each(|tick| keep.add(&message(tick)).unwrap());
+        keep.finish().unwrap();
+        let path = run.path().join("sensor.kept");
+        std::fs::copy(&path, run.path().join("plant_state.kept")).unwrap();
+        let error = Kept::<PlantState>::open(run.path()).err().unwrap().to_string();
+        let both = [SensorSample::layout_hash(), PlantState::layout_hash()].map(|hash| format!("{hash:016x}"));
+        assert!(both.iter().all(|hash| error.contains(hash)), "{error}");
+        let whole = std::fs::read(&path).unwrap();
+        for (place, bit) in (0..whole.len()).flat_map(|place| [(place, 1), (place, 0x80)]) {
+            let mut damaged = whole.clone();
+            damaged[place] ^= bit;
+            std::fs::write(&path, &damaged).unwrap();
+            // Any answer but a crash: a flipped bit inside a number cannot be seen.
+            if let Ok(mut kept) = Kept::<SensorSample>::open(run.path()) {
+                while let Ok(Some(_)) = kept.next_message() {}
+            }
+        }
     }
 }

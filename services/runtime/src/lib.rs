@@ -14,15 +14,20 @@ mod board;
 mod clock;
 mod difference;
 mod edge;
+mod fate;
 pub mod floor;
+mod gauge;
 mod hash;
 mod kept;
+mod ledger;
 mod manifest;
+mod memory;
 mod pace;
 mod ports;
 pub mod realtime;
 mod run_dir;
 mod shell;
+pub mod stock;
 mod topics;
 
 #[cfg(test)]
@@ -30,10 +35,12 @@ mod tests;
 
 pub use board::{Board, BoardError, Count, Counts, Line, MAX_PROCESSES, Phase, State, Stop};
 pub use clock::{now_ns, sleep_until};
-pub use difference::{Difference, first_difference};
+pub use difference::{Difference, Differences, FieldDifference, first_difference};
 pub use edge::random;
+pub use gauge::{Glimpse, SingularityGlimpse, Spread};
 pub use hash::TopicHash;
 pub use kept::{Keep, KeepError, Kept};
+pub use ledger::{Account, Ledger, MOST_FAULTS, Origin};
 pub use manifest::{Disturbance, Manifest, ManifestError, Mode, Process};
 pub use pace::Pace;
 pub use ports::{Drain, Reader, SendError, Writer};

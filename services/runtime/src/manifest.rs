@@ -44,6 +44,9 @@ pub struct Process {
     /// It looks for messages by itself (the recorder): nobody wakes it, it is stopped after all others, and in lockstep the
     /// source of ticks waits for it.
     pub polled: bool,
+    /// It makes the ticks (the plant): while it stands still there are none.
+    #[serde(default)]
+    pub makes_ticks: bool,
     /// The core it is pinned to.
     pub core: Option<usize>,
     /// Its `SCHED_FIFO` priority in real time, 1 to 99.

@@ -20,6 +20,9 @@ pub struct Pace {
     incarnations: u32,
 }
 
+/// Ticks between two looks at what the kernel counts: asking each tick would be a system call each tick.
+pub(crate) const USAGE_EVERY: u64 = 64;
+
 impl Pace {
     pub(crate) fn new(shared: Rc<Shared>, first: u64) -> Self {
         Self { shared, next_tick: first, grid_ns: 0, usage: Usage::default(), incarnations: 0 }
@@ -35,8 +38,9 @@ impl Pace {
             return Ok(None);
         }
         let tick = self.next_tick;
+        self.shared.board.ledger().adopt(tick);
         if self.shared.is_lockstep() {
-            if !matches!(self.shared.wait_for_recorder(tick)?, Waited::Ready(())) {
+            if !matches!(self.shared.wait_for_others(tick)?, Waited::Ready(())) {
                 return Ok(None);
             }
         } else {
@@ -46,19 +50,24 @@ impl Pace {
             return Ok(None);
         }
         self.next_tick += 1;
+        self.shared.tick.set(tick);
+        // The arm's time is its own: where the plant stood still, no tick has passed.
+        self.shared.meet_fate(tick);
         Ok(Some(tick))
     }
 
-    /// The end of the tick in hand on `CLOCK_MONOTONIC`; in lockstep there is none.
+    /// Until when a tick's torque is waited for, on `CLOCK_MONOTONIC`; in lockstep without limit.
+    ///
+    /// A tenth of a period, at most 100 µs, before the next tick: whoever waits in vain is in time for the next grid point nevertheless.
     #[must_use]
     pub fn deadline_ns(&self) -> Option<u64> {
-        (!self.shared.is_lockstep()).then(|| self.grid_ns + self.shared.manifest.period_ns())
+        let period = self.shared.manifest.period_ns();
+        (!self.shared.is_lockstep()).then(|| self.grid_ns + period - (period / 10).min(100_000) - self.ahead_ns())
     }
 
     fn wait_for_grid(&mut self) {
         let period = self.shared.manifest.period_ns();
-        let now = now_ns();
-        let usage = Usage::now();
+        let now = self.shared.clock_ns();
         let incarnations = self.incarnations_of_all();
         if self.grid_ns == 0 {
             let origin = self.shared.board.grid_origin(now + period);
@@ -66,16 +75,25 @@ impl Pace {
             self.grid_ns = origin + now.saturating_sub(origin).div_ceil(period) * period;
         } else {
             let missed = now.saturating_sub(self.grid_ns) / period;
-            if missed > 0 {
-                let cause = cause(self.usage, usage, incarnations != self.incarnations);
-                self.shared.line().add(cause, missed);
+            if missed > 0 || self.next_tick.is_multiple_of(USAGE_EVERY) {
+                let usage = Usage::now();
+                if missed > 0 {
+                    self.shared.line().add(cause(self.usage, usage, incarnations != self.incarnations), missed);
+                }
+                self.usage = usage;
             }
             self.grid_ns += (missed + 1) * period;
         }
-        (self.usage, self.incarnations) = (usage, incarnations);
-        while now_ns() < self.grid_ns && !self.shared.is_stopping() {
-            sleep_until(self.grid_ns);
+        self.incarnations = incarnations;
+        self.shared.due_ns.set(self.grid_ns);
+        while self.shared.clock_ns() < self.grid_ns && !self.shared.is_stopping() {
+            sleep_until(self.grid_ns - self.ahead_ns());
         }
+    }
+
+    /// How far this process's clock is ahead of the machine's.
+    fn ahead_ns(&self) -> u64 {
+        self.shared.clock_ns().saturating_sub(now_ns())
     }
 
     fn incarnations_of_all(&self) -> u32 {
@@ -83,7 +101,7 @@ impl Pace {
     }
 }
 
-/// Why a deadline was missed, as far as the kernel can tell: what is rarer and costs more is named first.
+/// Why a deadline was missed, as far as the kernel can tell of the last few ticks: what is rarer and costs more is named first.
 pub(crate) fn cause(before: Usage, after: Usage, a_peer_restarted: bool) -> Count {
     if after.major_faults > before.major_faults {
         Count::MissedMajorFault

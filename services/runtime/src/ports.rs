@@ -1,18 +1,24 @@
 //! Typed ends of topics.
 
+use std::cell::{Cell, RefCell};
+use std::collections::VecDeque;
 use std::rc::Rc;
 
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::ipc;
 use iceoryx2::sample::Sample;
 use shared_types::Message;
+use shared_types::fault::{Kind, MOST_DELAY_TICKS, shaped_topic};
 
 use crate::board::Count;
-use crate::edge::{Fence, first_not_finite};
-use crate::pace::cause;
+use crate::clock::now_ns;
+use crate::edge::{Fence, first_not_finite, happens, random, spoil};
+use crate::fate::Outlet;
+use crate::memory::Memory;
+use crate::pace::{USAGE_EVERY, cause};
 use crate::realtime::Usage;
 use crate::shell::{Interrupted, Shared, Wait, Waited};
-use crate::topics::{Publishing, Subscribing, Wire};
+use crate::topics::{Publishing, Subscribing, TopicError, Wire};
 
 /// A port that can connect to its counterparts at a time of the shell's choosing, not in the first tick.
 pub(crate) trait Connect {
@@ -32,6 +38,10 @@ impl<M: Message> Connect for Publishing<M> {
 }
 
 /// Reads a topic, one message at a time.
+///
+/// In lockstep a process works through tick after tick. A tick is over for a reader when its message has come, or when its writer has closed
+/// the tick and nothing of it is on the way: the writer is down, or what it sent was lost. Then this process closes the tick too, and
+/// so a fault anywhere in the chain is a tick without torque at its end, not a wait for what will never come.
 pub struct Reader<M: Message> {
     shared: Rc<Shared>,
     inlet: Inlet<M>,
@@ -44,130 +54,260 @@ pub struct Reader<M: Message> {
     ahead: Option<M>,
 }
 
+/// What a reader waits for, and from whom.
+fn expected<M: Message>(shared: &Shared, tick: Option<u64>) -> Wait {
+    Wait {
+        what: match tick {
+            Some(tick) => format!("tick {tick} of topic {:?}", M::TOPIC),
+            None => format!("a first message on topic {:?}", M::TOPIC),
+        },
+        from: shared.manifest.writer_of(M::TOPIC).map_or("its writer".into(), |w| shared.manifest.processes[w].name.clone()),
+    }
+}
+
 /// What a look into the buffer shows.
 #[derive(Clone, Copy)]
 enum Found {
     /// The message is now the current one.
     Current,
-    /// The tick looked for will not come: a later one is there.
-    Passed,
+    /// What was looked for will not come.
+    Nothing,
 }
 
 impl<M: Message> Reader<M> {
     pub(crate) fn new(shared: Rc<Shared>, subscriber: Rc<Subscribing<M>>) -> Self {
         let bit = shared.topic_bit(M::TOPIC);
         let inlet = Inlet::new(Rc::clone(&shared), subscriber);
-        Self { shared, inlet, bit, current: M::zeroed(), last: None, ahead: None }
+        // What was sent while this process was down is not for its replacement.
+        let last = shared.returns_at().checked_sub(1);
+        Self { shared, inlet, bit, current: M::zeroed(), last, ahead: None }
     }
 
-    /// The next message: in lockstep that of exactly the next tick, in real time the newest one not yet seen. Waits for it.
+    /// The next message: in lockstep that of the next tick that has one, in real time the newest one not yet seen. Waits for it.
     ///
     /// `None` when the run stops. In real time the ticks passed over are counted as lost.
     ///
     /// # Errors
-    /// When nothing comes within the limit, or in lockstep a tick was skipped.
+    /// When nothing comes within the limit, or in lockstep a tick was skipped that no fault accounts for.
     #[allow(clippy::should_implement_trait, reason = "it lends from itself and can fail; `while let Some(m) = reader.next()?`")]
     pub fn next(&mut self) -> Result<Option<&M>, Interrupted> {
-        let expected = self.last.map(|last| last + 1);
-        if self.shared.is_lockstep() { self.take(expected, true, None) } else { self.take(expected, false, None) }
-    }
-
-    /// The message of one tick. Waits for it.
-    ///
-    /// `None` when the run stops, or in real time when a later tick is there already and this one will not come.
-    ///
-    /// # Errors
-    /// As [`Reader::next`].
-    pub fn at(&mut self, tick: u64) -> Result<Option<&M>, Interrupted> {
-        self.take(Some(tick), true, None)
-    }
-
-    /// The message of one tick, if it comes before a deadline on `CLOCK_MONOTONIC` ([`Pace::deadline_ns`](crate::Pace::deadline_ns)).
-    ///
-    /// `None` when it did not, or the run stops. Without a deadline it is [`Reader::at`].
-    ///
-    /// # Errors
-    /// As [`Reader::next`].
-    pub fn at_until(&mut self, tick: u64, deadline_ns: Option<u64>) -> Result<Option<&M>, Interrupted> {
-        self.take(Some(tick), true, deadline_ns)
-    }
-
-    /// `expected` is the earliest tick of interest; `exactly`: only that one, else the newest.
-    fn take(&mut self, expected: Option<u64>, exactly: bool, deadline_ns: Option<u64>) -> Result<Option<&M>, Interrupted> {
         let shared = Rc::clone(&self.shared);
         if matches!(shared.start()?, Waited::Stopped) {
             return Ok(None);
         }
         shared.pause();
-        let describe = || Wait {
-            what: match expected {
-                Some(tick) => format!("tick {tick} of topic {:?}", M::TOPIC),
-                None => format!("a first message on topic {:?}", M::TOPIC),
-            },
-            from: shared.manifest.writer_of(M::TOPIC).map_or("its writer".into(), |w| shared.manifest.processes[w].name.clone()),
-        };
-        match shared.wait(self.bit, deadline_ns, describe, || self.look(expected, exactly))? {
-            Waited::Ready(Found::Current) => Ok(Some(self.accept(expected))),
-            Waited::Ready(Found::Passed) => self.passed(expected),
+        loop {
+            let (tick, last) = (shared.tick.get(), self.last);
+            let found = shared.wait(
+                self.bit,
+                None,
+                || expected::<M>(&shared, last.map(|last| last + 1)),
+                || {
+                    if shared.is_lockstep() { self.look_for_next(tick) } else { self.look_for_newest() }
+                },
+            )?;
+            let Waited::Ready(found) = found else { return Ok(None) };
+            // The tick in hand: in real time it is the message's.
+            let tick = if shared.is_lockstep() { tick } else { self.current.header().tick };
+            shared.tick.set(tick);
+            let goes_on = shared.meet_fate(tick);
+            if goes_on > tick {
+                // It stood still: what came meanwhile is not for it.
+                shared.tick.set(goes_on);
+                self.last = Some(goes_on - 1);
+            } else if matches!(found, Found::Current) {
+                return self.accept();
+            } else if shared.is_unharmed() {
+                return Err(self.lost(tick, tick + 1));
+            } else {
+                shared.close(tick);
+                shared.tick.set(tick + 1);
+            }
+        }
+    }
+
+    /// The message of one tick that another input has named. Waits for it.
+    ///
+    /// `None` when the run stops, or when this message will not come: a later one is there, or in lockstep its writer has closed the tick.
+    ///
+    /// # Errors
+    /// As [`Reader::next`].
+    pub fn at(&mut self, tick: u64) -> Result<Option<&M>, Interrupted> {
+        let shared = Rc::clone(&self.shared);
+        if matches!(shared.start()?, Waited::Stopped) {
+            return Ok(None);
+        }
+        shared.pause();
+        let found = shared.wait(self.bit, None, || expected::<M>(&shared, Some(tick)), || self.look_for(tick))?;
+        match found {
+            Waited::Ready(Found::Current) => {
+                self.last = Some(tick);
+                self.shared.note_input(self.current.header());
+                Ok(Some(&self.current))
+            }
+            Waited::Ready(Found::Nothing) => {
+                self.shared.line().add(Count::Lost, 1);
+                if self.shared.is_lockstep() && self.shared.is_unharmed() {
+                    return Err(self.lost(tick, self.ahead.map_or(tick + 1, |ahead| ahead.header().tick)));
+                }
+                Ok(None)
+            }
             Waited::Late | Waited::Stopped => Ok(None),
         }
     }
 
-    /// Takes messages out of the buffer until the wanted one is there.
-    fn look(&mut self, expected: Option<u64>, exactly: bool) -> Result<Option<Found>, Interrupted> {
-        let mut found = None;
-        if let Some(message) = self.ahead.take() {
-            found = self.place(&message, expected, exactly);
+    /// The newest message that arrives in the tick a [`Pace`](crate::Pace) has given out, for the process that makes the ticks: in
+    /// lockstep when its writer has closed the tick, in real time by `deadline_ns` on `CLOCK_MONOTONIC`, or as soon as that tick's own is there.
+    ///
+    /// `None` when none came that is newer than the last, or the run stops. It may be older than `tick`; its header says.
+    ///
+    /// # Errors
+    /// As [`Reader::next`].
+    pub fn arriving(&mut self, tick: u64, deadline_ns: Option<u64>) -> Result<Option<&M>, Interrupted> {
+        let shared = Rc::clone(&self.shared);
+        if matches!(shared.start()?, Waited::Stopped) {
+            return Ok(None);
         }
-        while !(exactly && found.is_some()) {
-            let Some(sample) = self.inlet.receive()? else { break };
-            found = self.place(&sample.payload().0, expected, exactly).or(found);
+        shared.pause();
+        let is_shaped = shared.is_shaped();
+        if is_shaped && shared.is_lockstep() {
+            shared.close(tick);
         }
-        let has_the_tick_before = || expected.is_some_and(|tick| tick > 0 && self.last == Some(tick - 1));
-        if found.is_none() && exactly && self.shared.is_unordered() && has_the_tick_before() {
+        let (before, mut newest) = (self.last, self.last);
+        let found = shared.wait(
+            self.bit,
+            deadline_ns,
+            || expected::<M>(&shared, Some(tick)),
+            || {
+                loop {
+                    while let Some(message) = self.inlet.receive()? {
+                        let came = message.header().tick;
+                        if newest.is_some_and(|newest| came <= newest) {
+                            shared.line().add(Count::Repeated, 1);
+                            shared.notice();
+                            continue;
+                        }
+                        self.current = *message;
+                        newest = Some(came);
+                        if came == tick && !(is_shaped && shared.is_lockstep()) {
+                            return Ok(Some(()));
+                        }
+                    }
+                    if shared.is_unordered() && tick > 0 && before == Some(tick - 1) {
+                        return Ok(Some(()));
+                    }
+                    // What came between the last look and the closing is still to be taken in: look once more.
+                    match shared.is_lockstep() && self.inlet.is_over(tick) {
+                        true if self.inlet.has_more()? => {}
+                        true => return Ok(Some(())),
+                        false => return Ok(None),
+                    }
+                }
+            },
+        )?;
+        if matches!(found, Waited::Stopped) {
+            return Ok(None);
+        }
+        self.last = newest;
+        if newest == before {
+            if shared.is_unordered() && before.is_some() {
+                return Ok(Some(&self.current));
+            }
+            if shared.is_lockstep() && shared.is_unharmed() {
+                return Err(self.lost(tick, tick + 1));
+            }
+            shared.notice();
+            return Ok(None);
+        }
+        shared.note_input(self.current.header());
+        Ok(Some(&self.current))
+    }
+
+    fn lost(&self, expected: u64, found: u64) -> Interrupted {
+        Interrupted::Lost { process: self.shared.name().to_owned(), topic: M::TOPIC, expected, found }
+    }
+
+    /// The next message in order; or nothing, when the tick is over without one.
+    fn look_for_next(&mut self, tick: u64) -> Result<Option<Found>, Interrupted> {
+        if self.take_up_ahead() {
+            return Ok(Some(Found::Current));
+        }
+        loop {
+            while let Some(message) = self.inlet.receive()? {
+                if self.last.is_some_and(|last| message.header().tick <= last) {
+                    self.shared.line().add(Count::Repeated, 1);
+                    self.shared.notice();
+                    continue;
+                }
+                self.current = *message;
+                return Ok(Some(Found::Current));
+            }
+            match self.inlet.is_over(tick) {
+                true if self.inlet.has_more()? => {}
+                true => return Ok(Some(Found::Nothing)),
+                false => return Ok(None),
+            }
+        }
+    }
+
+    fn take_up_ahead(&mut self) -> bool {
+        let ahead = self.ahead.take().filter(|message| self.last.is_none_or(|last| message.header().tick > last));
+        self.current = ahead.unwrap_or(self.current);
+        ahead.is_some()
+    }
+
+    fn look_for_newest(&mut self) -> Result<Option<Found>, Interrupted> {
+        let mut found = self.take_up_ahead().then_some(Found::Current);
+        while let Some(message) = self.inlet.receive()? {
+            if self.last.is_some_and(|last| message.header().tick <= last) {
+                self.shared.line().add(Count::Repeated, 1);
+                self.shared.notice();
+                continue;
+            }
+            self.current = *message;
             found = Some(Found::Current);
         }
         Ok(found)
     }
 
-    /// Copies a message to where it belongs: what the process computes with can change no more under its hands.
-    fn place(&mut self, message: &M, expected: Option<u64>, exactly: bool) -> Option<Found> {
-        let tick = message.header().tick;
-        match expected {
-            Some(expected) if tick < expected => {
-                self.shared.line().add(Count::Repeated, 1);
-                None
-            }
-            Some(expected) if exactly && tick > expected => {
-                self.ahead = Some(*message);
-                Some(Found::Passed)
-            }
-            _ => {
-                self.current = *message;
-                Some(Found::Current)
+    fn look_for(&mut self, tick: u64) -> Result<Option<Found>, Interrupted> {
+        let mut over = false;
+        loop {
+            let message = match self.ahead.take() {
+                Some(message) => Some(message),
+                None => self.inlet.receive()?.map(|message| *message),
+            };
+            match message {
+                Some(message) if message.header().tick == tick => {
+                    self.current = message;
+                    return Ok(Some(Found::Current));
+                }
+                Some(message) if message.header().tick > tick => {
+                    self.ahead = Some(message);
+                    return Ok(Some(Found::Nothing));
+                }
+                Some(_) => self.shared.line().add(Count::Repeated, 1),
+                None if over => return Ok(Some(Found::Nothing)),
+                None if self.shared.is_lockstep() && self.inlet.is_over(self.shared.tick.get()) => over = true,
+                None => return Ok(None),
             }
         }
     }
 
-    fn accept(&mut self, expected: Option<u64>) -> &M {
-        let header = self.current.header();
-        let skipped = header.tick - expected.unwrap_or(header.tick).min(header.tick);
-        if skipped > 0 {
-            self.shared.line().add(Count::Lost, skipped);
-        }
-        self.last = Some(header.tick);
-        self.shared.note_input(header);
-        &self.current
-    }
-
-    fn passed(&mut self, expected: Option<u64>) -> Result<Option<&M>, Interrupted> {
-        self.shared.line().add(Count::Lost, 1);
-        match (self.shared.is_lockstep(), expected, &self.ahead) {
-            (true, Some(expected), Some(ahead)) => {
-                Err(Interrupted::Lost { process: self.shared.name().to_owned(), topic: M::TOPIC, expected, found: ahead.header().tick })
+    fn accept(&mut self) -> Result<Option<&M>, Interrupted> {
+        let tick = self.current.header().tick;
+        let expected = self.last.map_or(tick, |last| last + 1);
+        if tick > expected {
+            self.shared.line().add(Count::Lost, tick - expected);
+            if self.shared.is_lockstep() && self.shared.is_unharmed() {
+                // What came too early is not lost by having been looked at.
+                self.ahead = Some(self.current);
+                return Err(self.lost(expected, tick));
             }
-            _ => Ok(None),
         }
+        self.last = Some(tick);
+        self.shared.note_input(self.current.header());
+        Ok(Some(&self.current))
     }
 }
 
@@ -185,20 +325,46 @@ impl<M: Message> Inlet<M> {
         Self { shared, subscriber, writer, fence: Fence::default() }
     }
 
-    /// The next message that the fence admits, in shared memory still.
-    fn receive(&mut self) -> Result<Option<Sample<ipc::Service, Wire<M>, ()>>, Interrupted> {
+    /// The next message that counts, in shared memory still: of a living incarnation, and all its numbers finite.
+    fn receive(&mut self) -> Result<Option<Incoming<M>>, Interrupted> {
         loop {
             let sample = self.subscriber.receive().map_err(|error| self.shared.port_failed(M::TOPIC, error))?;
-            let Some(sample) = sample else { return Ok(None) };
+            let Some(message) = sample.map(Incoming) else { return Ok(None) };
             let living = match (self.shared.is_lockstep(), self.writer) {
                 (false, Some(writer)) => Some(self.shared.board.line(writer).incarnation()),
                 _ => None,
             };
-            if self.fence.admits(sample.payload().0.header(), living) {
-                return Ok(Some(sample));
-            }
-            self.shared.line().add(Count::Fenced, 1);
+            let refused = if !self.fence.admits(message.header(), living) {
+                Count::Fenced
+            } else if !message.is_finite() {
+                Count::Refused
+            } else {
+                return Ok(Some(message));
+            };
+            self.shared.line().add(refused, 1);
+            self.shared.notice();
         }
+    }
+
+    /// In lockstep: whether the writer sends nothing more at a tick.
+    fn is_over(&self, tick: u64) -> bool {
+        self.shared.learn();
+        self.shared.has_closed(self.writer, tick)
+    }
+
+    /// Whether something has come since the last look.
+    fn has_more(&self) -> Result<bool, Interrupted> {
+        self.subscriber.has_samples().map_err(|error| self.shared.port_failed(M::TOPIC, error))
+    }
+}
+
+/// A received message, in shared memory still.
+struct Incoming<M: Message>(Sample<ipc::Service, Wire<M>, ()>);
+
+impl<M: Message> std::ops::Deref for Incoming<M> {
+    type Target = M;
+    fn deref(&self) -> &M {
+        &self.0.payload().0
     }
 }
 
@@ -219,8 +385,7 @@ impl<M: Message> Drain<M> {
     /// # Errors
     /// When iceoryx2 fails.
     pub fn drain(&mut self, mut take: impl FnMut(&M)) -> Result<(), Interrupted> {
-        while let Some(sample) = self.inlet.receive()? {
-            let message = &sample.payload().0;
+        while let Some(message) = self.inlet.receive()? {
             let tick = message.header().tick;
             let expected = self.last.map_or(0, |last| last + 1);
             if tick > expected {
@@ -230,9 +395,20 @@ impl<M: Message> Drain<M> {
                 self.inlet.shared.line().add(Count::Repeated, 1);
             }
             self.last = Some(tick.max(expected));
-            take(message);
+            take(&message);
         }
         Ok(())
+    }
+
+    /// Goes on where an earlier reader of the topic had come to.
+    pub fn resume(&mut self, last: Option<u64>, lost: u64) {
+        (self.last, self.lost) = (last, lost);
+    }
+
+    /// The last tick taken in.
+    #[must_use]
+    pub fn last(&self) -> Option<u64> {
+        self.last
     }
 
     /// Ticks that never came: gaps between the ticks that did, from tick 0.
@@ -271,18 +447,47 @@ pub enum SendError {
 
 /// Writes a topic.
 pub struct Writer<M: Message> {
+    outlet: Rc<Sending<M>>,
+    usage: Usage,
+    /// What this process sent last, before it was started again.
+    legacy: Option<M>,
+}
+
+/// Where messages leave the process, and where the faults that concern them are.
+struct Sending<M: Message> {
     shared: Rc<Shared>,
     publisher: Rc<Publishing<M>>,
     bit: u32,
     readers: Vec<usize>,
-    usage: Usage,
+    /// The last message, kept in shared memory for the replacement.
+    memory: Memory<M>,
+    /// Messages that faults hold back, with the tick at which they leave.
+    held: RefCell<VecDeque<(u64, M)>>,
+    /// What a fault sends again and again.
+    stale: Cell<Option<M>>,
 }
 
 impl<M: Message> Writer<M> {
-    pub(crate) fn new(shared: Rc<Shared>, publisher: Rc<Publishing<M>>) -> Self {
-        let bit = shared.topic_bit(M::TOPIC);
-        let readers = shared.manifest.woken_by(M::TOPIC).collect();
-        Self { shared, publisher, bit, readers, usage: Usage::now() }
+    pub(crate) fn new(shared: &Rc<Shared>, publisher: Rc<Publishing<M>>) -> Result<Self, TopicError> {
+        let memory = Memory::open(&shared.run).map_err(|error| TopicError::Memory { topic: M::TOPIC, reason: error.to_string() })?;
+        let legacy = if shared.line().incarnation() > 1 { memory.last() } else { None };
+        let outlet = Rc::new(Sending {
+            shared: Rc::clone(shared),
+            publisher,
+            bit: shared.topic_bit(M::TOPIC),
+            readers: shared.manifest.woken_by(M::TOPIC).collect(),
+            memory,
+            held: RefCell::new(VecDeque::with_capacity(MOST_HELD)),
+            stale: Cell::new(None),
+        });
+        shared.add_outlet(Rc::clone(&outlet) as Rc<dyn Outlet>);
+        Ok(Self { outlet, usage: Usage::now(), legacy })
+    }
+
+    /// What the incarnation before this one sent last: all that a replacement knows of the past. `None` in a first incarnation.
+    #[must_use]
+    pub fn legacy(&self) -> Option<&M> {
+        self.legacy.as_ref()
     }
 
     /// Sends a message of the tick in its header and wakes who waits for it; never blocks.
@@ -292,39 +497,127 @@ impl<M: Message> Writer<M> {
     /// # Errors
     /// When a number in it is not finite (counted; nothing is sent), or iceoryx2 fails.
     pub fn send(&mut self, mut message: M) -> Result<(), SendError> {
+        let outlet = &*self.outlet;
+        let shared = &outlet.shared;
         let tick = message.header().tick;
         if let Some(field) = first_not_finite(&message) {
-            self.shared.line().add(Count::NotFinite, 1);
-            let error = SendError::NotFinite { process: self.shared.name().to_owned(), topic: M::TOPIC, tick, field };
+            shared.line().add(Count::NotFinite, 1);
+            let error = SendError::NotFinite { process: shared.name().to_owned(), topic: M::TOPIC, tick, field };
             tracing::error!("{error}");
             return Err(error);
         }
-        let sent_ns = self.shared.stamp(message.header_mut());
-        self.count_lateness(message.header(), sent_ns);
-        self.deliver(message).map_err(|reason| SendError::Port { process: self.shared.name().to_owned(), topic: M::TOPIC, reason })?;
-        self.shared.line().set_ticks(tick + 1);
+        let sent_ns = shared.stamp(message.header_mut());
+        outlet.memory.keep(&message);
+        shared.board.glance().note(&message);
+        let failed = |reason| SendError::Port { process: shared.name().to_owned(), topic: M::TOPIC, reason };
+        if shared.is_shaped() && shaped_topic(M::TOPIC) {
+            outlet.shape(&message).map_err(failed)?;
+            if !shared.is_lockstep() {
+                outlet.flush(shared.tick.get());
+            }
+        } else {
+            outlet.deliver(&message).map_err(failed)?;
+        }
+        // With shaped messages in lockstep a tick is closed when its inputs are exhausted, for one message may be several or none.
+        if !(shared.is_shaped() && shared.is_lockstep()) {
+            shared.line().set_ticks(tick + 1);
+            if shared.is_lockstep() {
+                shared.tick.set(tick + 1);
+            }
+            shared.report_progress();
+        }
+        shared.board.glance().note(&message);
+        outlet.ring();
+        count_lateness(&mut self.usage, shared, message.header(), sent_ns);
+        Ok(())
+    }
+}
+
+/// In real time an output is due one period after its tick was.
+fn count_lateness(usage: &mut Usage, shared: &Shared, header: &shared_types::Header, sent_ns: u64) {
+    let origin_ns = header.stamps.origin_ns();
+    let due_ns = origin_ns + shared.manifest.period_ns();
+    let is_late = origin_ns > 0 && sent_ns > due_ns;
+    if shared.is_lockstep() || !(is_late || header.tick.is_multiple_of(USAGE_EVERY)) {
+        return;
+    }
+    let now = Usage::now();
+    if is_late {
+        let was_late_already = header.stamps.received_ns.iter().any(|&ns| ns > due_ns);
+        shared.line().add(if was_late_already { Count::MissedLateInput } else { cause(*usage, now, false) }, 1);
+    }
+    *usage = now;
+}
+
+/// Room for what a delay can hold back.
+const MOST_HELD: usize = 2 * MOST_DELAY_TICKS as usize + 4;
+
+impl<M: Message> Sending<M> {
+    fn deliver(&self, message: &M) -> Result<(), String> {
+        let sample = self.publisher.loan_uninit().map_err(|e| e.to_string())?;
+        sample.write_payload(Wire(*message)).send().map_err(|e| e.to_string())?;
+        self.shared.line().add(Count::Sent, 1);
+        Ok(())
+    }
+
+    /// Does to a message what the faults of its tick say.
+    fn shape(&self, message: &M) -> Result<(), String> {
+        let (shared, tick) = (&self.shared, self.shared.tick.get());
+        let (mut message, label) = (*message, message.header().tick);
+        let (mut due, mut copies) = (tick, 1);
+        let mut is_stale = false;
+        for (place, strike, kind) in shared.fates.borrow().of(shared.me, tick) {
+            if !kind.shapes_messages() || !happens(strike, label) {
+                continue;
+            }
+            shared.board.ledger().has_struck(place, now_ns());
+            match kind {
+                Kind::Drop => copies = 0,
+                Kind::Duplicate => copies *= 2,
+                // It leaves after the next one: that one is delivered before what is due is flushed.
+                Kind::Reorder => due += 1,
+                Kind::Delay => due += strike.amount as u64 + random(strike.seed, label) % (strike.jitter + 1),
+                Kind::Corrupt => spoil(&mut message, strike, shared.name()),
+                _ => is_stale = true,
+            }
+        }
+        if is_stale {
+            // Its own old header with it: whoever reads ticks knows it again.
+            let Some(old) = self.stale.get().or_else(|| self.memory.before_last()) else { return Ok(()) };
+            self.stale.set(Some(old));
+            message = old;
+        } else {
+            self.stale.set(None);
+        }
+        for _ in 0..copies {
+            if due == tick {
+                self.deliver(&message)?;
+            } else if self.held.borrow().len() < MOST_HELD {
+                self.held.borrow_mut().push_back((due, message));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl<M: Message> Outlet for Sending<M> {
+    fn flush(&self, tick: u64) {
+        let mut held = self.held.borrow_mut();
+        let mut place = 0;
+        while let Some(&(due, message)) = held.get(place) {
+            if due > tick {
+                place += 1;
+                continue;
+            }
+            held.remove(place);
+            // It fails where no memory is left: then the message is lost, as messages that faults hold back may be.
+            let _ = self.deliver(&message);
+        }
+    }
+
+    fn ring(&self) {
         for &reader in &self.readers {
             self.shared.board.line(reader).bell().ring(self.bit);
         }
-        Ok(())
-    }
-
-    fn deliver(&self, message: M) -> Result<(), String> {
-        let sample = self.publisher.loan_uninit().map_err(|e| e.to_string())?;
-        sample.write_payload(Wire(message)).send().map_err(|e| e.to_string())?;
-        Ok(())
-    }
-
-    /// In real time an output is due one period after the sensor sample that it answers.
-    fn count_lateness(&mut self, header: &shared_types::Header, sent_ns: u64) {
-        let sampled_ns = header.stamps.sent_ns[0];
-        if self.shared.is_lockstep() || sampled_ns == 0 || sent_ns <= sampled_ns + self.shared.manifest.period_ns() {
-            return;
-        }
-        let usage = Usage::now();
-        let was_late_already = header.stamps.received_ns.iter().any(|&ns| ns > sampled_ns + self.shared.manifest.period_ns());
-        let cause = if was_late_already { Count::MissedLateInput } else { cause(self.usage, usage, false) };
-        self.usage = usage;
-        self.shared.line().add(cause, 1);
     }
 }

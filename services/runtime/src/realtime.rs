@@ -132,6 +132,13 @@ impl Usage {
     }
 }
 
+/// Processor time that this process has used so far, all threads, user and system; s.
+#[must_use]
+pub fn cpu_time_s() -> f64 {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

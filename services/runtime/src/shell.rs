@@ -9,11 +9,14 @@ use std::time::Duration;
 
 use iceoryx2::prelude::{Node, ipc};
 use shared_types::Message;
+use shared_types::fault::{Kind, Strike};
 use shared_types::wire::{HOPS, Header, Stamps};
 
 use crate::board::{ANYTHING, Board, BoardError, Count, Line, PROGRESS, Phase, State, Stop, Watchdog};
 use crate::clock::now_ns;
 use crate::edge::Pauses;
+use crate::fate::{Hog, Outlet};
+use crate::ledger::{Copied, Ledger};
 use crate::manifest::{Disturbance, Manifest, ManifestError, Mode};
 use crate::pace::Pace;
 use crate::ports::Connect;
@@ -133,10 +136,11 @@ pub(crate) enum Waited<T> {
 
 /// What one process has of the run; shared by its ports.
 pub(crate) struct Shared {
+    pub(crate) run: RunDir,
     pub(crate) manifest: Manifest,
     pub(crate) board: Arc<Board>,
     pub(crate) node: Node<ipc::Service>,
-    me: usize,
+    pub(crate) me: usize,
     stops_at: Stop,
     /// Its place in [`HOPS`], if it has one.
     hop: Option<usize>,
@@ -146,8 +150,19 @@ pub(crate) struct Shared {
     ports: RefCell<Vec<Rc<dyn Connect>>>,
     /// The stamps of the inputs of the tick in hand.
     input: Cell<Input>,
+    /// When the source's tick in hand was due; 0 in lockstep.
+    pub(crate) due_ns: Cell<u64>,
+    /// The last tick of which something was sent.
+    sent_tick: Cell<Option<u64>>,
     /// Deliberate pauses, in a run of `verify`.
     pauses: RefCell<Option<Pauses>>,
+    /// The tick in hand: everything before it is closed.
+    pub(crate) tick: Cell<u64>,
+    /// What the process knows of the ledger.
+    pub(crate) fates: RefCell<Copied>,
+    pub(crate) hog: RefCell<Option<Hog>>,
+    pub(crate) is_volume_full: Cell<bool>,
+    pub(crate) outlets: RefCell<Vec<Rc<dyn Outlet>>>,
 }
 
 #[derive(Clone, Copy, Default)]
@@ -208,6 +223,10 @@ impl Shared {
         }
         self.started.set(true);
         self.line().set_state(State::Running);
+        if self.line().incarnation() > 1 {
+            self.board.ledger().restore(self.me, now_ns());
+            self.board.ring_all();
+        }
         Ok(Waited::Ready(()))
     }
 
@@ -271,13 +290,18 @@ impl Shared {
         if input.tick != header.tick || input.received_ns == 0 {
             input = Input { tick: header.tick, ..Input::default() };
         }
-        input.received_ns = now_ns();
+        input.received_ns = self.clock_ns();
         for hop in 0..HOPS.len() {
             let (mine, theirs) = (&mut input.stamps, &header.stamps);
             mine.received_ns[hop] = mine.received_ns[hop].max(theirs.received_ns[hop]);
             mine.sent_ns[hop] = mine.sent_ns[hop].max(theirs.sent_ns[hop]);
         }
+        input.stamps.due_ns = input.stamps.due_ns.max(header.stamps.due_ns);
         self.input.set(input);
+        if self.hop == Some(0) {
+            // The answer to its own tick.
+            self.line().note_age(input.received_ns.saturating_sub(input.stamps.origin_ns()));
+        }
     }
 
     /// Fills an output's header: the stamps of the inputs of the same tick, and this hop's own. Returns the time of sending.
@@ -285,31 +309,47 @@ impl Shared {
         let input = self.input.get();
         header.incarnation = self.line().incarnation();
         header.stamps = if input.tick == header.tick { input.stamps } else { Stamps::default() };
-        let now = now_ns();
+        let now = self.clock_ns();
         if let Some(hop) = self.hop {
             if hop == 0 {
-                header.stamps = Stamps::default();
+                header.stamps = Stamps { due_ns: self.due_ns.get(), ..Stamps::default() };
             }
             header.stamps.received_ns[hop] = input.received_ns;
             header.stamps.sent_ns[hop] = now;
+            self.note_times(hop, header, now);
         }
         now
     }
 
-    /// In lockstep: waits until no polled process lags so far that it could lose this tick.
-    pub(crate) fn wait_for_recorder(&self, tick: u64) -> Result<Waited<()>, Interrupted> {
+    /// Shows on the board how long the tick in hand took; once a tick, whatever is sent of it.
+    fn note_times(&self, hop: usize, header: &Header, now_ns: u64) {
+        if self.sent_tick.replace(Some(header.tick)) == Some(header.tick) {
+            return;
+        }
+        let Stamps { received_ns, due_ns, .. } = header.stamps;
+        let began_ns = if hop == 0 && due_ns > 0 { due_ns } else { received_ns[hop] };
+        if began_ns > 0 {
+            self.line().note_step(now_ns.saturating_sub(began_ns));
+        }
+        if hop > 0 && header.stamps.origin_ns() > 0 {
+            self.line().note_age(now_ns.saturating_sub(header.stamps.origin_ns()));
+        }
+    }
+
+    /// In lockstep: waits until no polled process lags so far that it could lose this tick, and all are back whom the ledger has back by then.
+    pub(crate) fn wait_for_others(&self, tick: u64) -> Result<Waited<()>, Interrupted> {
         let laggard = || {
-            let lags = |index: &usize| {
-                let line = self.board.line(*index);
-                self.manifest.processes[*index].polled && line.state() != State::Gone && tick > line.ticks() + RECORDER_LAG
-            };
-            (0..self.manifest.processes.len()).find(lags)
+            let lags = |index: &usize| self.manifest.processes[*index].polled && tick > self.board.line(*index).ticks() + RECORDER_LAG;
+            (0..self.manifest.processes.len()).find(lags).or_else(|| self.awaited(tick)).or_else(|| self.straggler(tick))
         };
         let describe = || Wait {
-            what: format!("room to send tick {tick}"),
-            from: laggard().map_or("the recorder".into(), |index| self.manifest.processes[index].name.clone()),
+            what: format!("its turn to begin tick {tick}"),
+            from: laggard().map_or("the others".into(), |index| self.manifest.processes[index].name.clone()),
         };
-        self.wait(PROGRESS, None, describe, || Ok(laggard().is_none().then_some(())))
+        self.wait(PROGRESS, None, describe, || {
+            self.learn();
+            Ok(laggard().is_none().then_some(()))
+        })
     }
 }
 
@@ -376,9 +416,30 @@ impl Shell {
         let node = topics::join(&run, process, false)?;
         let stops_at = if manifest.processes[me].polled { Stop::Everything } else { Stop::Chain };
         let hop = HOPS.iter().position(|&hop| hop == process);
-        let (started, input, ports) = (Cell::new(false), Cell::new(Input::default()), RefCell::default());
-        let pauses = RefCell::new(disturbance.pauses.map(Pauses::new));
-        let shared = Rc::new(Shared { manifest, board, node, me, stops_at, hop, signalled, started, ports, input, pauses });
+        let shared = Shared {
+            run,
+            manifest,
+            board,
+            node,
+            me,
+            stops_at,
+            hop,
+            signalled,
+            started: Cell::new(false),
+            ports: RefCell::default(),
+            input: Cell::default(),
+            due_ns: Cell::new(0),
+            sent_tick: Cell::new(None),
+            pauses: RefCell::new(disturbance.pauses.map(Pauses::new)),
+            tick: Cell::new(0),
+            fates: RefCell::new(Copied::new()),
+            hog: RefCell::default(),
+            is_volume_full: Cell::new(false),
+            outlets: RefCell::default(),
+        };
+        shared.learn();
+        shared.tick.set(shared.returns_at());
+        let shared = Rc::new(shared);
         Ok(Self { shared, round: Cell::new(Round::Before) })
     }
 
@@ -408,7 +469,7 @@ impl Shell {
         self.declared::<M>("write")?;
         let publisher = Rc::new(topics::publisher(&self.shared.node)?);
         self.shared.ports.borrow_mut().push(Rc::clone(&publisher) as Rc<dyn Connect>);
-        Ok(Writer::new(Rc::clone(&self.shared), publisher))
+        Writer::new(&self.shared, publisher)
     }
 
     fn subscriber<M: Message>(&self, depth: usize) -> Result<Rc<Subscribing<M>>, TopicError> {
@@ -438,6 +499,9 @@ impl Shell {
                     shared.line().set_ticks(ticks);
                     self.each_other(|line| line.bell().ring(PROGRESS));
                 }
+                // It dies when everything before the tick of its death has been taken in.
+                shared.tick.set(shared.line().ticks());
+                shared.meet_fate(shared.tick.get());
             }
             Round::Before => {
                 if matches!(shared.start()?, Waited::Stopped) {
@@ -459,6 +523,7 @@ impl Shell {
         }
         // Read before the round: everything of these ticks is in the buffers now.
         let last = shared.is_stopping();
+        shared.trouble_volume(shared.line().ticks(), last);
         let ticks = Cell::new(0);
         self.each_other(|line| ticks.set(ticks.get().max(line.ticks())));
         self.round.set(if last { Round::Last } else { Round::From(ticks.get()) });
@@ -488,6 +553,55 @@ impl Shell {
         self.shared.line().incarnation()
     }
 
+    /// The faults that concern this process at a tick, and their places in the ledger: for the plant, whose faults are physical, and the
+    /// recorder, whose faults are those of its volume.
+    pub fn struck_by(&self, tick: u64, mut each: impl FnMut(usize, &Strike, Kind)) {
+        let shared = &self.shared;
+        shared.learn();
+        if !shared.is_unharmed() {
+            shared.fates.borrow().of(shared.me, tick).for_each(|(place, strike, kind)| each(place, strike, kind));
+        }
+    }
+
+    /// Whether this polled process dies, or stands still, when it has said how far it is: what it has taken in must be safe before.
+    #[must_use]
+    pub fn is_about_to_fall(&self) -> bool {
+        let Round::From(ticks) = self.round.get() else { return false };
+        self.shared.learn();
+        self.shared.downfall(ticks).is_some()
+    }
+
+    /// Does something that writes to another volume than the one that a fault may have filled.
+    pub fn elsewhere<T>(&self, work: impl FnOnce() -> T) -> T {
+        let is_full = self.shared.is_volume_full.get();
+        self.shared.fill_volume(false);
+        let done = work();
+        self.shared.fill_volume(is_full);
+        done
+    }
+
+    /// Messages that all processes of the run have sent.
+    #[must_use]
+    pub fn sent_by_all(&self) -> u64 {
+        (0..self.shared.manifest.processes.len()).map(|index| self.shared.board.line(index).count(Count::Sent)).sum()
+    }
+
+    /// A fault of [`Shell::struck_by`] takes effect now.
+    pub fn has_struck(&self, place: usize) {
+        self.shared.board.ledger().has_struck(place, now_ns());
+    }
+
+    /// This process has noticed what has struck it.
+    pub fn notice(&self) {
+        self.shared.board.ledger().notice(self.shared.me, now_ns());
+    }
+
+    /// All faults of the run so far.
+    #[must_use]
+    pub fn ledger(&self) -> &Ledger {
+        self.shared.board.ledger()
+    }
+
     /// Whether the run is to stop.
     #[must_use]
     pub fn is_stopping(&self) -> bool {
@@ -498,6 +612,10 @@ impl Shell {
     #[must_use]
     pub fn count(&self, count: Count) -> u64 {
         self.shared.line().count(count)
+    }
+
+    pub(crate) fn shared(&self) -> Rc<Shared> {
+        Rc::clone(&self.shared)
     }
 
     fn declared<M: Message>(&self, action: &'static str) -> Result<(), TopicError> {

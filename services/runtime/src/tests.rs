@@ -94,7 +94,7 @@ fn every_wait_ends_by_deadline_limit_or_stop() {
     let stage = stage(Mode::Realtime);
     let estimator = stage.shell("estimator");
     let mut inlet = estimator.reader::<SensorSample>().unwrap();
-    assert!(inlet.at_until(0, Some(now_ns() + 1_000_000)).unwrap().is_none(), "late");
+    assert!(inlet.arriving(0, Some(now_ns() + 1_000_000)).unwrap().is_none(), "late");
     let error = inlet.at(0).unwrap_err();
     assert!(matches!(&error, Interrupted::TimedOut { process, .. } if process == "estimator"));
     let text = error.to_string();

@@ -16,7 +16,7 @@ use crate::manifest::Manifest;
 use crate::run_dir::{RunDir, SHM};
 
 /// Messages a reader of the chain can leave unread before the oldest is overwritten.
-pub const CHAIN_DEPTH: usize = 8;
+pub const CHAIN_DEPTH: usize = 64;
 /// Messages the recorder can leave unread before the oldest is overwritten.
 pub const RECORDER_DEPTH: usize = 1024;
 
@@ -80,6 +80,14 @@ pub enum TopicError {
         found: String,
         /// What this program was built with.
         ours: u64,
+    },
+    /// No room for the last message.
+    #[error("cannot keep the last message of topic {topic:?} for a replacement: {reason}")]
+    Memory {
+        /// Which topic.
+        topic: &'static str,
+        /// What the operating system says.
+        reason: String,
     },
     /// The graph does not declare it.
     #[error("process {process:?} may not {action} topic {topic:?}: the graph does not say so")]

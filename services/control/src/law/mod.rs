@@ -3,11 +3,12 @@
 //! * [`blended`] (default): the paper's law as one solve that is continuous everywhere.
 //! * [`chang_khatib`]: the paper's own form, reduced Jacobian and null-space torque, switched at η.
 //! * [`null_space`]: a redundant arm's posture in the null space of the pseudo-inverse, or of the dynamically consistent inverse (Figures 1, 2).
-//! * [`baselines`]: what others do.
+//! * [`baselines`], [`hold_and_blend`]: what others do.
 
 pub mod baselines;
 pub mod blended;
 pub mod chang_khatib;
+pub mod hold_and_blend;
 pub mod null_space;
 mod rows;
 
@@ -17,6 +18,7 @@ use crate::MAX_SINGULARITIES;
 use crate::centre::AtCentre;
 use crate::linear::SolveError;
 use crate::operational::OperationalError;
+use crate::types::Refusal;
 use nalgebra::{SMatrix, SVector, Vector3, Vector6};
 
 /// Why a law gives no torque.
@@ -28,6 +30,18 @@ pub enum LawError {
     /// The reduced Jacobian is rank deficient.
     #[error("the reduced Jacobian is rank deficient: {0}")]
     Operational(#[from] OperationalError),
+    /// The path's joint speeds are hopeless.
+    #[error("the path asks a joint for {share:.0} times the speed it has: no clock is slow enough")]
+    Speed {
+        /// Largest share of a speed limit at full clock speed.
+        share: f64,
+    },
+    /// ζ cannot be turned as asked.
+    #[error("turning ζ by {angle_deg:.1}° would take a joint beyond its limits, either way round")]
+    Room {
+        /// Angle asked for, degrees.
+        angle_deg: f64,
+    },
     /// More is asked than the arm has joints.
     #[error("{rows} rows of task and auxiliary coordinates for {joints} joints: ask for fewer task axes")]
     TooManyRows {
@@ -36,6 +50,18 @@ pub enum LawError {
         /// Joints there are.
         joints: usize,
     },
+}
+
+impl LawError {
+    /// What it is called on the wire.
+    #[must_use]
+    pub fn refusal(&self) -> Refusal {
+        match self {
+            Self::Solve(_) | Self::Operational(_) | Self::TooManyRows { .. } => Refusal::Singular,
+            Self::Speed { .. } => Refusal::Speed,
+            Self::Room { .. } => Refusal::Room,
+        }
+    }
 }
 
 /// A singularity that takes part in the solve.

@@ -7,11 +7,13 @@ mod elbow;
 mod forearm;
 mod numeric;
 mod overhead;
+mod planar;
+mod predict;
 mod wrist;
 
 use crate::centre::{AtCentre, PoseMotion};
 use crate::linear::wrap_line;
-use crate::singular::PumaFactors;
+use crate::singular::{Geometry, PumaFactors};
 use crate::trajectory::{Ahead, Foreseen};
 use crate::types::{Kind, Mode, Singularity};
 use model::{Pose, Terms};
@@ -100,6 +102,8 @@ pub struct Target {
 pub enum Charts {
     /// A PUMA's.
     Puma(PumaFactors),
+    /// Those of an arm whose axes say what it is.
+    Geometric(Geometry),
     /// Any arm's.
     Numeric,
 }
@@ -107,18 +111,21 @@ pub enum Charts {
 impl Charts {
     /// Largest share of any rate limit on each stretch of the path ahead, where the arm has formulas; else nothing is foreseen.
     pub fn foresee<const N: usize>(&self, at: &Foresight<'_, N>, wrist: &Memory, out: &mut Foreseen) {
-        if let Self::Puma(puma) = self {
-            forearm::foresee(puma, at, wrist, out);
+        match self {
+            Self::Puma(puma) => forearm::foresee(puma, at, wrist, out),
+            Self::Geometric(Geometry::ParallelAxes) => planar::foresee(at, wrist, out),
+            Self::Geometric(Geometry::SphericalShoulder { .. }) | Self::Numeric => {}
         }
     }
 
     /// The target of one singularity's auxiliary coordinate.
     pub fn target<const N: usize>(&self, singularity: &Singularity<N>, at: &Situation<'_, N>, memory: &mut Memory) -> Target {
         match (self, singularity.kind) {
-            (Self::Puma(puma), Kind::Elbow) => elbow::target(puma, singularity, at, memory),
-            (Self::Puma(puma), Kind::Wrist) => wrist::target(puma, singularity, at, memory),
-            (Self::Puma(puma), Kind::Overhead) => overhead::target(puma, at, memory),
-            _ => numeric::target(singularity, at, memory),
+            (Self::Numeric, _) | (_, Kind::Numeric) => numeric::target(singularity, at, memory),
+            (Self::Geometric(Geometry::SphericalShoulder { .. }), Kind::Wrist) => numeric::target(singularity, at, memory),
+            (_, Kind::Elbow) => elbow::target(self, singularity, at, memory),
+            (_, Kind::Wrist) => wrist::target(self, singularity, at, memory),
+            (_, Kind::Overhead) => overhead::target(at, memory),
         }
     }
 }

@@ -4,7 +4,7 @@ use super::{Memory, Situation, Target};
 use crate::types::{Class, Mode, Singularity};
 
 /// Damping on s.
-const MU: f64 = 0.05;
+const MU: f64 = 0.02;
 
 /// Type 1: s_d² = s² + 2ζᵀe/h, the second-order motion x = h·s²/2 along ζ, with h = gain/s. Type 2 and mixed: ζ held.
 pub(super) fn target<const N: usize>(singularity: &Singularity<N>, at: &Situation<'_, N>, memory: &mut Memory) -> Target {

@@ -1,4 +1,4 @@
-//! Reference of a PUMA's waist at the overhead lock: q1 from the desired place of the wrist centre about the waist axis.
+//! Reference of the waist at the overhead lock: q1 from the desired place of the wrist centre about the waist axis.
 
 use super::{Memory, Situation, Target};
 use crate::linear::{linear, wrap_angle};
@@ -25,7 +25,7 @@ const NEAR: f64 = 0.03;
 /// With r_d the distance of p_d from the waist axis, R_d = ±√(r_d² − d²) and q1_d = q1 + atan2(y, x) − atan2(d, R_d) in the arm's own axes; the
 /// nearer of the two is taken. A goal nearer to the axis than d is beyond reach: R_d = 0. The rate is its derivative,
 /// q̇1_d = (z1×r_d)·v_d/r_d² + (d/r_d²)·Ṙ_d with Ṙ_d = (r_d·v_d)/R_d damped; where d = 0 and r_d is small nothing is believed.
-pub(super) fn target<const N: usize>(_puma: &PumaFactors, at: &Situation<'_, N>, memory: &mut Memory) -> Target {
+pub(super) fn target<const N: usize>(at: &Situation<'_, N>, memory: &mut Memory) -> Target {
     let terms = at.terms;
     let [z1, z2] = [terms.z[0], terms.z[1]];
     let x = z2.cross(&z1);

@@ -1,11 +1,14 @@
-//! Type 2 reference of a PUMA's wrist: the direction of z5 from the desired direction of z6.
+//! Type 2 reference of a wrist: the direction of its middle axis from the desired direction of its last one.
+//!
+//! In the words of a PUMA: z4 is the axis with which z6 is parallel at the lock. On an arm of parallel axes it is their direction n.
 
 use super::forearm::Forearm;
-use super::{Memory, Situation, Target, line_angle};
+use super::planar::PlanarArm;
+use super::{Charts, Memory, Situation, Target, line_angle};
 use crate::linear::{angular, wrap_line};
-use crate::singular::PumaFactors;
+use crate::singular::Geometry;
 use crate::types::{Mode, Singularity};
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 
 /// Damping on the sine of the desired wrist angle, a hundred times encoder noise.
 const MU: f64 = 0.02;
@@ -22,23 +25,62 @@ const MOVING: f64 = 0.01;
 /// Without a governor: predicted rate over the largest one above which the lock is passed through.
 const PASS_RATIO: f64 = 1.8;
 
-/// Distance that passing through keeps from the limits of joint 4, rad.
+/// Distance that passing through keeps from the limits of the joint that turns ζ, rad.
 const MARGIN: f64 = 0.02;
+
+/// A wrist: the three axes, and what moves the first of them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Hand {
+    z4: Vector3<f64>,
+    z5: Vector3<f64>,
+    z6: Vector3<f64>,
+    /// Change of z4, 1/s.
+    z4_rate: Vector3<f64>,
+    /// φ̇ while the joint that φ counts from stands still, rad/s.
+    carried: f64,
+    /// Joints that turn with ζ, and against it; the first none where several share the turn.
+    joints: (Option<usize>, usize),
+}
+
+impl Hand {
+    fn new<const N: usize>(charts: &Charts, at: &Situation<'_, N>) -> Self {
+        let (z, omega) = (&at.terms.z, &at.terms.omega);
+        let (z5, z6) = (z[N - 2], z[N - 1]);
+        if *charts == Charts::Geometric(Geometry::ParallelAxes) {
+            return Self { z4: z[1], z5, z6, z4_rate: omega[0].cross(&z[1]), carried: 0.0, joints: (None, N - 1) };
+        }
+        let forearm = N - 3;
+        let (z4, carried) = (z[forearm], z[forearm].dot(&omega[forearm - 1]));
+        Self { z4, z5, z6, z4_rate: omega[forearm].cross(&z4), carried, joints: (Some(forearm), N - 1) }
+    }
+
+    /// Whether the joints have room for ζ to turn so far.
+    fn fits<const N: usize>(&self, turn: f64, at: &Situation<'_, N>) -> bool {
+        let inside = |i: usize, by: f64| at.q[i] + by > at.lower[i] && at.q[i] + by < at.upper[i];
+        self.joints.0.is_none_or(|i| inside(i, turn)) && inside(self.joints.1, -turn.copysign(turn * self.z4.dot(&self.z6)))
+    }
+
+    /// The same line reached the other way round, where the joints allow only that.
+    fn within_limits<const N: usize>(&self, error: f64, at: &Situation<'_, N>) -> f64 {
+        let other = error - std::f64::consts::PI.copysign(error);
+        if !self.fits(error, at) && self.fits(other, at) { other } else { error }
+    }
+}
 
 /// z5 → ±z4×z6_d: with z5 there, a turn of joint 5 alone reaches z6_d.
 ///
 /// With w = z4×z6_d, |w| the sine of the desired wrist angle: e = angle from z5 to the line of w, believed by |w|²/(|w|² + μ²);
 /// φ̇_ff = z4·(w×ẇ)/(|w|² + μ²). Passing: z5 is held in the forearm along the direction in which w will pass the lock, so that z6 travels in the
 /// plane normal to z5; done where w passes so near that the error this makes is negligible, and where joint 4 has not the room to follow.
-pub(super) fn target<const N: usize>(puma: &PumaFactors, wrist: &Singularity<N>, at: &Situation<'_, N>, memory: &mut Memory) -> Target {
+pub(super) fn target<const N: usize>(charts: &Charts, wrist: &Singularity<N>, at: &Situation<'_, N>, memory: &mut Memory) -> Target {
     let terms = at.terms;
-    let [z4, z5] = [terms.z[3], terms.z[4]];
-    let z6_E = terms.X_BE.R.transpose() * terms.z[5];
+    let hand = Hand::new(charts, at);
+    let Hand { z4, z5, z4_rate, .. } = hand;
+    let z6_E = terms.X_BE.R.transpose() * hand.z6;
     let z6_d = at.desired.R * z6_E;
     let w = z4.cross(&z6_d);
     let size = w.norm_squared();
     let tracked = line_angle(&z5, &w, &z4);
-    let z4_rate = terms.omega[3].cross(&z4);
     let rate_of = |omega_d: Vector3<f64>| {
         let rate = z4_rate.cross(&z6_d) + z4.cross(&omega_d.cross(&z6_d));
         rate - z4 * z4.dot(&rate)
@@ -46,37 +88,29 @@ pub(super) fn target<const N: usize>(puma: &PumaFactors, wrist: &Singularity<N>,
     let w_rate = rate_of(angular(&at.desired.V));
     let approaching = w.dot(&w_rate) < 0.0;
     let turning = z4.dot(&w.cross(&w_rate));
-    if !memory.passing && approaching && w_rate.norm() > MOVING && size < NEAR * NEAR && wrist.s.abs() < wrist.eta_out {
-        let outlook = Outlook::new(puma, at, &z6_E);
-        let worst = rate_of(angular(at.V_nominal)).norm() / outlook.miss.max(1e-9);
-        let hasty = !at.governed && worst > PASS_RATIO * at.rate_max;
-        let q4 = at.q[3] + tracked;
-        let room = q4 + outlook.lowest > at.lower[3] + MARGIN && q4 + outlook.highest < at.upper[3] - MARGIN;
-        memory.passing = outlook.miss < PASS || hasty || !room;
-        memory.passage = at.q[3] + tracked + outlook.crossing;
+    let near = size < NEAR * NEAR && wrist.s.abs() < wrist.eta_out;
+    if !memory.passing && approaching && w_rate.norm() > MOVING && near {
+        if let Some(outlook) = Outlook::new(charts, at, &z6_E) {
+            let worst = rate_of(angular(at.V_nominal)).norm() / outlook.miss.max(1e-9);
+            let hasty = !at.governed && worst > PASS_RATIO * at.rate_max;
+            let room = hand.joints.0.is_none_or(|i| {
+                let there = at.q[i] + tracked;
+                there + outlook.lowest > at.lower[i] + MARGIN && there + outlook.highest < at.upper[i] - MARGIN
+            });
+            memory.passing = outlook.miss < PASS || hasty || !room;
+            memory.passage = wrist.aux + tracked + outlook.crossing;
+        }
     } else if memory.passing && (!approaching && turning.abs() < 0.7 * at.rate_max * size || w_rate.norm() < 0.3 * MOVING) {
         memory.passing = false;
     }
     memory.holding = size < MU * MU * if memory.holding { 4.0 } else { 1.0 };
     let (error, rate, weight, mode) = if memory.passing {
-        (wrap_line(memory.passage - at.q[3]), z4.dot(&terms.omega[2]), 1.0, Mode::Pass)
+        (wrap_line(memory.passage - wrist.aux), hand.carried, 1.0, Mode::Pass)
     } else {
         let rate = turning / (size + MU * MU);
         (tracked, rate, size / (size + MU * MU), if memory.holding { Mode::Hold } else { Mode::Track })
     };
-    Target { error: within_limits(error, at), rate, weight, mode, clipped: false }
-}
-
-/// The same line reached the other way round, where joints 4 and 6 allow only that.
-fn within_limits<const N: usize>(error: f64, at: &Situation<'_, N>) -> f64 {
-    let other = error - std::f64::consts::PI.copysign(error);
-    if !fits(error, at) && fits(other, at) { other } else { error }
-}
-
-/// Whether joints 4 and 6 have room for ζ to turn so far.
-fn fits<const N: usize>(turn: f64, at: &Situation<'_, N>) -> bool {
-    let (q4, q6) = (at.q[3] + turn, at.q[5] - turn);
-    q4 > at.lower[3] && q4 < at.upper[3] && q6 > at.lower[5] && q6 < at.upper[5]
+    Target { error: hand.within_limits(error, at), rate, weight, mode, clipped: false }
 }
 
 /// How the rest of the leg passes the lock, seen from the forearm: w as a polygon in the plane normal to z4.
@@ -97,11 +131,30 @@ impl Outlook {
     const SIDES: u32 = 12;
 
     /// From the path and the arm's closed-form inverse kinematics; what is beyond reach is taken at the edge. Cost about 2 µs.
-    fn new<const N: usize>(puma: &PumaFactors, at: &Situation<'_, N>, z6_E: &Vector3<f64>) -> Self {
-        let forearm = Forearm::new(puma, at.q, at.terms, &at.at.p);
+    ///
+    /// `None` for an arm without one.
+    fn new<const N: usize>(charts: &Charts, at: &Situation<'_, N>, z6_E: &Vector3<f64>) -> Option<Self> {
+        match charts {
+            Charts::Puma(puma) => {
+                let forearm = Forearm::new(puma, at.q, at.terms, &at.at.p);
+                Some(Self::along(at, z6_E, |p, z6_d| forearm.at(p).sees(z6_d)))
+            }
+            Charts::Geometric(Geometry::ParallelAxes) => {
+                let arm = PlanarArm::new(at.terms, &at.at.p);
+                Some(Self::along(at, z6_E, |p, z6_d| arm.at(p).sees(z6_d)))
+            }
+            _ => None,
+        }
+    }
+
+    fn along<const N: usize>(
+        at: &Situation<'_, N>,
+        z6_E: &Vector3<f64>,
+        sees: impl Fn(&Vector3<f64>, &Vector3<f64>) -> Vector2<f64>,
+    ) -> Self {
         let seen = |share: f64| {
             let X = at.ahead.pose(share);
-            forearm.at(&X.p).sees(&(X.R * z6_E))
+            sees(&X.p, &(X.R * z6_E))
         };
         let start = seen(0.0);
         let mut from = start;

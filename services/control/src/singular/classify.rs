@@ -32,7 +32,7 @@ pub struct Verdict {
     pub class: Class,
     /// Largest curvature of the end-effector's motion along ζ under unit null motion, unit-scaled.
     pub kappa_1: f64,
-    /// Turning rate of ζ along the null motion.
+    /// Turning rate of ζ along the null motion, positive about the singular frame's second axis while v_iᵀq̇ > 0.
     pub kappa_2: f64,
     /// Distance in joint space to the singular posture that was judged, rad.
     pub distance: f64,
@@ -161,7 +161,8 @@ pub fn classify<const N: usize>(screws: &Screws<N>, block: &Block<N>, i: usize, 
     // The null motion that is judged: that of the largest curvature, or where there is none the block's own.
     let motion = null.V * if kappa_1 > 1e-6 { along.column(strongest).into_owned() } else { null.V.transpose() * block.v(i) };
     let motion = motion / motion.norm().max(1e-12);
-    let kappa_2 = block.turning(&screws.rate(&motion), i, length_m);
+    let turning = block.turning(&screws.rate(&motion), i, length_m);
+    let kappa_2 = turning.norm();
     let one_sign = highest.min(-lowest) <= 0.1 * kappa_1;
     let class = if kappa_1 > FOLD {
         if one_sign && kappa_1 > FOLD_SHARE * kappa_2 { Class::Type1 } else { Class::Mixed }
@@ -170,7 +171,10 @@ pub fn classify<const N: usize>(screws: &Screws<N>, block: &Block<N>, i: usize, 
     } else {
         Class::Mixed
     };
-    Verdict { class, kappa_1, kappa_2, distance }
+    // About the singular frame's second axis, per rate of the auxiliary coordinate, which is v_iᵀq̇.
+    let about = angular(&block.covector(i)).cross(&angular(&turning)).dot(&screws.column(N - 1).1);
+    let against = about * motion.dot(&block.v(i)) < 0.0;
+    Verdict { class, kappa_1, kappa_2: if against { -kappa_2 } else { kappa_2 }, distance }
 }
 
 /// Whether the arm can move on along its null space with C in place and σ_i staying zero.

@@ -5,13 +5,15 @@
 //!
 //! # The seam
 //! A source is anything that implements [`Measures`]: it fills [`Singularity`] values whose promises are written there. `puma` does it
-//! by formula; an arm without analytic factors does it by number. The law never learns which.
+//! by declared lengths, `geometric` by where the axes meet and which are parallel; any other arm does it by number. The law never learns which.
 
 pub mod classify;
+pub mod geometric;
 mod neighborhood;
 mod numeric;
 mod puma;
 
+pub use geometric::{GeometricFactors, Geometry};
 pub use neighborhood::Neighborhood;
 pub use numeric::{Block, Numeric};
 pub use puma::PumaFactors;
@@ -64,6 +66,7 @@ pub trait Measures<const N: usize> {
 #[derive(Clone, Debug)]
 enum Source<const N: usize> {
     Puma(PumaFactors),
+    Geometric(GeometricFactors),
     Numeric(Box<Numeric<N>>),
     /// More task axes than joints: nothing is reported singular.
     None,
@@ -87,9 +90,12 @@ impl<const N: usize> Analyzer<N> {
             let i = i.min(analysis.eta_in.len() - 1);
             Neighborhood { eta_in: analysis.eta_in[i], eta_out: analysis.eta_out[i] }
         });
+        let numeric =
+            || Numeric::new(robot, &neighborhoods.map(|n| n.eta_out)).map_or(Source::None, |numeric| Source::Numeric(Box::new(numeric)));
         let source = match robot.factors {
-            Factors::Puma { a2, a3, d4 } if N == 6 && !analysis.numeric => Source::Puma(PumaFactors::new(a2, a3, d4)),
-            _ => Numeric::new(robot, &neighborhoods.map(|n| n.eta_out)).map_or(Source::None, |numeric| Source::Numeric(Box::new(numeric))),
+            _ if analysis.numeric => numeric(),
+            Factors::Puma { a2, a3, d4 } if N == 6 => Source::Puma(PumaFactors::new(a2, a3, d4)),
+            _ => GeometricFactors::of::<N>(robot).map_or_else(numeric, Source::Geometric),
         };
         Self { source, neighborhoods, length_m: robot.length_m, task: robot.task.0, inside: [false; MAX_SINGULARITIES] }
     }
@@ -102,6 +108,7 @@ impl<const N: usize> Analyzer<N> {
     pub fn step(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, terms: &Terms<N>) -> Report<N> {
         let p_C = match &self.source {
             Source::Puma(puma) => Measures::<N>::centre(puma, terms),
+            Source::Geometric(factors) => factors.centre(terms),
             Source::Numeric(numeric) => numeric.centre(terms),
             Source::None => terms.X_BE.p,
         };
@@ -110,6 +117,7 @@ impl<const N: usize> Analyzer<N> {
         let mut singularities = [Singularity::none(); MAX_SINGULARITIES];
         let count = match &mut self.source {
             Source::Puma(puma) => puma.measure(&posture, &mut singularities),
+            Source::Geometric(factors) => factors.measure(&posture, &mut singularities),
             Source::Numeric(numeric) => numeric.measure(&posture, &mut singularities),
             Source::None => 0,
         };
@@ -132,6 +140,7 @@ impl<const N: usize> Analyzer<N> {
         }
         let source = match &self.source {
             Source::Puma(puma) => Measures::<N>::state(puma),
+            Source::Geometric(factors) => Measures::<N>::state(factors),
             Source::Numeric(numeric) => numeric.state(),
             Source::None => [0.0; SOURCE_STATE],
         };
@@ -147,7 +156,8 @@ impl<const N: usize> Analyzer<N> {
         match &mut self.source {
             Source::Puma(puma) => Measures::<N>::restore(puma, &source),
             Source::Numeric(numeric) => numeric.restore(&source),
-            Source::None => {}
+            // Computed anew from each posture.
+            Source::Geometric(_) | Source::None => {}
         }
     }
 }

@@ -152,13 +152,13 @@ impl<const N: usize> Block<N> {
 
     /// How fast ζ_i turns while J changes by `Jdot`: u̇_i = Σ_j u_j (σ_j M_ij + σ_i M_ji)/(σ_i² − σ_j²), M = UᵀḂV.
     #[must_use]
-    pub fn turning(&self, Jdot: &SMatrix<f64, 6, N>, i: usize, length_m: f64) -> f64 {
+    pub fn turning(&self, Jdot: &SMatrix<f64, 6, N>, i: usize, length_m: f64) -> Vector6<f64> {
         let M = self.coupling(Jdot, length_m);
-        let mut rate = 0.0;
+        let mut rate = Vector6::zeros();
         for j in (0..self.count).filter(|j| *j != i) {
-            rate += ((self.sigma[j] * M[i][j] + self.sigma[i] * M[j][i]) * self.over(i, j)).powi(2);
+            rate += self.covector(j) * ((self.sigma[j] * M[i][j] + self.sigma[i] * M[j][i]) * self.over(i, j));
         }
-        f64::sqrt(rate)
+        rate
     }
 
     /// 1/(σ_i² − σ_j²), bounded where the two cross.
@@ -341,6 +341,8 @@ struct Place {
     index: usize,
     angular: bool,
     latched: bool,
+    /// ζ is −u: outwards at a fold.
+    flipped: bool,
     verdict: Verdict,
 }
 
@@ -389,7 +391,7 @@ impl<const N: usize> Numeric<N> {
             let all = Block::new((0..6).filter(|k| task[*k]), (0, N));
             ([all, all], 1)
         };
-        let place = |block, index| Place { block, index, angular: block == 1, latched: false, verdict: Verdict::default() };
+        let place = |block, index| Place { block, index, angular: block == 1, latched: false, flipped: false, verdict: Verdict::default() };
         let mut places = [place(0, 0); MAX_SINGULARITIES];
         let mut count = 0;
         for index in 0..blocks[0].count.min(MAX_SINGULARITIES) {
@@ -476,15 +478,20 @@ impl<const N: usize> Numeric<N> {
         let fold = verdict.class == Class::Type1 && slope.abs() > SLOPE * gradient.norm();
         let u = if fold { block.along_fold(i, &gradient, slope) } else { u };
         let (u_v, u_w) = (crate::linear::linear(&u), crate::linear::angular(&u));
-        let (axis, size) = if angular { unit(&u_w) } else { unit(&u_v) };
+        let (mut axis, size) = if angular { unit(&u_w) } else { unit(&u_v) };
         let per_aux = if angular { 1.0 / size } else { L / size };
 
+        let mut gain = s * reference * per_aux;
+        // A fold is left against ζ: x = h·s²/2 along it with h < 0. Settled when the type is, so that it never flips inside.
+        let flipped = if latched && !place.latched { fold && slope > 0.0 } else { latched && place.flipped };
+        if flipped {
+            (axis, gain) = (-axis, -gain);
+        }
         let (zeta_B, R_BS) = if angular {
             (stack(&Vector3::zeros(), &axis), frame(&axis, &self.towards(at, &axis)))
         } else {
             (stack(&axis, &Vector3::zeros()), frame(&axis, &self.towards(at, &axis)))
         };
-        let gain = s * reference * per_aux;
         let (aux, aux_rate, aux_bias, aux_row, gain) = if fold {
             // A fold: s itself is the task coordinate, x = h·s²/2 along ζ with h = gain/s.
             (s, s_rate, 0.0, gradient, gain / slope)
@@ -492,9 +499,9 @@ impl<const N: usize> Numeric<N> {
             let bias = block.v_bias(&motion.Jdot, &motion.M, i, at.qdot, L);
             (0.0, v.dot(at.qdot), bias, v, gain)
         };
-        self.places[p] = Place { angular, latched, verdict, ..place };
+        self.places[p] = Place { angular, latched, flipped, verdict, ..place };
         Singularity {
-            kind: Kind::Numeric,
+            kind: if place.block == 1 { Kind::Wrist } else { Kind::Numeric },
             class: verdict.class,
             angular,
             s,
@@ -570,7 +577,7 @@ impl<const N: usize> Measures<N> for Numeric<N> {
         }
         for place in &self.places {
             let flags = u32::from(place.angular) + 2 * u32::from(place.latched) + 4 * (place.verdict.class.code() & 3);
-            code = 128.0 * code + f64::from(flags + 16 * place.index as u32);
+            code = 256.0 * code + f64::from(flags + 16 * place.index as u32 + 128 * u32::from(place.flipped));
         }
         out[18] = code;
         for (to, place) in out[19..23].iter_mut().zip(&self.places) {
@@ -583,13 +590,14 @@ impl<const N: usize> Measures<N> for Numeric<N> {
         let mut code = state[18] as u64;
         let mut places = self.places;
         for (place, kappas) in places.iter_mut().zip(&state[19..23]).rev() {
-            let one = code % 128;
-            code /= 128;
+            let one = code % 256;
+            code /= 256;
             let [kappa_1, kappa_2] = unpack(*kappas).map(|x| x * KAPPA_MAX);
             let class = Class::from_code((one / 4 % 4) as u32).unwrap_or_default();
-            let index = ((one / 16) as usize).min(self.blocks[place.block].count - 1);
+            let index = ((one / 16 % 8) as usize).min(self.blocks[place.block].count - 1);
             let verdict = Verdict { class, kappa_1, kappa_2, distance: 0.0 };
-            *place = Place { angular: one & 1 != 0, latched: one & 2 != 0, verdict, index, block: place.block };
+            let (angular, latched, flipped) = (one & 1 != 0, one & 2 != 0, one & 128 != 0);
+            *place = Place { angular, latched, flipped, verdict, index, block: place.block };
         }
         if code >> 12 != 1 {
             return;
@@ -642,7 +650,7 @@ fn frame(zeta: &Vector3<f64>, towards: &Vector3<f64>) -> Matrix3<f64> {
 }
 
 /// Where the last two axes meet, as a distance along the last one, m; and whether the third last passes there too (six joints or more).
-fn meeting<const N: usize>(terms: &Terms<N>) -> (Option<f64>, bool) {
+pub(super) fn meeting<const N: usize>(terms: &Terms<N>) -> (Option<f64>, bool) {
     if N < 2 {
         return (None, false);
     }

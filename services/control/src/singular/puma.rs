@@ -69,32 +69,6 @@ impl PumaFactors {
         }
     }
 
-    /// Wrist: the hand can't turn about n = z4×z5 when z6 is parallel to z4.
-    ///
-    /// z6 = c5 z4 + (n·z6) n, so with φ̇ = z4·ω₄ and the turn about z4 kept, nᵀω = −(n·z6/c5)·φ̇ modulo the other rows. Type 2: φ only turns ζ.
-    fn wrist<const N: usize>(at: &Posture<'_, N>) -> Singularity<N> {
-        let [z4, z5, z6] = [at.terms.z[3], at.terms.z[4], at.terms.z[5]];
-        let n = z4.cross(&z5);
-        let (sin, cos) = libm::sincos(at.q[4]);
-        let c5 = if cos.abs() > 0.1 { cos } else { 0.1_f64.copysign(cos) };
-        Singularity {
-            kind: Kind::Wrist,
-            class: Class::Type2,
-            angular: true,
-            s: sin,
-            s_rate: cos * at.qdot[4],
-            zeta_B: stack(&Vector3::zeros(), &n),
-            R_BS: Matrix3::from_columns(&[n, z4, z5]),
-            gain: -n.dot(&z6) / c5,
-            aux: at.q[3],
-            aux_rate: z4.dot(&at.terms.omega[3]),
-            aux_bias: z4.dot(&at.terms.alpha_bias[3]),
-            aux_row: SVector::from_fn(|i, _| if i < 4 { z4.dot(&at.terms.z[i]) } else { 0.0 }),
-            kappa_2: 1.0,
-            ..Singularity::none()
-        }
-    }
-
     /// Overhead: the wrist centre, above the waist axis, can't move along the normal z2 of the arm's plane.
     ///
     /// Joints 2 and 3 move it in the plane, so ζᵀJ = R·e1 exactly, R the wrist centre's in-plane distance from the waist axis. A shoulder
@@ -133,20 +107,48 @@ impl<const N: usize> Measures<N> for PumaFactors {
 
     fn measure(&mut self, posture: &Posture<'_, N>, out: &mut [Singularity<N>; MAX_SINGULARITIES]) -> usize {
         out[0] = self.elbow(posture);
-        out[1] = Self::wrist(posture);
+        out[1] = wrist(posture);
         out[2] = self.overhead(posture);
         3
     }
 }
 
+/// Wrist: the hand can't turn about n = z4×z5 when z6 is parallel to z4 (of a spherical wrist, whose axes are the last three).
+///
+/// z6 = c5 z4 + (n·z6) n, so with φ̇ = z4·ω₄ and the turn about z4 kept, nᵀω = −(n·z6/c5)·φ̇ modulo the other rows. Type 2: φ only turns ζ.
+pub(super) fn wrist<const N: usize>(at: &Posture<'_, N>) -> Singularity<N> {
+    let forearm = N - 3;
+    let [z4, z5, z6] = [at.terms.z[forearm], at.terms.z[N - 2], at.terms.z[N - 1]];
+    let n = z4.cross(&z5);
+    // sin q5 = −n·z6, whatever the zero of joint 5.
+    let (sin, cos) = (-n.dot(&z6), z4.dot(&z6));
+    let c5 = if cos.abs() > 0.1 { cos } else { 0.1_f64.copysign(cos) };
+    Singularity {
+        kind: Kind::Wrist,
+        class: Class::Type2,
+        angular: true,
+        s: sin,
+        s_rate: cos * at.qdot[N - 2],
+        zeta_B: stack(&Vector3::zeros(), &n),
+        R_BS: Matrix3::from_columns(&[n, z4, z5]),
+        gain: sin / c5,
+        aux: at.q[forearm],
+        aux_rate: z4.dot(&at.terms.omega[forearm]),
+        aux_bias: z4.dot(&at.terms.alpha_bias[forearm]),
+        aux_row: SVector::from_fn(|i, _| if i <= forearm { z4.dot(&at.terms.z[i]) } else { 0.0 }),
+        kappa_2: 1.0,
+        ..Singularity::none()
+    }
+}
+
 /// A right-handed frame with x along `zeta` and y as near `towards` as it can be.
-fn frame(zeta: &Vector3<f64>, towards: &Vector3<f64>) -> Matrix3<f64> {
+pub(super) fn frame(zeta: &Vector3<f64>, towards: &Vector3<f64>) -> Matrix3<f64> {
     let y = towards - zeta * zeta.dot(towards);
     let y = if y.norm() > 1e-9 { y.normalize() } else { zeta.cross(&Vector3::x()).normalize() };
     Matrix3::from_columns(&[*zeta, y, zeta.cross(&y)])
 }
 
-fn unit<const N: usize>(i: usize) -> SVector<f64, N> {
+pub(super) fn unit<const N: usize>(i: usize) -> SVector<f64, N> {
     SVector::from_fn(|k, _| if k == i { 1.0 } else { 0.0 })
 }
 

@@ -1,0 +1,158 @@
+//! `armplane fault`: something goes wrong in a running graph, now.
+
+use std::path::Path;
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+use runtime::{Board, Manifest, RunDir, SHM, random};
+use serde_json::json;
+use shared_types::fault::{Fault, Kind, Way};
+
+use super::failure::Failure;
+use super::out::say;
+use super::table::table;
+use super::{FaultArgs, top};
+
+/// How long to wait for the next tick of a run.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// A stretch of time as people write it: `100ms`, `0.5s`, or a bare number of ticks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Length {
+    Ticks(u64),
+    Seconds(f64),
+}
+
+impl std::str::FromStr for Length {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let seconds = |number: &str, unit: f64| number.trim().parse::<f64>().ok().map(|number| Self::Seconds(number * unit));
+        let parsed = match text.strip_suffix("ms") {
+            Some(number) => seconds(number, 1e-3),
+            None => match text.strip_suffix('s') {
+                Some(number) => seconds(number, 1.0),
+                None => text.trim().parse().ok().map(Self::Ticks),
+            },
+        };
+        parsed.ok_or_else(|| format!("`{text}` is not a length: 100ms, 0.5s, or a number of ticks"))
+    }
+}
+
+pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure> {
+    let (Some(process), Some(kind)) = (&args.process, args.kind) else {
+        if args.list {
+            list(as_json)?;
+            return Ok(ExitCode::SUCCESS);
+        }
+        return Err(Failure::Input(
+            "say what happens to which process: armplane fault PROCESS KIND; see `armplane fault --list`".to_owned(),
+        ));
+    };
+    let name = top::choose(args.run.as_deref())?;
+    let run = RunDir::open(&Path::new(SHM).join(&name)).map_err(Failure::input)?;
+    let manifest = Manifest::read(&run).map_err(Failure::work)?;
+    let board = Board::open(&run).map_err(Failure::work)?;
+    let fault = Fault {
+        way: args.way,
+        for_ticks: args.length.and_then(|length| if let Length::Ticks(ticks) = length { Some(ticks) } else { None }),
+        for_s: args.length.and_then(|length| if let Length::Seconds(s) = length { Some(s) } else { None }),
+        probability: args.probability,
+        delay_ticks: args.delay,
+        jitter_ticks: args.jitter,
+        field: args.field.clone(),
+        joint: args.joint,
+        amount: args.amount,
+        ..Fault::new(process, kind)
+    };
+    let Some(index) = manifest.index_of(process) else {
+        let known: Vec<_> = manifest.processes.iter().map(|process| process.name.as_str()).collect();
+        return Err(Failure::Input(format!("the run has no process `{process}`; it has {}", known.join(", "))));
+    };
+    // Any seed will do: the run records it with the fault.
+    let seed = random(runtime::now_ns(), u64::from(std::process::id()));
+    let strike = fault.strike(index as u32, manifest.rate_hz, seed).map_err(|complaint| Failure::Input(complaint.to_string()))?;
+    let Some(place) = board.ledger().request(&strike) else {
+        return Err(Failure::Work(format!("the run {name} has had {} faults and has room for no more", runtime::MOST_FAULTS)));
+    };
+    let asked = Instant::now();
+    while !board.ledger().is_in_force(place) {
+        if asked.elapsed() > PATIENCE || !run.path().exists() {
+            return Err(Failure::Work(format!(
+                "the run {name} has begun no tick since: the fault takes effect with its next one, if there is one"
+            )));
+        }
+        std::thread::sleep(Duration::from_micros(200));
+    }
+    let in_force = board.ledger().account(place).and_then(|account| account.strike.fault(process));
+    let Some(in_force) = in_force else { return Err(Failure::Work(format!("the run {name} does not know this fault"))) };
+    if as_json {
+        say!("{}", json!({ "run": name, "tick": in_force.at_tick, "fault": in_force }));
+    } else {
+        say!("{in_force} ({name})");
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The unit of a way's amount.
+fn unit(kind: Kind, way: Way) -> &'static str {
+    match (kind, way) {
+        (Kind::Sensor, Way::Drift) => "rad/s",
+        (Kind::Sensor, Way::Bias | Way::Noise | Way::Quantise) => "rad",
+        (Kind::Drive, Way::Saturated | Way::Friction) => "of the limit",
+        (Kind::Clock, Way::Jump) => "ms",
+        (Kind::Clock, _) => "of its rate",
+        (Kind::Corrupt, Way::Huge) => "times",
+        _ => "",
+    }
+}
+
+fn list(as_json: bool) -> Result<(), Failure> {
+    if as_json {
+        let kinds: Vec<_> = Kind::ALL
+            .iter()
+            .map(|&kind| {
+                let length_s = kind.usual_length_s();
+                json!({
+                    "kind": kind.name(), "about": kind.about(), "processes": kind.processes(),
+                    "length_s": length_s.is_finite().then_some(length_s),
+                    "ways": kind.ways().map(|way| json!({
+                        "as": way.name(), "about": way.about(), "amount": kind.usual_amount(way), "unit": unit(kind, way)
+                    })).collect::<Vec<_>>(),
+                })
+            })
+            .collect();
+        say!("{}", serde_json::to_string_pretty(&kinds).map_err(Failure::work)?);
+        return Ok(());
+    }
+    let mut rows = table(&["kind", "what happens", "to", "usually for", "as (usual amount)"]);
+    for &kind in Kind::ALL {
+        let ways: Vec<_> = kind
+            .ways()
+            .map(|way| match kind.usual_amount(way) {
+                0.0 => way.name().to_owned(),
+                amount => format!("{} ({amount} {})", way.name(), unit(kind, way)),
+            })
+            .collect();
+        let processes = if kind.processes().len() == 5 { "any".to_owned() } else { kind.processes().join(" ") };
+        let length_s = kind.usual_length_s();
+        let length = if length_s.is_finite() { format!("{length_s} s") } else { "ever".to_owned() };
+        rows.add_row([kind.name().to_owned(), kind.about().to_owned(), processes, length, ways.join(", ")]);
+    }
+    say!("{rows}");
+    say!("The same words in a scenario, under [[fault]], with at_tick or at_s: they strike at that tick, the same way every time.");
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lengths_are_read_with_and_without_a_unit() {
+        assert_eq!("100ms".parse(), Ok(Length::Seconds(0.1)));
+        assert_eq!("0.5 s".parse(), Ok(Length::Seconds(0.5)));
+        assert_eq!("40".parse(), Ok(Length::Ticks(40)));
+        assert!("soon".parse::<Length>().unwrap_err().contains("a number of ticks"));
+    }
+}

@@ -1,0 +1,40 @@
+//! Somebody else who wants the processor.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+
+use runtime::realtime;
+
+/// A spinning thread on every core, until dropped.
+pub(crate) struct Hogs {
+    stop: Arc<AtomicBool>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+impl Hogs {
+    pub(crate) fn start() -> Self {
+        let stop = Arc::new(AtomicBool::new(false));
+        let hog = |core: usize| {
+            let stop = Arc::clone(&stop);
+            std::thread::spawn(move || {
+                // Not pinned it is a hog all the same.
+                let _ = realtime::pin(core);
+                while !stop.load(Ordering::Relaxed) {
+                    std::hint::spin_loop();
+                }
+            })
+        };
+        let threads = realtime::allowed_cores().into_iter().map(hog).collect();
+        Self { stop, threads }
+    }
+}
+
+impl Drop for Hogs {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        for thread in self.threads.drain(..) {
+            let _ = thread.join();
+        }
+    }
+}

@@ -1,0 +1,293 @@
+//! What faults do to a process: its death, its standing still, its clock, its core. Messages are shaped in [`crate::ports`].
+
+use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use rustix::process::{Resource, Rlimit, Signal, getpid, getrlimit, kill_process, setrlimit};
+use shared_types::fault::{Kind, Strike, Way};
+
+use crate::board::{PROGRESS, State};
+use crate::clock::now_ns;
+use crate::realtime;
+use crate::shell::Shared;
+
+/// Ticks that a process may be behind the maker of ticks: far fewer than its buffers hold.
+const MOST_BEHIND: u64 = 16;
+
+/// An end of the process that a closing tick concerns: what is held back for it leaves, and its readers are told.
+pub(crate) trait Outlet {
+    /// Sends what is due at `tick` or before.
+    fn flush(&self, tick: u64);
+    /// Wakes the readers.
+    fn ring(&self);
+}
+
+/// A stretch in which somebody else is busy on the core.
+pub(crate) struct Hog {
+    place: usize,
+    stop: Arc<AtomicBool>,
+    thread: Option<std::thread::JoinHandle<()>>,
+}
+
+impl Hog {
+    /// Busy for so long at a time ...
+    const BUSY_NS: u64 = 300_000;
+    /// ... with so short a rest that the process it starves is not starved for ever under SCHED_FIFO.
+    const REST: std::time::Duration = std::time::Duration::from_micros(30);
+
+    fn start(place: usize, core: Option<usize>) -> Self {
+        let stop = Arc::new(AtomicBool::new(false));
+        let told = Arc::clone(&stop);
+        let work = move || {
+            if let Some(core) = core {
+                // Not pinned it is a hog all the same.
+                let _ = realtime::pin(core);
+            }
+            while !told.load(Ordering::Relaxed) {
+                let until = now_ns() + Self::BUSY_NS;
+                while now_ns() < until {
+                    std::hint::spin_loop();
+                }
+                std::thread::sleep(Self::REST);
+            }
+        };
+        Self { place, stop, thread: std::thread::Builder::new().name("hog".into()).spawn(work).ok() }
+    }
+}
+
+impl Drop for Hog {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Shared {
+    /// Brings the copy of the ledger up to date; one load where nothing has changed.
+    pub(crate) fn learn(&self) {
+        let ledger = self.board.ledger();
+        if !self.fates.borrow().is_current(ledger) {
+            self.fates.borrow_mut().renew(ledger);
+        }
+    }
+
+    /// Whether the ledger, as this process knows it, is empty.
+    pub(crate) fn is_unharmed(&self) -> bool {
+        self.fates.borrow().strikes().is_empty()
+    }
+
+    /// Something is wrong with a message: if there are faults, they have been noticed.
+    pub(crate) fn notice(&self) {
+        if !self.is_unharmed() {
+            self.board.ledger().notice_all(now_ns());
+        }
+    }
+
+    /// Whether any fault shapes messages: then a tick of this process ends when its inputs have, not with its one message.
+    pub(crate) fn is_shaped(&self) -> bool {
+        !self.is_unharmed() && self.fates.borrow().shapes_messages()
+    }
+
+    /// Whether a process is dead or stands still at a tick.
+    pub(crate) fn is_down(&self, process: usize, tick: u64) -> bool {
+        self.fates.borrow().is_down(process, tick)
+    }
+
+    /// When this process, started again, may answer: the first tick after its last death. 0: no death is known.
+    pub(crate) fn returns_at(&self) -> u64 {
+        if self.line().incarnation() < 2 {
+            return 0;
+        }
+        self.learn();
+        let (fates, done) = (self.fates.borrow(), self.line().ticks());
+        let down = |strike: &Strike| strike.process as usize == self.me && strike.at <= done && strike.kind().is_some_and(Kind::takes_down);
+        fates.strikes().iter().filter(|(_, strike)| down(strike)).map(|(_, strike)| strike.until).max().unwrap_or(0)
+    }
+
+    /// Carries out what concerns the process itself at a tick, with the tick's first input in hand. Returns the tick at which it goes on:
+    /// `tick`, or a later one if it stood still.
+    pub(crate) fn meet_fate(&self, tick: u64) -> u64 {
+        self.learn();
+        if self.is_unharmed() {
+            return tick;
+        }
+        self.starve(tick);
+        let Some((place, strike, kind)) = self.downfall(tick) else { return tick };
+        self.board.ledger().has_struck(place, now_ns());
+        match kind {
+            Kind::Kill => self.die(),
+            Kind::Crash => {
+                self.leave(State::Gone);
+                panic!("{} crashes at tick {tick}, as the fault plan says", self.name());
+            }
+            _ => self.stand_still(&strike),
+        }
+        strike.until
+    }
+
+    /// What takes this process down at a tick. Who makes the ticks, and who takes in what others have sent, is down at no tick but the first,
+    /// because no tick passes meanwhile: it falls once.
+    pub(crate) fn downfall(&self, tick: u64) -> Option<(usize, Strike, Kind)> {
+        let process = &self.manifest.processes[self.me];
+        let falls_once = process.polled || process.makes_ticks;
+        let has_struck = |place| self.board.ledger().account(place).is_some_and(|account| account.struck_ns != 0);
+        let fates = self.fates.borrow();
+        let mut falls = fates.of(self.me, tick).filter(|(place, _, kind)| kind.takes_down() && !(falls_once && has_struck(*place)));
+        falls.next().map(|(place, strike, kind)| (place, *strike, kind))
+    }
+
+    /// The others are told before, so that nobody waits for what cannot come.
+    fn leave(&self, state: State) {
+        self.line().set_state(state);
+        self.board.ring_all();
+    }
+
+    fn die(&self) {
+        self.leave(State::Gone);
+        // It does not return; if it could fail, the next wait would find the process down at every tick of the fault.
+        let _ = kill_process(getpid(), Signal::KILL);
+    }
+
+    fn stand_still(&self, strike: &Strike) {
+        self.leave(State::Stopped);
+        let _ = kill_process(getpid(), Signal::STOP);
+        // Whoever is not continued (`Way::ForEver`) is replaced, and never comes here; a stray SIGCONT changes nothing about it.
+        while strike.way() == Some(Way::ForEver) && !self.is_stopping() {
+            let _ = kill_process(getpid(), Signal::STOP);
+        }
+        self.line().set_state(State::Running);
+        self.board.ledger().restore(self.me, now_ns());
+        self.board.ring_all();
+    }
+
+    fn starve(&self, tick: u64) {
+        let fates = self.fates.borrow();
+        let starving = fates.of(self.me, tick).find(|(_, _, kind)| *kind == Kind::Starve).map(|(place, ..)| place);
+        let mut hog = self.hog.borrow_mut();
+        match (starving, hog.as_ref().map(|hog| hog.place)) {
+            (Some(place), was) if was != Some(place) => {
+                self.board.ledger().has_struck(place, now_ns());
+                *hog = Some(Hog::start(place, self.manifest.processes[self.me].core));
+            }
+            (None, Some(_)) => *hog = None,
+            _ => {}
+        }
+    }
+
+    /// What a volume does to the polled process that writes to it: full, by the kernel's own limit on the size of files; or slow.
+    pub(crate) fn trouble_volume(&self, tick: u64, is_last: bool) {
+        let (mut is_full, mut pause_ms) = (false, 0.0);
+        for (place, strike, kind) in self.fates.borrow().of(self.me, tick) {
+            match kind {
+                Kind::DiskFull => is_full = true,
+                Kind::SlowDisk => pause_ms += strike.amount,
+                _ => continue,
+            }
+            self.board.ledger().has_struck(place, now_ns());
+        }
+        // What is left to be written at the end belongs to another volume.
+        self.fill_volume(is_full && !is_last);
+        if pause_ms > 0.0 && !is_last {
+            std::thread::sleep(std::time::Duration::from_secs_f64(pause_ms * 1e-3));
+        }
+    }
+
+    pub(crate) fn fill_volume(&self, is_full: bool) {
+        if self.is_volume_full.replace(is_full) != is_full {
+            // Without this the signal would end the process; the error is what a full volume gives.
+            let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::default());
+            let limit = getrlimit(Resource::Fsize);
+            let _ = setrlimit(Resource::Fsize, Rlimit { current: if is_full { Some(0) } else { limit.maximum }, ..limit });
+        }
+    }
+
+    /// This process's clock: the machine's, unless a fault has it jump or run fast.
+    pub(crate) fn clock_ns(&self) -> u64 {
+        let now = now_ns();
+        if self.is_unharmed() {
+            return now;
+        }
+        let fates = self.fates.borrow();
+        let ms = 1e6;
+        let wrong = |(place, strike, kind): (usize, &Strike, Kind)| {
+            if kind != Kind::Clock {
+                return 0.0;
+            }
+            self.board.ledger().has_struck(place, now);
+            let since = self.board.ledger().account(place).map_or(0, |account| now.saturating_sub(account.struck_ns));
+            if strike.way() == Some(Way::Skew) { strike.amount * since as f64 } else { strike.amount * ms }
+        };
+        now.saturating_add_signed(fates.of(self.me, self.tick.get()).map(wrong).sum::<f64>() as i64)
+    }
+
+    /// In lockstep: nothing more of `tick` will come out of this process.
+    pub(crate) fn close(&self, tick: u64) {
+        for outlet in self.outlets.borrow().iter() {
+            outlet.flush(tick);
+        }
+        self.line().set_ticks(tick + 1);
+        for outlet in self.outlets.borrow().iter() {
+            outlet.ring();
+        }
+        self.report_progress();
+    }
+
+    pub(crate) fn add_outlet(&self, outlet: Rc<dyn Outlet>) {
+        self.outlets.borrow_mut().push(outlet);
+    }
+
+    /// Whether a writer has nothing more to send at a tick: it said so, or it is down.
+    pub(crate) fn has_closed(&self, writer: Option<usize>, tick: u64) -> bool {
+        let Some(writer) = writer else { return false };
+        // Where the maker of ticks stands still there are none: nothing is passed over.
+        let is_down = || !self.is_unharmed() && !self.manifest.processes[writer].makes_ticks && self.is_down(writer, tick);
+        self.board.line(writer).ticks() > tick || is_down()
+    }
+
+    /// In lockstep, before a tick begins: who has fallen so far behind that it could lose messages. Without torque the maker of ticks waits
+    /// for nobody else.
+    pub(crate) fn straggler(&self, tick: u64) -> Option<usize> {
+        if self.is_unharmed() {
+            return None;
+        }
+        let lags = |index: &usize| {
+            let (process, done) = (&self.manifest.processes[*index], self.board.line(*index).ticks());
+            *index != self.me && !process.polled && done + MOST_BEHIND < tick && !self.is_down(*index, done)
+        };
+        (0..self.manifest.processes.len()).find(lags)
+    }
+
+    /// Tells the maker of ticks, where it may wait for that, that this process has come further.
+    pub(crate) fn report_progress(&self) {
+        if !self.is_unharmed()
+            && let Some(source) = self.manifest.processes.iter().position(|process| process.makes_ticks)
+        {
+            self.board.line(source).bell().ring(PROGRESS);
+        }
+    }
+
+    /// In lockstep, before a tick begins: whether all are back who were to be back by then, and the recorder has let go of what it must not lose.
+    pub(crate) fn awaited(&self, tick: u64) -> Option<usize> {
+        if self.is_unharmed() {
+            return None;
+        }
+        let fates = self.fates.borrow();
+        let late = |(place, strike): &(usize, Strike)| {
+            let process = strike.process as usize;
+            let line = self.board.line(process);
+            if process == self.me || !strike.kind().is_some_and(Kind::takes_down) {
+                return false;
+            }
+            if self.manifest.processes[process].polled {
+                // Nothing may be lost: everything waits at the tick of its death until its replacement works.
+                let struck = self.board.ledger().account(*place).is_some_and(|account| account.struck_ns != 0);
+                return strike.at <= tick && !(struck && line.state() == State::Running);
+            }
+            strike.until <= tick && line.state() != State::Running && !self.manifest.processes[process].makes_ticks
+        };
+        fates.strikes().iter().find(|strike| late(strike)).map(|(_, strike)| strike.process as usize)
+    }
+}

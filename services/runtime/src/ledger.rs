@@ -1,0 +1,305 @@
+//! The ledger: every fault of a run, planned or live, in one place that all its processes see.
+//!
+//! The launcher enters the planned faults before anything starts and the deaths that nobody planned when it notices them; anybody may
+//! request one (`armplane fault`). The source of ticks adopts a request at the beginning of a tick, before it sends anything of that tick,
+//! so that all processes know of it when that tick reaches them: a live fault is a planned one from then on, and repeats itself as one.
+//! What cannot be decided from the ledger and a tick is no fault: that is why a run with faults has the same bytes every time.
+
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+
+use shared_types::fault::{Kind, Strike};
+
+/// Most faults a run may have.
+pub const MOST_FAULTS: usize = 64;
+
+/// 64-bit words of a strike.
+const WORDS: usize = size_of::<Strike>() / size_of::<u64>();
+
+/// Where a fault comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Origin {
+    /// From the scenario.
+    Planned = 0,
+    /// By `armplane fault`, while the run went on.
+    Live = 1,
+    /// Noticed by the launcher: a process ended, or fell silent, and nobody had planned it.
+    Noticed = 2,
+}
+
+impl Origin {
+    /// In words.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Planned => "planned",
+            Self::Live => "live",
+            Self::Noticed => "noticed",
+        }
+    }
+}
+
+/// Not in force: 0 while it is being written.
+const REQUESTED: u32 = 1;
+const IN_FORCE: u32 = 2;
+
+#[repr(C, align(64))]
+#[derive(Debug, Default)]
+struct Entry {
+    standing: AtomicU32,
+    origin: AtomicU32,
+    words: [AtomicU64; WORDS],
+    struck_ns: AtomicU64,
+    noticed_ns: AtomicU64,
+    restored_ns: AtomicU64,
+}
+
+/// The ledger, in shared memory; an entry is never taken back.
+#[repr(C, align(64))]
+#[derive(Debug)]
+pub struct Ledger {
+    taken: AtomicU32,
+    /// Counts entries coming into force: what others compare to know whether their copy is current.
+    changes: AtomicU32,
+    entries: [Entry; MOST_FAULTS],
+}
+
+/// One fault, and what became of it. Times on `CLOCK_MONOTONIC`, 0: not yet.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Account {
+    /// What happens, to whom, when.
+    pub strike: Strike,
+    /// Where it comes from.
+    pub origin: Origin,
+    /// When it took effect first.
+    pub struck_ns: u64,
+    /// When something noticed: the supervisor an end or a silence, a reader a message that it refused or missed.
+    pub noticed_ns: u64,
+    /// When the process worked again.
+    pub restored_ns: u64,
+}
+
+impl Ledger {
+    /// Enters a fault that is in force from its tick on; `None` when the ledger is full.
+    pub fn enter(&self, strike: &Strike, origin: Origin) -> Option<usize> {
+        self.write(strike, origin, IN_FORCE)
+    }
+
+    /// Requests a fault from the next tick on (`at` 0), or from a tick still to come; `None` when the ledger is full.
+    pub fn request(&self, strike: &Strike) -> Option<usize> {
+        self.write(strike, Origin::Live, REQUESTED)
+    }
+
+    fn write(&self, strike: &Strike, origin: Origin, standing: u32) -> Option<usize> {
+        let place = self.taken.fetch_add(1, Ordering::AcqRel) as usize;
+        let Some(entry) = self.entries.get(place) else {
+            self.taken.store(MOST_FAULTS as u32, Ordering::Release);
+            return None;
+        };
+        entry.put(strike);
+        entry.origin.store(origin as u32, Ordering::Relaxed);
+        entry.standing.store(standing, Ordering::Release);
+        if standing == IN_FORCE {
+            self.changes.fetch_add(1, Ordering::Release);
+        }
+        Some(place)
+    }
+
+    /// The source of ticks, before it sends anything of `tick`: what has been requested is in force now.
+    pub(crate) fn adopt(&self, tick: u64) {
+        for entry in self.taken() {
+            if entry.standing.load(Ordering::Acquire) != REQUESTED {
+                continue;
+            }
+            let asked = entry.strike();
+            if asked.at > tick {
+                continue;
+            }
+            let until = if asked.until == u64::MAX { u64::MAX } else { tick.saturating_add(asked.until - asked.at) };
+            entry.put(&Strike { at: tick, until, ..asked });
+            entry.standing.store(IN_FORCE, Ordering::Release);
+            self.changes.fetch_add(1, Ordering::Release);
+        }
+    }
+
+    fn taken(&self) -> &[Entry] {
+        &self.entries[..(self.taken.load(Ordering::Acquire) as usize).min(MOST_FAULTS)]
+    }
+
+    pub(crate) fn changes(&self) -> u32 {
+        self.changes.load(Ordering::Acquire)
+    }
+
+    /// Whether a requested fault has come into force.
+    #[must_use]
+    pub fn is_in_force(&self, place: usize) -> bool {
+        self.entries.get(place).is_some_and(|entry| entry.standing.load(Ordering::Acquire) == IN_FORCE)
+    }
+
+    /// One fault, if there is one at that place.
+    #[must_use]
+    pub fn account(&self, place: usize) -> Option<Account> {
+        let entry = self.entries.get(place)?;
+        (entry.standing.load(Ordering::Acquire) == IN_FORCE).then(|| Account {
+            strike: entry.strike(),
+            origin: match entry.origin.load(Ordering::Relaxed) {
+                0 => Origin::Planned,
+                1 => Origin::Live,
+                _ => Origin::Noticed,
+            },
+            struck_ns: entry.struck_ns.load(Ordering::Relaxed),
+            noticed_ns: entry.noticed_ns.load(Ordering::Relaxed),
+            restored_ns: entry.restored_ns.load(Ordering::Relaxed),
+        })
+    }
+
+    /// All faults in force, with their places, in the order in which they came.
+    pub fn accounts(&self) -> impl Iterator<Item = (usize, Account)> + '_ {
+        (0..self.taken().len()).filter_map(|place| Some((place, self.account(place)?)))
+    }
+
+    /// A fault takes effect now.
+    pub fn has_struck(&self, place: usize, now_ns: u64) {
+        if let Some(entry) = self.entries.get(place) {
+            first(&entry.struck_ns, now_ns);
+        }
+    }
+
+    /// Something noticed what has struck this process.
+    pub fn notice(&self, process: usize, now_ns: u64) {
+        self.of(process).filter(|entry| entry.struck_ns.load(Ordering::Relaxed) != 0).for_each(|entry| first(&entry.noticed_ns, now_ns));
+    }
+
+    /// A message is missing, or came twice, or was refused: whatever has struck anywhere has been noticed by that.
+    pub(crate) fn notice_all(&self, now_ns: u64) {
+        self.taken().iter().filter(|entry| entry.struck_ns.load(Ordering::Relaxed) != 0).for_each(|entry| first(&entry.noticed_ns, now_ns));
+    }
+
+    /// This process works again.
+    pub(crate) fn restore(&self, process: usize, now_ns: u64) {
+        self.of(process)
+            .filter(|entry| entry.struck_ns.load(Ordering::Relaxed) != 0 && entry.strike().kind().is_some_and(Kind::takes_down))
+            .for_each(|entry| first(&entry.restored_ns, now_ns));
+    }
+
+    fn of(&self, process: usize) -> impl Iterator<Item = &Entry> {
+        self.taken()
+            .iter()
+            .filter(move |entry| entry.standing.load(Ordering::Acquire) == IN_FORCE && entry.strike().process as usize == process)
+    }
+}
+
+fn first(time: &AtomicU64, now_ns: u64) {
+    let _ = time.compare_exchange(0, now_ns, Ordering::Relaxed, Ordering::Relaxed);
+}
+
+impl Entry {
+    fn put(&self, strike: &Strike) {
+        let words: [u64; WORDS] = bytemuck::cast(*strike);
+        self.words.iter().zip(words).for_each(|(place, word)| place.store(word, Ordering::Relaxed));
+    }
+
+    fn strike(&self) -> Strike {
+        bytemuck::cast::<[u64; WORDS], Strike>(std::array::from_fn(|i| self.words[i].load(Ordering::Relaxed)))
+    }
+}
+
+/// One process's copy of the ledger, renewed when the ledger has changed. Never allocates after its making.
+#[derive(Debug)]
+pub(crate) struct Copied {
+    changes: u32,
+    strikes: Vec<(usize, Strike)>,
+}
+
+impl Copied {
+    pub(crate) fn new() -> Self {
+        Self { changes: 0, strikes: Vec::with_capacity(MOST_FAULTS) }
+    }
+
+    /// The faults in force, and their places.
+    pub(crate) fn strikes(&self) -> &[(usize, Strike)] {
+        &self.strikes
+    }
+
+    pub(crate) fn is_current(&self, ledger: &Ledger) -> bool {
+        self.changes == ledger.changes()
+    }
+
+    pub(crate) fn renew(&mut self, ledger: &Ledger) {
+        self.changes = ledger.changes();
+        self.strikes.clear();
+        self.strikes.extend(ledger.accounts().map(|(place, account)| (place, account.strike)).take(MOST_FAULTS));
+    }
+
+    /// Whether a process is dead or stands still at a tick.
+    pub(crate) fn is_down(&self, process: usize, tick: u64) -> bool {
+        self.of(process, tick).any(|(_, _, kind)| kind.takes_down())
+    }
+
+    /// What concerns a process at a tick.
+    pub(crate) fn of(&self, process: usize, tick: u64) -> impl Iterator<Item = (usize, &Strike, Kind)> {
+        self.strikes
+            .iter()
+            .filter(move |(_, strike)| strike.process as usize == process && strike.concerns(tick))
+            .filter_map(|(place, strike)| Some((*place, strike, strike.kind()?)))
+    }
+
+    /// Whether any fault makes more or fewer than one message of a topic leave in a tick.
+    pub(crate) fn shapes_messages(&self) -> bool {
+        self.strikes.iter().any(|(_, strike)| strike.kind().is_some_and(Kind::shapes_messages))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Board, RunDir};
+    use shared_types::fault::Fault;
+
+    fn strike(kind: Kind, at: u64) -> Strike {
+        Fault { at_tick: Some(at), ..Fault::new("controller", kind) }.strike(3, 1000, 7).unwrap()
+    }
+
+    #[test]
+    fn a_request_is_in_force_from_the_tick_that_adopts_it() {
+        let run = RunDir::create().unwrap();
+        let (ours, theirs) = (Board::create(&run).unwrap(), Board::open(&run).unwrap());
+        let mut copied = Copied::new();
+        assert!(copied.is_current(theirs.ledger()) && !copied.is_down(3, 500));
+        let place = theirs.ledger().request(&strike(Kind::Kill, 0)).unwrap();
+        assert!(copied.is_current(theirs.ledger()) && !theirs.ledger().is_in_force(place));
+        ours.ledger().adopt(500);
+        assert!(!copied.is_current(theirs.ledger()) && theirs.ledger().is_in_force(place));
+        copied.renew(theirs.ledger());
+        assert!(copied.is_down(3, 500) && copied.is_down(3, 599) && !copied.is_down(3, 600) && !copied.is_down(2, 500));
+        assert!(!copied.shapes_messages());
+    }
+
+    #[test]
+    fn what_became_of_a_fault_is_told_once() {
+        let run = RunDir::create().unwrap();
+        let board = Board::create(&run).unwrap();
+        let ledger = board.ledger();
+        let place = ledger.enter(&strike(Kind::Hang, 10), Origin::Planned).unwrap();
+        ledger.notice(3, 50);
+        assert_eq!(ledger.account(place).unwrap().noticed_ns, 0, "it has not struck yet");
+        ledger.has_struck(place, 60);
+        ledger.notice(3, 70);
+        ledger.notice(3, 80);
+        ledger.restore(3, 90);
+        let account = ledger.account(place).unwrap();
+        assert_eq!((account.struck_ns, account.noticed_ns, account.restored_ns, account.origin), (60, 70, 90, Origin::Planned));
+        assert_eq!(account.strike, strike(Kind::Hang, 10));
+    }
+
+    #[test]
+    fn a_full_ledger_says_so() {
+        let run = RunDir::create().unwrap();
+        let board = Board::create(&run).unwrap();
+        for _ in 0..MOST_FAULTS {
+            assert!(board.ledger().enter(&strike(Kind::Drop, 1), Origin::Planned).is_some());
+        }
+        assert_eq!((0..3).map(|_| board.ledger().request(&strike(Kind::Drop, 1))).collect::<Vec<_>>(), [None; 3]);
+        assert_eq!(board.ledger().accounts().count(), MOST_FAULTS);
+    }
+}

@@ -1,0 +1,67 @@
+//! `armplane replay`: a run computed again from what it kept, process by process.
+
+use serde_json::Value;
+
+use crate::command::Desk;
+
+fn replay(desk: &Desk, args: &[&str]) -> (i32, Value) {
+    let said = desk.armplane(&[&["replay", "--json"], args].concat());
+    (said.code, serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}{}", said.out, said.err)))
+}
+
+#[test]
+fn every_process_computes_again_what_it_computed_in_the_run() {
+    let desk = Desk::new();
+    let summary = desk.run(&["--seed", "3", "--out", "run"]);
+    assert!(summary["recorder"]["messages_bytes"].as_u64().unwrap() > 0, "{}", summary["recorder"]);
+    for (process, topics) in [
+        ("plant", vec!["sensor", "plant_state"]),
+        ("estimator", vec!["estimate"]),
+        ("analyzer", vec!["singularity"]),
+        ("controller", vec!["torque"]),
+    ] {
+        let (code, told) = replay(&desk, &["run", "--process", process]);
+        assert_eq!((code, &told["identical"], &told["difference"]), (0, &true.into(), &Value::Null), "{told}");
+        assert_eq!((&told["without_input"], &told["ended"]), (&0.into(), &"".into()), "{told}");
+        let replayed: Vec<_> = told["topics"].as_array().unwrap().iter().map(|topic| topic["topic"].as_str().unwrap()).collect();
+        assert_eq!(replayed, topics);
+        assert!(told["topics"].as_array().unwrap().iter().all(|topic| topic["messages"] == summary["ticks"]), "{told}");
+    }
+}
+
+#[test]
+fn a_changed_controller_is_told_where_it_first_differs_and_by_how_much() {
+    let desk = Desk::new();
+    desk.run(&["--out", "run"]);
+    // The second segment only: until it begins the torques are the recorded ones.
+    let (code, told) = replay(&desk, &["run", "--set", "segment.1.turn.by_deg=44"]);
+    assert_eq!((code, &told["identical"]), (1, &false.into()), "{told}");
+    let difference = &told["difference"];
+    assert!(difference["tick"].as_u64().unwrap() > 1000 && difference["topic"] == "torque", "{difference}");
+    let value = |of: &Value| of.as_str().unwrap().parse::<f64>().unwrap();
+    assert_ne!(value(&difference["recorded"]), value(&difference["replayed"]));
+    let fields = told["topics"][0]["fields"].as_array().unwrap();
+    let of = |name: &str| fields.iter().find(|field| field["field"] == name).unwrap_or_else(|| panic!("{name}: {told}"));
+    let tau = of("tau");
+    let (recorded, replayed) = (value(&tau["recorded"]), value(&tau["replayed"]));
+    assert!((tau["largest"].as_f64().unwrap() - (recorded - replayed).abs()).abs() < 1e-12 && recorded != replayed, "{tau}");
+    assert!(tau["tick"].as_u64().unwrap() >= difference["tick"].as_u64().unwrap());
+    let said = desk.armplane(&["replay", "run", "--set", "segment.1.turn.by_deg=44"]);
+    assert!(said.code == 1 && said.out.contains("controller first differs at tick"), "{}", said.out);
+}
+
+#[test]
+fn what_cannot_be_replayed_says_why() {
+    let desk = Desk::new();
+    desk.run(&["--out", "bare", "--no-messages"]);
+    desk.run(&["--out", "run"]);
+    for (args, expected) in [
+        (&["replay", "nowhere"][..], "is not the results folder of a run"),
+        (&["replay", "bare"], "without --no-messages"),
+        (&["replay", "run", "--set", "control.kp=1"], "unknown field `kp`"),
+        (&["replay", "run", "--set", "robot=ur5"], "keeps the robot of its run"),
+    ] {
+        let said = desk.armplane(args);
+        assert!(said.code == 2 && said.err.contains(expected), "{args:?}: {}{}", said.out, said.err);
+    }
+}
