@@ -5,6 +5,7 @@ mod clean;
 mod compare;
 mod doctor;
 mod drill;
+mod export;
 mod failure;
 mod fault;
 mod figures;
@@ -18,10 +19,13 @@ mod plot;
 mod pool;
 mod process;
 mod replay;
+mod report;
 mod run;
+mod runs;
 mod table;
 mod top;
 mod verify;
+mod view;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -29,6 +33,7 @@ use std::process::ExitCode;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use shared_types::fault::{Kind, Way};
 use shared_types::job::Mode;
+use shared_types::scenario::Layout;
 
 use failure::Failure;
 
@@ -107,6 +112,24 @@ enum Command {
     /// Watch a running graph: processes, ticks, rates, misses.
     #[command(after_help = "Examples:\n  armplane top\n  armplane top --once --json")]
     Top(TopArgs),
+    /// Open a run's recording in the installed Rerun viewer.
+    #[command(
+        long_about = "Opens a run's recording in the Rerun viewer that is installed (`pip install rerun-sdk==0.36.3`, or `cargo install \
+                      rerun-cli@0.36.3 --locked`). If a viewer is running, it shows the recording there.",
+        after_help = "Examples:\n  armplane view\n  armplane view runs/fig5-wrist-rotation-001 --layout timing"
+    )]
+    View(ViewArgs),
+    /// Write a run up as one HTML page with plots, tables and the log, for people without a viewer.
+    #[command(after_help = "Examples:\n  armplane report\n  armplane report runs/fig5-wrist-rotation-001 --out fig5.html")]
+    Report(ReportArgs),
+    /// Write a run's numbers and events for other tools.
+    #[command(
+        long_about = "Reads the recording back and writes its numbers as one wide table (a row a tick) and its log and states as another, \
+                      into the run's folder or --out. Columns: `joint.q.1`, `singularity.s.wrist`, `error.position_mm.across` and so on; what \
+                      they mean, with units, is in the recording under /signals/about. `rbl` is the layout for the viewer.",
+        after_help = "Examples:\n  armplane export --format csv\n  armplane export runs/fig5-wrist-rotation-001 --format parquet --out tables\n  armplane export --format rbl --layout timing\n\nparquet and mcap need a build with --features parquet,mcap."
+    )]
+    Export(ExportArgs),
     /// Let something go wrong in a running graph.
     #[command(
         long_about = "Injects a fault into one process of a running graph, from its next tick on. The run records it with that tick, and leaves \
@@ -170,6 +193,9 @@ struct RunArgs {
     /// Judge and hash, but write no recording.
     #[arg(long)]
     no_record: bool,
+    /// Show the recording in the installed Rerun viewer as it is made; the run does not wait for it.
+    #[arg(long, conflicts_with = "no_record")]
+    live: bool,
     /// Do not keep the messages themselves, which `armplane replay` reads.
     #[arg(long)]
     no_messages: bool,
@@ -185,6 +211,7 @@ impl Default for RunArgs {
             set: Vec::new(),
             graph: None,
             no_record: false,
+            live: false,
             no_messages: false,
         }
     }
@@ -373,6 +400,70 @@ struct DrillArgs {
 }
 
 #[derive(Args)]
+struct ViewArgs {
+    /// The run's folder, or its name under runs/ [default: the latest].
+    #[arg(value_name = "RUN")]
+    run: Option<PathBuf>,
+    /// Another layout than the scenario's.
+    #[arg(long, value_parser = layout, value_name = "control|timing|faults")]
+    layout: Option<Layout>,
+}
+
+#[derive(Args)]
+struct ReportArgs {
+    /// The run's folder, or its name under runs/ [default: the latest].
+    #[arg(value_name = "RUN")]
+    run: Option<PathBuf>,
+    /// Where to write the page [default: report.html in the run's folder].
+    #[arg(long, value_name = "FILE.html")]
+    out: Option<PathBuf>,
+}
+
+#[derive(Args)]
+struct ExportArgs {
+    /// The run's folder, or its name under runs/ [default: the latest].
+    #[arg(value_name = "RUN")]
+    run: Option<PathBuf>,
+    /// The format.
+    #[arg(long, value_enum, default_value = "csv")]
+    format: ExportFormat,
+    /// Folder for the files [default: the run's].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Which layout, for rbl [default: the scenario's].
+    #[arg(long, value_parser = layout, value_name = "control|timing|faults")]
+    layout: Option<Layout>,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum ExportFormat {
+    /// signals.csv and events.csv.
+    Csv,
+    /// signals.parquet and events.parquet.
+    Parquet,
+    /// run.mcap, as Foxglove reads it.
+    Mcap,
+    /// The layout for the Rerun viewer.
+    Rbl,
+}
+
+impl ExportFormat {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Csv => "csv",
+            Self::Parquet => "parquet",
+            Self::Mcap => "mcap",
+            Self::Rbl => "rbl",
+        }
+    }
+}
+
+fn layout(text: &str) -> Result<Layout, String> {
+    let found = Layout::ALL.into_iter().find(|layout| layout.name() == text);
+    found.ok_or_else(|| "there are control, timing and faults".to_owned())
+}
+
+#[derive(Args)]
 struct FaultArgs {
     /// To which process.
     process: Option<String>,
@@ -470,6 +561,9 @@ pub(crate) fn main() -> ExitCode {
         Command::Top(args) => top::top(&args, json),
         Command::BenchPeer(args) => bench::peer(&args.name, &args.run),
         Command::Drill(args) => drill::drill(&args, json),
+        Command::View(args) => view::view(&args, json),
+        Command::Report(args) => report::report(&args, json),
+        Command::Export(args) => export::export(&args, json),
         Command::Fault(args) => fault::fault(&args, json),
         Command::List => list::list(json),
         Command::Inspect(args) => inspect::inspect(&args, json),

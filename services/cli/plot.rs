@@ -377,22 +377,30 @@ const FOOT: f64 = 32.0;
 const CHARACTER: f64 = 0.53;
 
 impl Page {
+    /// The picture as an SVG element.
+    ///
+    /// # Errors
+    /// [`PlotError`] where it cannot be drawn; `path` is what the error names.
+    pub(crate) fn svg(&self, path: &Path) -> Result<String, PlotError> {
+        register_font(FONT, FontStyle::Normal, SANS).map_err(|_| draw_error(path, "its font is broken"))?;
+        register_font(FONT, FontStyle::Bold, BOLD).map_err(|_| draw_error(path, "its font is broken"))?;
+        let size = (self.width as u32 * FINE, self.height() as u32 * FINE);
+        let mut svg = String::new();
+        self.paint(&SVGBackend::with_string(&mut svg, size).into_drawing_area(), true).map_err(|reason| draw_error(path, reason))?;
+        let fine = format!("width=\"{}\" height=\"{}\"", size.0, size.1);
+        Ok(svg.replacen(&fine, &format!("width=\"{}\" height=\"{}\"", size.0 / FINE, size.1 / FINE), 1))
+    }
+
     /// Saves the picture as `path.svg` and `path.png`.
     ///
     /// # Errors
     /// [`PlotError`] where a file cannot be written.
     pub(crate) fn save(&self, path: &Path) -> Result<[PathBuf; 2], PlotError> {
-        register_font(FONT, FontStyle::Normal, SANS).map_err(|_| draw_error(path, "its font is broken"))?;
-        register_font(FONT, FontStyle::Bold, BOLD).map_err(|_| draw_error(path, "its font is broken"))?;
-        let size = (self.width as u32 * FINE, self.height() as u32 * FINE);
-
-        let mut svg = String::new();
-        self.paint(&SVGBackend::with_string(&mut svg, size).into_drawing_area(), true).map_err(|reason| draw_error(path, reason))?;
-        let fine = format!("width=\"{}\" height=\"{}\"", size.0, size.1);
-        let svg = svg.replacen(&fine, &format!("width=\"{}\" height=\"{}\"", size.0 / FINE, size.1 / FINE), 1);
+        let svg = self.svg(path)?;
         let svg_path = path.with_added_extension("svg");
         write(&svg_path, svg.as_bytes())?;
 
+        let size = (self.width as u32 * FINE, self.height() as u32 * FINE);
         let mut pixels = vec![255; size.0 as usize * size.1 as usize * 3];
         self.paint(&BitMapBackend::with_buffer(&mut pixels, size).into_drawing_area(), false).map_err(|reason| draw_error(path, reason))?;
         let png_path = path.with_added_extension("png");

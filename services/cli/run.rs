@@ -18,7 +18,8 @@ use super::failure::Failure;
 use super::out::say;
 use super::process::JOB;
 use super::table::{digits, number, table};
-use super::{RunArgs, load};
+use super::view::Live;
+use super::{RunArgs, load, report};
 
 const SUMMARY: &str = "summary.json";
 const SCENARIO: &str = "scenario.toml";
@@ -42,8 +43,17 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
         scenario,
         graph,
     };
+    for old in viz::parts_in(&results.folder) {
+        std::fs::remove_file(&old).map_err(|error| Failure::Input(format!("cannot replace {}: {error}", old.display())))?;
+    }
+    let plan = plan(&job)?;
+    let live = if args.live { Some(Live::start(&results.folder)?) } else { None };
     let planned_ticks = (job.scenario.duration_s() * f64::from(job.scenario.rate_hz)).round() as u64;
-    let (outcome, account) = launch(&job, plan(&job)?, planned_ticks)?;
+    let launched = launch(&job, plan, planned_ticks);
+    if let Some(sentence) = live.and_then(Live::finish) {
+        eprintln!("armplane: {sentence}");
+    }
+    let (outcome, account) = launched?;
     let summary = summarise(&job, &outcome, account);
     let kept = results.keep(&job, &summary);
     if as_json {
@@ -182,6 +192,7 @@ pub(crate) fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) 
             summary.reason = first;
         }
     }
+    summary.machine = report::machine();
     let mut faults: Vec<_> = outcome.faults.iter().map(|account| fault_summary(job, account)).collect();
     faults.append(&mut summary.faults);
     summary.faults = faults;
@@ -402,10 +413,11 @@ fn tell(summary: &Summary, folder: &Path) {
     }
     if !summary.recorder.file.is_empty() {
         say!(
-            "  {}       {:.1} MB; open it with: rerun {}",
+            "  {}       {:.1} MB{}; open it with: armplane view {}",
             summary.recorder.file,
             summary.recorder.bytes as f64 / 1e6,
-            folder.join(&summary.recorder.file).display()
+            if summary.recorder.parts > 1 { format!(" in {} parts", summary.recorder.parts) } else { String::new() },
+            folder.display()
         );
     }
     if summary.recorder.messages_bytes > 0 {

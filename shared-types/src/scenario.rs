@@ -452,6 +452,21 @@ pub enum Layout {
     Faults,
 }
 
+impl Layout {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Control, Self::Timing, Self::Faults];
+
+    /// As written in files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Control => "control",
+            Self::Timing => "timing",
+            Self::Faults => "faults",
+        }
+    }
+}
+
 /// How the recording is kept: a long one goes on in further files, each of which opens alone, and all together.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]

@@ -58,6 +58,20 @@ pub struct Summary {
     pub recorder: RecorderSummary,
     /// The processes.
     pub processes: Vec<ProcessSummary>,
+    /// What it ran on.
+    #[serde(default)]
+    pub machine: Machine,
+}
+
+/// The machine of a run.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Machine {
+    /// The processor's name.
+    pub cpu: String,
+    /// Cores that the run could use.
+    pub cores: usize,
+    /// Kernel name and version.
+    pub kernel: String,
 }
 
 /// One topic.

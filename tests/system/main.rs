@@ -10,6 +10,7 @@ mod inspect;
 mod life;
 mod paper;
 mod properties;
+mod recording;
 mod replay;
 mod run;
 mod steady;

@@ -259,7 +259,7 @@ fn arrange(sheet: &mut Sheet, subject: &Subject, layout: Layout) {
     let mut desk = Desk { sheet, subject };
     match layout {
         Layout::Control => {
-            let left = [(3.6, desk.world()), (1.0, desk.now())];
+            let left = [(3.2, desk.world()), (1.0, desk.now())];
             let errors = desk.errors();
             let torques = desk.torques();
             let joints = desk.joints();

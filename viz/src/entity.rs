@@ -4,6 +4,8 @@
 pub(crate) const SIGNALS: &str = "/signals";
 /// Constant lines that plots need: thresholds and limits.
 pub(crate) const GUIDES: &str = "/guides";
+/// Names of the singularities, in the order of their numbers: a static component of [`SIGNALS`].
+pub(crate) const SINGULARITY_NAMES: &str = "singularity:names";
 /// What is happening, in words.
 pub(crate) const NOW: &str = "/now";
 /// The text log.

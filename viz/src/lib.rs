@@ -5,6 +5,8 @@
 //!   the lost direction ζ, the ellipsoids that go flat along it, ghosts of null-space motion; modes, states and words come as they change.
 //! * How it is shown: a blueprint in the file, one layout per purpose, also as `.rbl` ([`Recording::save_blueprint`]).
 //!
+//! * How it is read back without a viewer: [`read`].
+//!
 //! Cost, six joints at 1 kHz with everything on: 9 µs CPU a tick and 24 MB a minute (`examples/synthetic.rs`). It grows with the number
 //! of chunks, each of which carries its schema, hence one wide table of numbers and a signal per component rather than per entity.
 //!
@@ -26,6 +28,7 @@ mod ability;
 mod arm;
 mod blueprint;
 mod entity;
+mod read;
 mod recording;
 mod scene;
 mod signals;
@@ -35,6 +38,7 @@ mod story;
 #[cfg(test)]
 mod synthetic;
 
-pub use recording::{Level, Options, Recording, RunInfo, part_name, parts_in};
+pub use read::{About, Piece, ReadError, Rows, read};
+pub use recording::{Level, Options, Recording, RunInfo, part_name, parts_in, save_blueprint};
 pub use signals::{HOP_NAMES, Signal, TickRow};
 pub use sink::{FileInfo, RecordError, Storage};

@@ -178,6 +178,39 @@ impl<const N: usize> Recording<N> {
     }
 }
 
+/// Writes a layout for a run as a `.rbl` file, to be opened beside its recording; `first` names the singularities and places the eye.
+///
+/// # Errors
+/// [`RecordError`] where the file cannot be made or written, or the robot does not have N joints.
+pub fn save_blueprint<const N: usize>(path: &Path, run: &RunInfo, first: &TickRow, layout: Layout) -> Result<(), RecordError> {
+    let mut recording = Recording::<N, Nowhere>::with_storage(Nowhere, 0, run, Options::default())?;
+    recording.tick(first)?;
+    recording.save_blueprint(path, layout)
+}
+
+/// Takes everything, keeps nothing.
+struct Nowhere;
+
+impl std::io::Write for Nowhere {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Storage for Nowhere {
+    fn cut(&mut self, _: u64) -> std::io::Result<()> {
+        Ok(())
+    }
+
+    fn sync(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
 fn create(path: &Path) -> Result<File, RecordError> {
     File::create(path).map_err(|source| RecordError::Create { path: path.display().to_string(), source })
 }
@@ -352,7 +385,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         Ok(FileInfo { bytes: before.bytes + self.sink.finish()?, chunks, ticks, parts: before.parts + 1 })
     }
 
-    /// Writes a layout as a `.rbl` file, to be opened beside any recording of the same robot.
+    /// Writes a layout as a `.rbl` file, to be opened beside any recording of the same robot; after the first tick.
     ///
     /// # Errors
     /// [`RecordError`] where the file cannot be made or written.
@@ -431,7 +464,12 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         if self.subject.singularities.is_empty() {
             self.meet(row);
         }
-        for (name, _) in self.subject.singularities.clone() {
+        let names: Vec<String> = self.subject.singularities.iter().map(|(name, _)| name.clone()).collect();
+        let column: ArrayRef = std::sync::Arc::new(re_chunk::external::arrow::array::StringArray::from(names.clone()));
+        let components = [(custom(entity::SINGULARITY_NAMES, None), column)];
+        let chunk = Chunk::builder(entity::SIGNALS).with_row(RowId::new(), TimePoint::default(), components);
+        self.sink.chunk(&self.store, chunk.build());
+        for name in names {
             self.style(entity::state(&format!("mode/{name}")), story::MODE_STATES);
         }
         let store = self.blueprint();

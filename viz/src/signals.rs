@@ -80,6 +80,11 @@ macro_rules! signals {
                 match self { $( Signal::$name => concat!($($doc),*) ),* }
             }
 
+            /// Whether it is recorded with 64 bits, not 32.
+            pub const fn is_wide(self) -> bool {
+                matches!(self.width(), Width::F64)
+            }
+
             pub(crate) const fn width(self) -> Width {
                 match self { $( Signal::$name => Width::$width ),* }
             }
@@ -124,6 +129,31 @@ signals! {
     Contact = "world:contact_force_n" F32,
     /// Time of each hop and of the whole chain, in the order of [`HOP_NAMES`]; µs.
     Latency = "latency:us" F32,
+}
+
+impl Signal {
+    /// What each element of a row of this signal is of, where there are so many joints and singularities of these names; one unnamed element
+    /// is a plain number.
+    #[must_use]
+    pub fn elements(self, joints: usize, singularities: &[String]) -> Vec<String> {
+        let named = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect();
+        match self {
+            Self::Position
+            | Self::PositionInRange
+            | Self::Speed
+            | Self::SpeedRatio
+            | Self::TorqueTask
+            | Self::TorqueNull
+            | Self::TorqueTaskRatio
+            | Self::TorqueNullRatio => (1..=joints).map(|i| i.to_string()).collect(),
+            Self::Measure | Self::Auxiliary | Self::AuxiliaryReference | Self::Beta => singularities.to_vec(),
+            Self::SingularValues => (1..=joints.min(6)).map(|i| i.to_string()).collect(),
+            Self::PositionError | Self::OrientationError => named(&["across", "along"]),
+            Self::Scale => named(&["time", "task", "null"]),
+            Self::Contact => named(&[""]),
+            Self::Latency => named(&HOP_NAMES),
+        }
+    }
 }
 
 /// The parts of [`Signal::Latency`].

@@ -129,9 +129,8 @@ impl Situation {
             text.push_str("**The controller refused to go on** and brings the arm to rest.\n\n");
         }
         text.push_str(
-            "\n*Blue body: the speeds the hand can reach; net: the accelerations a force gives it, Λ⁻¹: both go flat along a lost direction. \
-             Rings: where its neighbourhood |s_i| < η_i begins. Green: desired path and pose. White: the way of the hand. Pale arms: \
-             null-space motion, joints moving while the hand stays.*\n",
+            "\n*Blue: the speeds the hand can reach; net: the accelerations a force gives it (Λ⁻¹): both flat along a lost direction. \
+             Rings: |s_i| = η_i. Green: desired; white: actual. Pale arms: null-space motion.*\n",
         );
         text
     }

@@ -405,5 +405,6 @@ fn summary(robot: &Robot, job: &Job, mode: Mode, verdict: Verdict, topics: &Topi
         latency_us: verdict.latency_us,
         recorder: RecorderSummary { messages: account.iter().map(|(_, hash)| hash.count()).sum(), ..tape },
         processes: Vec::new(),
+        machine: Default::default(),
     }
 }

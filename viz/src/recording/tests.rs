@@ -399,3 +399,85 @@ fn every_built_in_arm_has_a_figure() {
         }
     }
 }
+
+#[test]
+fn what_is_recorded_is_read_back() {
+    let folder = std::env::temp_dir().join(format!("armplane-read-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let (scenario, robot) = (Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid"), puma());
+    let about = RunInfo { scenario: &scenario, robot: &robot, run: "test", version: "0", seed: 7 };
+    let mut recording = Recording::<6>::create(&folder, &about).expect("room");
+    let mut run = Run::new(&robot);
+    let sent: Vec<Messages> = (0..250).map(|_| run.step()).collect();
+    for (tick, m) in sent.iter().enumerate() {
+        if tick == 120 {
+            recording.next_part(&folder).expect("room");
+        }
+        let mut row = row(tick as u64, m);
+        row.report = row.report.filter(|_| tick != 60);
+        recording.tick(&row).expect("room");
+    }
+    recording.event(250, Level::Warning, "the end");
+    recording.finish().expect("room");
+
+    let (mut ticks, mut q5, mut s, mut log, mut wrist) = (Vec::new(), Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let done = crate::read::read(&parts_in(&folder), |piece| {
+        match piece {
+            crate::Piece::About(about) => {
+                assert_eq!((about.joints, about.properties["seed"].as_str(), about.rate_hz()), (6, "7", 1000.0));
+                assert_eq!(about.singularities, ["elbow", "wrist", "overhead"]);
+            }
+            crate::Piece::Rows(rows) => {
+                for (row, tick) in rows.ticks.iter().enumerate() {
+                    ticks.push(*tick);
+                    let mut values = Vec::new();
+                    rows.values(Signal::Position, row, &mut values);
+                    q5.push(values[4]);
+                    values.clear();
+                    rows.values(Signal::Measure, row, &mut values);
+                    s.push(values.get(1).copied());
+                }
+            }
+            crate::Piece::Event { tick, level, text } => log.push((tick, level, text)),
+            crate::Piece::State { tick, lane, state } if lane == "mode/wrist" => wrist.push((tick, state)),
+            crate::Piece::State { .. } => {}
+        }
+        Ok::<(), crate::ReadError>(())
+    });
+    let whole = std::fs::read(folder.join(part_name(0))).expect("part 0");
+    std::fs::write(folder.join("torn.rrd"), &whole[..whole.len() / 2]).expect("a file");
+    let mut torn = 0;
+    let torn_end = crate::read::read(&[folder.join("torn.rrd")], |piece| {
+        torn += if let crate::Piece::Rows(rows) = piece { rows.ticks.len() } else { 0 };
+        Ok::<(), crate::ReadError>(())
+    });
+    std::fs::write(folder.join("other.rrd"), b"not a recording").expect("a file");
+    let other = crate::read::read(&[folder.join("other.rrd")], |_| Ok::<(), crate::ReadError>(()));
+    std::fs::remove_dir_all(&folder).expect("ours");
+
+    done.expect("readable");
+    assert_eq!(ticks, (0..250).collect::<Vec<u64>>());
+    for (k, m) in sent.iter().enumerate() {
+        assert_eq!(q5[k], m.plant_state.q[4]);
+        assert_eq!(s[k], (k != 60).then_some(f64::from(m.report.singularities[1].s as f32)), "tick {k}");
+    }
+    assert_eq!(log.last(), Some(&(250, "WARN".to_owned(), "the end".to_owned())));
+    assert_eq!(wrist, [(0, "reorient".to_owned()), (120, "reorient".to_owned())], "each part says where it begins");
+    torn_end.expect("a torn end is an end");
+    assert!(torn < 120, "{torn}");
+    assert!(other.unwrap_err().to_string().contains("other.rrd is not a recording"));
+}
+
+#[test]
+fn every_signal_names_its_elements() {
+    let robot = puma();
+    let limits = Limits::new(&robot);
+    let m = Run::new(&robot).step();
+    let names: Vec<String> = ["elbow", "wrist", "overhead"].map(str::to_owned).into();
+    let mut seen = 0;
+    sample(&row(0, &m), &limits, |signal, values| {
+        seen += 1;
+        assert_eq!(values.count(), signal.elements(6, &names).len(), "{}", signal.name());
+    });
+    assert_eq!(seen, Signal::ALL.len());
+}

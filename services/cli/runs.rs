@@ -1,0 +1,87 @@
+//! Finding a finished run: by its folder, by one of its files, or the latest one.
+
+use std::path::{Path, PathBuf};
+
+use shared_types::job::Job;
+use shared_types::summary::Summary;
+
+use super::failure::Failure;
+
+/// Where runs go unless `--out` says otherwise.
+pub(crate) const RUNS: &str = "runs";
+
+/// A run's folder and what is in it.
+pub(crate) struct Run {
+    pub(crate) folder: PathBuf,
+    /// The recording's files, in order.
+    pub(crate) parts: Vec<PathBuf>,
+}
+
+impl Run {
+    /// The run that is meant: a folder, a file in it, the name of a folder under `runs`, or the latest of those.
+    pub(crate) fn find(wanted: Option<&Path>) -> Result<Self, Failure> {
+        let folder = match wanted {
+            None => latest()?,
+            Some(path) if path.is_dir() => path.to_owned(),
+            Some(path) if path.is_file() => match path.parent() {
+                Some(folder) if !folder.as_os_str().is_empty() => folder.to_owned(),
+                _ => PathBuf::from("."),
+            },
+            Some(path) if Path::new(RUNS).join(path).is_dir() => Path::new(RUNS).join(path),
+            Some(path) => {
+                return Err(Failure::Input(format!(
+                    "there is no run {}: give the folder that `armplane run` named, such as {RUNS}/fig5-wrist-rotation-001",
+                    path.display()
+                )));
+            }
+        };
+        let parts = viz::parts_in(&folder);
+        let run = Self { folder, parts };
+        if run.parts.is_empty() && !run.folder.join("summary.json").exists() {
+            return Err(Failure::Input(format!(
+                "{} is not the folder of a run: there is no run.rrd and no summary.json in it",
+                run.folder.display()
+            )));
+        }
+        Ok(run)
+    }
+
+    /// The recording's files; the run may have been made without.
+    pub(crate) fn recording(&self) -> Result<&[PathBuf], Failure> {
+        if self.parts.is_empty() {
+            return Err(Failure::Input(format!("{} has no recording; run it again without --no-record", self.folder.display())));
+        }
+        Ok(&self.parts)
+    }
+
+    pub(crate) fn summary(&self) -> Result<Summary, Failure> {
+        self.json("summary.json")
+    }
+
+    pub(crate) fn job(&self) -> Result<Job, Failure> {
+        self.json("job.json")
+    }
+
+    fn json<T: serde::de::DeserializeOwned>(&self, name: &str) -> Result<T, Failure> {
+        let path = self.folder.join(name);
+        let text = std::fs::read(&path)
+            .map_err(|error| Failure::Input(format!("cannot read {}: {error}; was the run stopped before its end?", path.display())))?;
+        serde_json::from_slice(&text)
+            .map_err(|error| Failure::Input(format!("{} is not what `armplane run` wrote: {error}", path.display())))
+    }
+}
+
+/// The run under `runs` whose recording or summary was written last.
+fn latest() -> Result<PathBuf, Failure> {
+    let changed = |folder: &Path| {
+        ["run.rrd", "summary.json"]
+            .iter()
+            .filter_map(|name| std::fs::metadata(folder.join(name)).and_then(|file| file.modified()).ok())
+            .max()
+    };
+    let folders = std::fs::read_dir(RUNS).into_iter().flatten().flatten().map(|entry| entry.path());
+    let latest = folders.filter_map(|folder| Some((changed(&folder)?, folder))).max();
+    latest
+        .map(|(_, folder)| folder)
+        .ok_or_else(|| Failure::Input(format!("there is no run under {RUNS}/ here: make one with `armplane run`, or name its folder")))
+}

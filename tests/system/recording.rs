@@ -1,0 +1,186 @@
+//! What becomes of a recording: shown, watched as it is made, written up, exported. A script stands in for the viewer.
+
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use crate::command::{Desk, Said, assert_nothing_left, finish};
+
+impl Desk {
+    /// `armplane` with another viewer.
+    fn with_viewer(&self, viewer: &Path, args: &[&str]) -> Said {
+        let child = Command::new(env!("CARGO_BIN_EXE_armplane"))
+            .args(args)
+            .env("ARMPLANE_RERUN", viewer)
+            .current_dir(self.path())
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn();
+        finish(child.expect("armplane starts"))
+    }
+
+    /// A script to be called as the viewer.
+    fn viewer(&self, name: &str, text: &str) -> PathBuf {
+        let path = self.file(name, &format!("#!/bin/sh\n{text}\n"));
+        std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).expect("a mode");
+        path
+    }
+
+    fn read(&self, name: &str) -> String {
+        std::fs::read_to_string(self.path().join(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+    }
+}
+
+const SHORT: [&str; 4] = ["--set", "segment.0.duration_s=1", "--set", "segment.1.duration_s=1.5"];
+
+#[test]
+fn without_a_viewer_one_sentence_says_how_to_get_one() {
+    let desk = Desk::new();
+    desk.run(&[&SHORT[..], &["--out", "results"]].concat());
+    let said = desk.with_viewer(Path::new("/there/is/no/viewer"), &["view", "results"]);
+    assert_eq!((said.code, said.err.lines().count()), (1, 1), "{}", said.err);
+    assert!(said.err.contains("pip install rerun-sdk==0.36.3") && said.err.contains("/there/is/no/viewer"), "{}", said.err);
+    let live = desk.with_viewer(Path::new("/there/is/no/viewer"), &["run", "--live", "--out", "live"]);
+    assert!(live.code == 1 && live.err.contains("pip install"), "{}", live.err);
+    assert!(!desk.path().join("live").exists(), "nothing was started");
+}
+
+#[test]
+fn view_opens_the_latest_run_and_another_layout() {
+    let desk = Desk::new();
+    let viewer = desk.viewer("viewer.sh", "echo \"$@\" > seen");
+    desk.run(&SHORT);
+    desk.run(&[&SHORT[..], &["--set", "record.part_s=1"]].concat());
+    assert_eq!(desk.with_viewer(&viewer, &["view"]).code, 0);
+    let seen = desk.read("seen");
+    let folder = "runs/fig5-wrist-rotation-002";
+    let parts = ["run.rrd", "run-001.rrd", "run-002.rrd"].map(|name| format!("{folder}/{name}"));
+    assert_eq!(seen.trim(), parts.join(" "));
+    assert_eq!(desk.with_viewer(&viewer, &["view", "fig5-wrist-rotation-001", "--layout", "timing"]).code, 0);
+    let seen = desk.read("seen");
+    assert_eq!(seen.trim(), "runs/fig5-wrist-rotation-001/run.rrd runs/fig5-wrist-rotation-001/timing.rbl");
+    let layout = std::fs::read(desk.path().join("runs/fig5-wrist-rotation-001/timing.rbl")).expect("the layout");
+    assert_eq!(&layout[..4], b"RRF2", "a Rerun blueprint");
+    let failing = desk.viewer("failing.sh", "exit 3");
+    let said = desk.with_viewer(&failing, &["view"]);
+    assert!(said.code == 1 && said.err.contains("failing.sh"), "{}", said.err);
+}
+
+#[test]
+fn live_passes_on_every_byte_of_every_part() {
+    let desk = Desk::new();
+    let viewer = desk.viewer("viewer.sh", "[ \"$1\" = - ] && cat > got.draft && mv got.draft got");
+    let said = desk.with_viewer(&viewer, &[&["run", "--live", "--out", "results", "--set", "record.part_s=1"], &SHORT[..]].concat());
+    assert_eq!((said.code, said.err.as_str()), (0, ""), "{}", said.out);
+    assert_nothing_left(said.launcher);
+    crate::command::until("the viewer to have everything", || desk.path().join("got").exists());
+    let parts =
+        ["run.rrd", "run-001.rrd", "run-002.rrd"].map(|name| std::fs::read(desk.path().join("results").join(name)).expect("a part"));
+    assert!(std::fs::read(desk.path().join("got")).expect("bytes") == parts.concat(), "what was shown is what is kept");
+}
+
+#[test]
+fn nobody_waits_for_a_viewer_that_is_closed_or_stuck() {
+    let desk = Desk::new();
+    let plain = desk.run(&SHORT);
+    for (name, text, expected) in [("closed.sh", "exit 0", "closed"), ("stuck.sh", "echo $$ > pid; exec sleep 600", "stopped reading")] {
+        let viewer = desk.viewer(name, text);
+        let said = desk.with_viewer(&viewer, &[&["run", "--live", "--json", "--out", name.trim_end_matches(".sh")], &SHORT[..]].concat());
+        assert!(said.code == 0 && said.err.contains(expected) && said.err.contains("the recording is whole"), "{name}: {}", said.err);
+        let summary: serde_json::Value = serde_json::from_str(&said.out).expect("JSON");
+        assert_eq!(summary["topics"], plain["topics"], "the same run, to the byte");
+    }
+    let pid = desk.read("pid");
+    Command::new("kill").arg(pid.trim()).status().expect("kill");
+}
+
+#[test]
+fn csv_has_a_row_for_every_tick_of_every_part() {
+    let desk = Desk::new();
+    let summary = desk.run(&[&SHORT[..], &["--set", "record.part_s=1", "--out", "results"]].concat());
+    assert_eq!(summary["recorder"]["parts"], 3);
+    let said = desk.armplane(&["export", "results", "--out", "tables", "--json"]);
+    assert_eq!(said.code, 0, "{}", said.err);
+    let table = desk.read("tables/signals.csv");
+    let mut lines = table.lines();
+    let names: Vec<&str> = lines.next().expect("headings").split(',').collect();
+    let column = |name: &str| names.iter().position(|known| *known == name).unwrap_or_else(|| panic!("no {name} in {names:?}"));
+    let (tick, s, q5) = (column("tick"), column("singularity.s.wrist"), column("joint.q.5"));
+    column("error.position_mm.across");
+    column("latency.us.whole chain");
+    let rows: Vec<Vec<f64>> = lines
+        .map(|line| {
+            let fields: Vec<&str> = line.split(',').collect();
+            assert_eq!(fields.len(), names.len());
+            [tick, s, q5].map(|column| fields[column].parse().expect("a number")).to_vec()
+        })
+        .collect();
+    assert_eq!(rows.len() as u64, summary["ticks"].as_u64().expect("a number"), "nothing is lost in lockstep");
+    assert!(rows.iter().enumerate().all(|(k, row)| row[0] == k as f64));
+    let end = rows.last().expect("rows");
+    assert!((end[1] - end[2].sin()).abs() < 1e-3, "the wrist's measure is sin q5: {end:?}");
+    let events = desk.read("tables/events.csv");
+    assert!(events.lines().any(|line| line.contains("state,mode/wrist,reorient")), "{events}");
+}
+
+#[test]
+fn formats_that_are_not_built_in_say_how_to_get_them() {
+    let desk = Desk::new();
+    desk.run(&[&SHORT[..], &["--out", "results"]].concat());
+    for (format, built, file, magic) in
+        [("parquet", cfg!(feature = "parquet"), "signals.parquet", b"PAR1"), ("mcap", cfg!(feature = "mcap"), "run.mcap", b"\x89MCA")]
+    {
+        let said = desk.armplane(&["export", "results", "--format", format]);
+        if built {
+            assert_eq!(said.code, 0, "{}", said.err);
+            assert_eq!(&std::fs::read(desk.path().join("results").join(file)).expect("a file")[..4], magic);
+        } else {
+            assert!(said.code == 2 && said.err.contains(&format!("--features {format}")), "{}", said.err);
+        }
+    }
+    let said = desk.armplane(&["export", "results", "--layout", "timing"]);
+    assert!(said.code == 2 && said.err.contains("rbl"), "{}", said.err);
+}
+
+#[test]
+fn a_report_stands_alone() {
+    let desk = Desk::new();
+    let summary = desk.run(&[&SHORT[..], &["--out", "results"]].concat());
+    let said = desk.armplane(&["report", "results"]);
+    assert_eq!(said.code, 0, "{}", said.err);
+    let page = desk.read("results/report.html");
+    assert!(page.matches("<svg").count() >= 4 && page.contains("<polyline"), "plots");
+    for foreign in ["<script", "<link", "src=", "url(", "@import"] {
+        assert!(!page.contains(foreign), "{foreign}");
+    }
+    let hash = summary["topics"]["torque"]["hash"].as_str().expect("a hash");
+    for expected in ["goal reached", "wrist", "type 2", "reorient", hash, env!("CARGO_PKG_VERSION"), "Linux", "No fault, refusal or loss."]
+    {
+        assert!(page.contains(expected), "{expected} is not in the page");
+    }
+    desk.run(&[&SHORT[..], &["--out", "plain", "--no-record"]].concat());
+    assert_eq!(desk.armplane(&["report", "plain", "--out", "plain.html"]).code, 0);
+    assert!(desk.read("plain.html").contains("There is no recording"));
+}
+
+#[test]
+fn what_is_no_run_is_said_in_one_sentence() {
+    let desk = Desk::new();
+    std::fs::create_dir(desk.path().join("empty")).expect("a folder");
+    desk.run(&[&SHORT[..], &["--out", "plain", "--no-record"]].concat());
+    for (args, expected) in [
+        (&["view"][..], "there is no run under runs/"),
+        (&["report", "nowhere"], "there is no run nowhere"),
+        (&["export", "empty"], "not the folder of a run"),
+        (&["export", "plain"], "without --no-record"),
+        (&["view", "plain"], "without --no-record"),
+        (&["view", "plain", "--layout", "pretty"], "control, timing and faults"),
+    ] {
+        let said = desk.armplane(args);
+        assert!(said.code == 2 && said.err.contains(expected), "{args:?}: {}", said.err);
+    }
+    std::fs::write(desk.path().join("plain/run.rrd"), "not a recording").expect("a file");
+    let said = desk.armplane(&["export", "plain"]);
+    assert!(said.code == 1 && said.err.contains("is not a recording of armplane"), "{}", said.err);
+}

@@ -1,0 +1,205 @@
+//! A recording read back: its numbers row by row, its events and states, from the files themselves.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+
+use re_chunk::Chunk;
+use re_chunk::external::arrow::array::{Array, AsArray, ListArray};
+use re_chunk::external::arrow::datatypes::{Float32Type, Float64Type};
+use re_log_encoding::DecoderApp;
+use re_log_types::{LogMsg, StoreKind};
+
+use crate::entity;
+use crate::signals::{Signal, Width};
+
+/// Why a recording cannot be read back.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadError {
+    /// The file cannot be opened.
+    #[error("cannot open the recording {path}: {source}")]
+    Open {
+        /// Which.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// It is no recording, or not one of armplane's.
+    #[error("{path} is not a recording of armplane: {reason}")]
+    NotARecording {
+        /// Which.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+}
+
+/// What a recording says of its run before the first number.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct About {
+    /// `scenario`, `robot`, `run`, `seed`, `rate_hz`, `armplane`.
+    pub properties: BTreeMap<String, String>,
+    /// Joints of the arm.
+    pub joints: usize,
+    /// Names of the singularities, in order.
+    pub singularities: Vec<String>,
+}
+
+impl About {
+    /// The control rate; 1/s.
+    #[must_use]
+    pub fn rate_hz(&self) -> f64 {
+        self.properties.get("rate_hz").and_then(|text| text.parse().ok()).filter(|rate| *rate > 0.0).unwrap_or(1000.0)
+    }
+}
+
+/// A piece of a recording, in the order of the file.
+#[derive(Debug)]
+pub enum Piece<'a> {
+    /// What the run was; at the beginning of each part, before its numbers.
+    About(&'a About),
+    /// Numbers.
+    Rows(&'a Rows),
+    /// A line of the log.
+    Event {
+        /// When.
+        tick: u64,
+        /// `INFO`, `WARN` or `ERROR`.
+        level: String,
+        /// What.
+        text: String,
+    },
+    /// A lane of the state timeline changed.
+    State {
+        /// When.
+        tick: u64,
+        /// `mode/wrist`, `process/plant`, `drive`, `phase` and so on.
+        lane: String,
+        /// Its new state.
+        state: String,
+    },
+}
+
+/// Some successive ticks' numbers.
+#[derive(Debug, Default)]
+pub struct Rows {
+    /// Their ticks.
+    pub ticks: Vec<u64>,
+    columns: Vec<(Signal, ListArray)>,
+}
+
+impl Rows {
+    /// The values of a signal in a row, appended to `into`; nothing where its messages were missing.
+    pub fn values(&self, signal: Signal, row: usize, into: &mut Vec<f64>) {
+        let Some((_, lists)) = self.columns.iter().find(|(known, _)| *known == signal) else { return };
+        if !lists.is_valid(row) {
+            return;
+        }
+        let (from, to) = (lists.value_offsets()[row] as usize, lists.value_offsets()[row + 1] as usize);
+        match signal.width() {
+            Width::F64 => into.extend(
+                lists.values().as_primitive_opt::<Float64Type>().into_iter().flat_map(|all| all.values()[from..to].iter().copied()),
+            ),
+            Width::F32 => into.extend(
+                lists
+                    .values()
+                    .as_primitive_opt::<Float32Type>()
+                    .into_iter()
+                    .flat_map(|all| all.values()[from..to].iter().map(|x| f64::from(*x))),
+            ),
+        }
+    }
+}
+
+/// Reads the parts of a recording and hands on piece by piece what is in them; a torn end of a file is its end.
+///
+/// # Errors
+/// [`ReadError`] where a file cannot be opened or holds no recording, or what `each` answers.
+pub fn read<E: From<ReadError>>(parts: &[PathBuf], mut each: impl FnMut(Piece) -> Result<(), E>) -> Result<(), E> {
+    let mut about = About::default();
+    for path in parts {
+        read_part(path, &mut about, &mut each)?;
+    }
+    Ok(())
+}
+
+fn read_part<E: From<ReadError>>(path: &Path, about: &mut About, each: &mut impl FnMut(Piece) -> Result<(), E>) -> Result<(), E> {
+    let file = File::open(path).map_err(|source| ReadError::Open { path: path.to_owned(), source })?;
+    let not_ours = |reason: String| ReadError::NotARecording { path: path.to_owned(), reason };
+    let mut introduced = false;
+    let mut any = false;
+    for message in DecoderApp::decode_lazy(BufReader::new(file)) {
+        let message = match message {
+            Ok(message) => message,
+            // What a killed recorder leaves.
+            Err(_) if any => break,
+            Err(error) => return Err(not_ours(error.to_string()).into()),
+        };
+        any = true;
+        let LogMsg::ArrowMsg(store, arrow) = message else { continue };
+        if store.kind() != StoreKind::Recording {
+            continue;
+        }
+        let chunk = Chunk::from_arrow_msg(&arrow).map_err(|error| not_ours(error.to_string()))?;
+        let at = chunk.entity_path().to_string();
+        if chunk.is_static() {
+            learn(&chunk, &at, about);
+            continue;
+        }
+        if at == entity::SIGNALS {
+            if !introduced {
+                introduced = true;
+                each(Piece::About(about))?;
+            }
+            each(Piece::Rows(&rows(&chunk)))?;
+        } else if at == entity::LOG {
+            let levels = texts(&chunk, "TextLog:level");
+            for (i, (tick, text)) in ticks(&chunk).into_iter().zip(texts(&chunk, "TextLog:text")).enumerate() {
+                each(Piece::Event { tick, level: levels.get(i).cloned().unwrap_or_default(), text })?;
+            }
+        } else if let Some(lane) = at.strip_prefix(entity::STATE).and_then(|lane| lane.strip_prefix('/')) {
+            for (tick, state) in ticks(&chunk).into_iter().zip(texts(&chunk, "StateChange:state")) {
+                each(Piece::State { tick, lane: lane.to_owned(), state })?;
+            }
+        }
+    }
+    if !any {
+        return Err(not_ours("it is empty".to_owned()).into());
+    }
+    Ok(())
+}
+
+/// What static chunks say of the run.
+fn learn(chunk: &Chunk, at: &str, about: &mut About) {
+    if at == entity::SIGNALS {
+        for (name, column) in chunk.components().iter() {
+            match name.as_str() {
+                "joint:torque_limit" => about.joints = column.list_array.values().len(),
+                entity::SINGULARITY_NAMES => about.singularities = texts(chunk, entity::SINGULARITY_NAMES),
+                _ => {}
+            }
+        }
+    } else if at.ends_with("/run") {
+        for (name, column) in chunk.components().iter() {
+            let text = column.list_array.values().as_string_opt::<i32>().filter(|texts| !texts.is_empty()).map(|texts| texts.value(0));
+            if let (Some(key), Some(text)) = (name.as_str().strip_prefix("run:"), text) {
+                about.properties.insert(key.to_owned(), text.to_owned());
+            }
+        }
+    }
+}
+
+fn ticks(chunk: &Chunk) -> Vec<u64> {
+    chunk.timelines().get(&"tick".into()).map_or(Vec::new(), |times| times.times_raw().iter().map(|tick| (*tick).max(0) as u64).collect())
+}
+
+fn texts(chunk: &Chunk, component: &'static str) -> Vec<String> {
+    let values = chunk.components().get(component.into()).and_then(|column| column.list_array.values().as_string_opt::<i32>().cloned());
+    values.map_or(Vec::new(), |values| values.iter().map(|text| text.unwrap_or_default().to_owned()).collect())
+}
+
+fn rows(chunk: &Chunk) -> Rows {
+    let columns = Signal::ALL.iter().filter_map(|signal| Some((*signal, chunk.components().get(signal.name().into())?.list_array.clone())));
+    Rows { ticks: ticks(chunk), columns: columns.collect() }
+}
