@@ -86,7 +86,7 @@ type Plan = Vec<Fault>;
 
 pub(crate) fn drill(args: &DrillArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let folder = Folder::create(args.out.as_deref())?;
-    let only = args.only.as_deref().map(Only::parse).transpose()?;
+    let only = args.only.as_deref().map(Only::parse).transpose().map_err(Failure::Input)?;
     let (mut cells, mut runs) = (Vec::new(), 0);
     for name in &args.scenario {
         let load::Loaded { scenario, robot } = load::scenario(name, &args.set, args.seed)?;
@@ -129,8 +129,8 @@ struct Only {
 }
 
 impl Only {
-    fn parse(text: &str) -> Result<Self, Failure> {
-        let wrong = |reason: String| Failure::Input(format!("--only {text}: {reason}"));
+    fn parse(text: &str) -> Result<Self, String> {
+        let wrong = |reason: String| format!("--only {text}: {reason}");
         let mut parts = text.split(':');
         let (Some(process), Some(kind), way, None) = (parts.next(), parts.next(), parts.next(), parts.next()) else {
             return Err(wrong("give PROCESS:KIND, or PROCESS:KIND:WAY".to_owned()));
@@ -295,7 +295,7 @@ impl<'a> Drill<'a> {
             }
         }
         let last = truth.last();
-        let ends_world = plan.iter().any(|fault| ends_world(fault));
+        let ends_world = plan.iter().any(ends_world);
         let (task, goal) = (&ran.summary.task, &self.job.scenario.goal);
         cell.goal_reached =
             ran.summary.completed && task.final_position_mm <= goal.position_mm && task.final_orientation_deg <= goal.orientation_deg;
@@ -361,7 +361,7 @@ fn excursion(base: &[PlantState], truth: &[PlantState]) -> f64 {
 /// Ticks from the fault until the drives follow the controller again, or have braked for good; `None` where they never left it.
 fn settled(truth: &[PlantState], at_tick: u64) -> Option<u64> {
     let after = || truth.iter().filter(|state| state.header.tick >= at_tick);
-    let last = after().filter(|state| state.drive != DRIVE_ACTIVE).map(|state| state.header.tick).last()?;
+    let last = after().filter(|state| state.drive != DRIVE_ACTIVE).map(|state| state.header.tick).next_back()?;
     let is_back = after().any(|state| state.header.tick > last);
     let rest = || after().find(|state| state.drive == DRIVE_BRAKED).map(|state| state.header.tick);
     Some(if is_back { last + 1 } else { rest().unwrap_or(last) } - at_tick)
@@ -527,7 +527,7 @@ mod tests {
         let only = Only::parse("plant:sensor:drift").unwrap();
         assert!(only.takes(&Fault { way: Some(Way::Drift), ..Fault::new("plant", Kind::Sensor) }));
         assert!(!only.takes(&Fault { way: Some(Way::Bias), ..Fault::new("plant", Kind::Sensor) }));
-        let wrong = |text: &str| Only::parse(text).err().map(|failure| failure.to_string()).unwrap_or_default();
+        let wrong = |text: &str| Only::parse(text).err().unwrap_or_default();
         assert!(wrong("recorder:drop").contains("can happen to plant"));
         assert!(wrong("recorder").contains("PROCESS:KIND"));
     }

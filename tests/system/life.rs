@@ -33,14 +33,44 @@ fn ctrl_c_stops_cleanly_and_keeps_the_recording() {
     assert_nothing_left(said.launcher);
 }
 
+fn kill(child: &std::process::Child, process: &str) {
+    let victim = children_of_run(child.id()).into_iter().find(|(name, _)| name == process).unwrap().1;
+    signal(victim, "KILL");
+}
+
 #[test]
-fn the_death_of_any_process_ends_the_run_and_is_named() {
-    for process in ["plant", "estimator", "analyzer", "controller", "recorder"] {
+fn the_death_of_a_process_is_mended_and_recorded() {
+    for process in ["estimator", "analyzer", "controller", "recorder"] {
         let desk = Desk::new();
         let child = desk.start(&LONG);
         until("the recording to grow", || has_recorded_ticks(&desk));
-        let victim = children_of_run(child.id()).into_iter().find(|(name, _)| name == process).unwrap().1;
-        signal(victim, "KILL");
+        let before = children_of_run(child.id());
+        kill(&child, process);
+        let pid = |children: &[(String, i32)]| children.iter().find(|(name, _)| name == process).map(|(_, pid)| *pid);
+        until("a replacement", || pid(&children_of_run(child.id())).is_some_and(|now| Some(now) != pid(&before)));
+        // The replacement joins within this; what it does then, other tests tell.
+        std::thread::sleep(std::time::Duration::from_millis(500));
+        signal(child.id() as i32, "INT");
+        let said = finish(child);
+        let summary: Value = serde_json::from_str(&said.out).unwrap();
+        assert_eq!(summary["outcome"], "interrupted", "{process}: {}\n{}", summary["reason"], said.err);
+        let fault = &summary["faults"][0];
+        assert_eq!((&fault["process"], &fault["kind"], &fault["origin"]), (&process.into(), &"kill".into(), &"noticed".into()), "{fault}");
+        let restarts = summary["processes"].as_array().unwrap().iter().find(|one| one["name"] == process).unwrap()["restarts"].as_u64();
+        assert_eq!(restarts, Some(1));
+        assert_nothing_left(said.launcher);
+    }
+}
+
+#[test]
+fn the_death_of_the_plant_or_of_a_process_without_a_budget_ends_the_run_and_is_named() {
+    let graph = include_str!("../../services/graph.toml").replace("restart = \"always\"", "restart = \"never\"");
+    for process in ["plant", "controller"] {
+        let desk = Desk::new();
+        desk.file("graph.toml", &graph);
+        let child = desk.start(&[&LONG[..], &["--graph", "graph.toml"]].concat());
+        until("the recording to grow", || has_recorded_ticks(&desk));
+        kill(&child, process);
         let said = finish(child);
         assert_eq!(said.code, 1, "{}", said.err);
         assert!(said.err.contains(process) && said.err.contains("signal 9"), "{process}: {}", said.err);

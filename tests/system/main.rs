@@ -5,6 +5,7 @@ mod bench;
 mod command;
 mod compare;
 mod determinism;
+mod faults;
 mod hostile;
 mod inspect;
 mod life;

@@ -1,0 +1,124 @@
+//! Faults on real processes: survived, said, and the same again.
+
+use serde_json::Value;
+
+use crate::command::{Desk, assert_nothing_left, finish, until};
+
+/// A short task with faults after it.
+fn scenario(faults: &str) -> String {
+    format!(
+        "name = \"short\"\nrobot = \"puma560\"\nstart.posture = \"nominal\"\nsettle_s = 0.2\n\n[[segment]]\nby_m = [0.05, 0.0, 0.05]\nduration_s = 0.8\n\n{faults}"
+    )
+}
+
+fn fault(process: &str, kind: &str, more: &str) -> String {
+    format!("[[fault]]\nprocess = \"{process}\"\nkind = \"{kind}\"\nat_tick = 400\n{more}\n")
+}
+
+fn topics(summary: &Value) -> &Value {
+    assert_eq!(summary["recorder"]["lost"], 0, "{}", summary["recorder"]);
+    &summary["topics"]
+}
+
+#[test]
+fn planned_deaths_and_lost_messages_give_the_same_bytes_every_time_and_the_goal_is_reached() {
+    let plan = [
+        fault("controller", "kill", ""),
+        fault("estimator", "crash", "for_ticks = 20"),
+        fault("analyzer", "hang", "as = \"for-ever\""),
+        fault("recorder", "kill", ""),
+        fault("estimator", "delay", "delay_ticks = 1\njitter_ticks = 1"),
+        fault("plant", "drop", "probability = 0.3"),
+        fault("controller", "corrupt", "as = \"nan\"\nprobability = 0.1"),
+    ];
+    for (i, one) in plan.iter().enumerate() {
+        let desk = Desk::new();
+        // The last one comes with all others: the drill's pairs, and more.
+        let faults = if i + 1 == plan.len() { plan.concat() } else { one.clone() };
+        desk.file("s.toml", &scenario(&faults));
+        let runs = ["a", "b"].map(|out| desk.run(&["s.toml", "--out", out]));
+        assert_eq!(topics(&runs[0]), topics(&runs[1]), "{faults}");
+        assert!(runs[0]["faults"].as_array().unwrap().iter().all(|fault| fault["struck"] == true), "{}", runs[0]["faults"]);
+        assert!(runs[0]["joints"]["torque_max_ratio"].as_f64().unwrap() <= 1.0);
+    }
+}
+
+#[test]
+fn a_killed_recorder_loses_nothing_in_lockstep() {
+    let desk = Desk::new();
+    desk.file("whole.toml", &scenario(""));
+    desk.file("killed.toml", &scenario(&fault("recorder", "kill", "")));
+    let (whole, killed) = (desk.run(&["whole.toml", "--out", "a"]), desk.run(&["killed.toml", "--out", "b"]));
+    assert_eq!(topics(&whole), topics(&killed));
+    assert_eq!((&whole["task"], &whole["joints"]), (&killed["task"], &killed["joints"]), "the figures too");
+    assert_eq!(killed["recorder"]["parts"], 2);
+    assert!(desk.path().join("b/run-001.rrd").exists());
+}
+
+#[test]
+fn a_live_fault_is_recorded_and_its_run_can_be_repeated() {
+    let desk = Desk::new();
+    let child = desk.start(&["run", "--set", "segment.1.duration_s=12", "--json", "--out", "live"]);
+    let run = format!("-{}-", child.id());
+    until("the run to take a fault", || {
+        let runs: Value = serde_json::from_str(&desk.armplane(&["doctor", "--json"]).out).unwrap();
+        let name = runs["runs"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .filter_map(|one| one["run"].as_str())
+            .find(|name| name.contains(&run))
+            .map(str::to_owned);
+        name.is_some_and(|name| desk.armplane(&["fault", "controller", "kill", "--for", "50ms", "--run", &name]).code == 0)
+    });
+    let said = finish(child);
+    assert_eq!(said.code, 0, "{}", said.err);
+    let live: Value = serde_json::from_str(&said.out).unwrap();
+    assert_eq!((&live["faults"][0]["origin"], &live["faults"][0]["struck"]), (&"live".into(), &true.into()), "{}", live["faults"]);
+    let again = desk.run(&["live/scenario.toml", "--out", "again"]);
+    assert_eq!(topics(&live), topics(&again));
+    assert_eq!(again["faults"][0]["origin"], "planned");
+    assert_nothing_left(said.launcher);
+}
+
+#[test]
+fn a_budget_that_is_spent_ends_the_run_with_a_sentence() {
+    let desk = Desk::new();
+    let kills = |k: usize| format!("[[fault]]\nprocess = \"controller\"\nkind = \"kill\"\nat_tick = {}\nfor_ticks = 10\n", 100 * (k + 1));
+    desk.file("s.toml", &scenario(&(0..6).map(kills).collect::<String>()));
+    let said = desk.armplane(&["run", "s.toml", "--out", "r"]);
+    assert_eq!(said.code, 1);
+    assert!(said.err.contains("controller") && said.err.contains("after 5 restarts, all that its budget allows"), "{}", said.err);
+    assert_nothing_left(said.launcher);
+}
+
+#[test]
+fn drill_judges_a_cell_and_takes_only_cells_that_exist() {
+    let desk = Desk::new();
+    desk.file("s.toml", &scenario(""));
+    for cell in ["controller:kill", "plant:kill", "recorder:disk-full", "plant:sensor:stuck"] {
+        let said = desk.armplane(&["drill", "s.toml", "--only", cell, "--json"]);
+        assert_eq!(said.code, 0, "{}\n{}", said.out, said.err);
+        let drill: Value = serde_json::from_str(&said.out).unwrap();
+        let one = &drill["cells"][0];
+        assert_eq!((&drill["passed"], &one["replayed_identically"]), (&true.into(), &true.into()), "{one}");
+        assert!(one["stale_ticks"].as_u64().unwrap() <= 3 && one["torque_max_ratio"].as_f64().unwrap() <= 1.0, "{one}");
+        assert_eq!(one["goal_reached"], !cell.starts_with("plant:kill"), "{one}");
+        assert_nothing_left(said.launcher);
+    }
+    let said = desk.armplane(&["drill", "--only", "recorder:drop"]);
+    assert!(said.code == 2 && said.err.contains("can happen to plant"), "{}", said.err);
+}
+
+#[test]
+fn a_fault_that_makes_no_sense_is_one_sentence() {
+    let desk = Desk::new();
+    desk.file("s.toml", &scenario(&fault("recorder", "drop", "")));
+    let said = desk.armplane(&["run", "s.toml"]);
+    assert!(said.code == 2 && said.err.contains("cannot happen to the recorder"), "{}", said.err);
+    desk.file("s.toml", &scenario(&fault("plant", "sensor", "joint = 9")));
+    let said = desk.armplane(&["run", "s.toml"]);
+    assert!(said.code == 2 && said.err.contains("has 6 joints"), "{}", said.err);
+    let said = desk.armplane(&["fault", "controller", "kill", "--run", "nowhere"]);
+    assert!(said.code == 2 && said.err.contains("nowhere"), "{}", said.err);
+}
