@@ -31,7 +31,7 @@ pub(crate) fn view(args: &ViewArgs, as_json: bool) -> Result<ExitCode, Failure> 
     if as_json {
         say!("{}", serde_json::json!({"viewer": viewer(), "files": files}));
     }
-    let mut child = start(&files, Stdio::inherit())?;
+    let mut child = start(&files, Stdio::inherit(), Stdio::inherit)?;
     // The viewer's own window is the user's: it may outlive this command, whose end it is when the viewer ends first.
     let status = child.wait().map_err(|error| Failure::Work(format!("the viewer was lost: {error}")))?;
     if status.success() { Ok(ExitCode::SUCCESS) } else { Err(Failure::Work(format!("the viewer `{}` ended with {status}", viewer()))) }
@@ -42,9 +42,9 @@ fn viewer() -> String {
 }
 
 /// Starts the viewer, or hands the files to the one that is running.
-fn start(arguments: &[impl AsRef<OsStr>], input: Stdio) -> Result<Child, Failure> {
+fn start(arguments: &[impl AsRef<OsStr>], input: Stdio, output: fn() -> Stdio) -> Result<Child, Failure> {
     let viewer = viewer();
-    Command::new(&viewer).args(arguments).stdin(input).spawn().map_err(|error| {
+    Command::new(&viewer).args(arguments).stdin(input).stdout(output()).stderr(output()).spawn().map_err(|error| {
         Failure::Work(match error.kind() {
             ErrorKind::NotFound => format!(
                 "there is no Rerun viewer `{viewer}` on this machine: install it with `pip install rerun-sdk==0.36.3` or `cargo install rerun-cli@0.36.3 --locked`, or name it in {VIEWER_VARIABLE}"
@@ -72,7 +72,8 @@ const LOOK: Duration = Duration::from_millis(20);
 impl Live {
     /// Starts the viewer for a run whose recording goes into `folder`.
     pub(crate) fn start(folder: &Path) -> Result<Self, Failure> {
-        let mut child = start(&["-"], Stdio::piped())?;
+        // Not this command's output: whoever reads that does not wait for the viewer's window to be closed.
+        let mut child = start(&["-"], Stdio::piped(), Stdio::null)?;
         let Some(input) = child.stdin.take() else { return Err(Failure::Work("the viewer takes no input".to_owned())) };
         let (over, passed) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicU64::new(0)));
         let feed = Feed { folder: folder.to_owned(), over: Arc::clone(&over), passed: Arc::clone(&passed) };

@@ -51,7 +51,7 @@ fn view_opens_the_latest_run_and_another_layout() {
     let desk = Desk::new();
     let viewer = desk.viewer("viewer.sh", "echo \"$@\" > seen");
     desk.run(&SHORT);
-    desk.run(&[&SHORT[..], &["--set", "record.part_s=1"]].concat());
+    desk.run(&[&SHORT[..], &["--set", "record.part_s=1.2"]].concat());
     assert_eq!(desk.with_viewer(&viewer, &["view"]).code, 0);
     let seen = desk.read("seen");
     let folder = "runs/fig5-wrist-rotation-002";
@@ -71,7 +71,7 @@ fn view_opens_the_latest_run_and_another_layout() {
 fn live_passes_on_every_byte_of_every_part() {
     let desk = Desk::new();
     let viewer = desk.viewer("viewer.sh", "[ \"$1\" = - ] && cat > got.draft && mv got.draft got");
-    let said = desk.with_viewer(&viewer, &[&["run", "--live", "--out", "results", "--set", "record.part_s=1"], &SHORT[..]].concat());
+    let said = desk.with_viewer(&viewer, &[&["run", "--live", "--out", "results", "--set", "record.part_s=1.2"], &SHORT[..]].concat());
     assert_eq!((said.code, said.err.as_str()), (0, ""), "{}", said.out);
     assert_nothing_left(said.launcher);
     crate::command::until("the viewer to have everything", || desk.path().join("got").exists());
@@ -98,7 +98,7 @@ fn nobody_waits_for_a_viewer_that_is_closed_or_stuck() {
 #[test]
 fn csv_has_a_row_for_every_tick_of_every_part() {
     let desk = Desk::new();
-    let summary = desk.run(&[&SHORT[..], &["--set", "record.part_s=1", "--out", "results"]].concat());
+    let summary = desk.run(&[&SHORT[..], &["--set", "record.part_s=1.2", "--out", "results"]].concat());
     assert_eq!(summary["recorder"]["parts"], 3);
     let said = desk.armplane(&["export", "results", "--out", "tables", "--json"]);
     assert_eq!(said.code, 0, "{}", said.err);
