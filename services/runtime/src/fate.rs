@@ -12,9 +12,6 @@ use crate::clock::now_ns;
 use crate::realtime;
 use crate::shell::Shared;
 
-/// Ticks that a process may be behind the maker of ticks: far fewer than its buffers hold.
-const MOST_BEHIND: u64 = 16;
-
 /// An end of the process that a closing tick concerns: what is held back for it leaves, and its readers are told.
 pub(crate) trait Outlet {
     /// Sends what is due at `tick` or before.
@@ -158,9 +155,18 @@ impl Shared {
         while strike.way() == Some(Way::ForEver) && !self.is_stopping() {
             let _ = kill_process(getpid(), Signal::STOP);
         }
+        self.skip_to(strike.until);
         self.line().set_state(State::Running);
         self.board.ledger().restore(self.me, now_ns());
         self.board.ring_all();
+    }
+
+    /// In lockstep: nothing before `tick` will come of this process any more.
+    pub(crate) fn skip_to(&self, tick: u64) {
+        let process = &self.manifest.processes[self.me];
+        if self.is_lockstep() && !process.polled && !process.makes_ticks && tick > self.line().ticks() {
+            self.line().set_ticks(tick);
+        }
     }
 
     fn starve(&self, tick: u64) {
@@ -253,15 +259,15 @@ impl Shared {
         self.manifest.processes.iter().position(|process| process.makes_ticks)
     }
 
-    /// In lockstep, before a tick begins: who has fallen so far behind that it could lose messages. Without torque the maker of ticks waits
-    /// for nobody else.
+    /// In lockstep, before a tick begins: who is not through with the ticks before it. Where there is no torque to wait for the maker of ticks
+    /// would run ahead, and what it sends in a later tick would be taken for what is missing in this one.
     pub(crate) fn straggler(&self, tick: u64) -> Option<usize> {
         if self.is_unharmed() {
             return None;
         }
         let lags = |index: &usize| {
             let (process, done) = (&self.manifest.processes[*index], self.board.line(*index).ticks());
-            *index != self.me && !process.polled && done + MOST_BEHIND < tick && !self.is_down(*index, done)
+            *index != self.me && !process.polled && done < tick && !self.is_down(*index, done)
         };
         (0..self.manifest.processes.len()).find(lags)
     }

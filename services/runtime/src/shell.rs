@@ -222,6 +222,7 @@ impl Shared {
             return Ok(Waited::Stopped);
         }
         self.started.set(true);
+        self.skip_to(self.tick.get());
         self.line().set_state(State::Running);
         if self.line().incarnation() > 1 {
             self.board.ledger().restore(self.me, now_ns());
