@@ -66,6 +66,8 @@ pub(crate) struct Live {
 
 /// How long the viewer may take for what it has not read yet when the run is over.
 const PATIENCE: Duration = Duration::from_secs(5);
+/// More bytes than the head of a recording has.
+const HEAD: u64 = 64;
 /// How often the files are looked at.
 const LOOK: Duration = Duration::from_millis(20);
 
@@ -140,7 +142,8 @@ impl Feed {
         let mut buffer = vec![0; 1 << 16];
         loop {
             // Asked before reading: what was written before the answer is read below.
-            let ended = self.over.load(Ordering::Acquire) || next.exists();
+            // A successor is made, with no more than its head, before its predecessor has got its end; what it holds is written after.
+            let ended = self.over.load(Ordering::Acquire) || std::fs::metadata(&next).is_ok_and(|file| file.len() > HEAD);
             loop {
                 let got = file.read(&mut buffer)?;
                 if got == 0 {

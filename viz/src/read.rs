@@ -183,7 +183,8 @@ fn learn(chunk: &Chunk, at: &str, about: &mut About) {
     } else if at.ends_with("/run") {
         for (name, column) in chunk.components().iter() {
             let text = column.list_array.values().as_string_opt::<i32>().filter(|texts| !texts.is_empty()).map(|texts| texts.value(0));
-            if let (Some(key), Some(text)) = (name.as_str().strip_prefix("run:"), text) {
+            if let Some(text) = text {
+                let key = name.as_str().strip_prefix("run:").unwrap_or(name.as_str());
                 about.properties.insert(key.to_owned(), text.to_owned());
             }
         }
