@@ -1,5 +1,6 @@
 //! `armplane bench`: what a hand-over, a cycle, a period and a step cost here, beside what the machine itself charges.
 
+mod hour;
 mod local;
 mod realtime;
 mod ring;
@@ -39,6 +40,8 @@ pub(crate) enum Bench {
     Record,
     /// The whole graph in real time beside a busy thread on every core: deadlines missed, by process and cause (only when asked for).
     Realtime,
+    /// An hour of the arm's time in lockstep: memory, files and the recorder's processor time (only when asked for).
+    Hour,
 }
 
 /// A distribution of times; µs, no sample left out.
@@ -128,10 +131,10 @@ fn placements(count: usize) -> Vec<(&'static str, Vec<Option<usize>>)> {
 }
 
 pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure> {
-    let chosen = |bench: Bench| args.what.contains(&bench) || args.what.is_empty() && bench != Bench::Realtime;
+    let chosen = |bench: Bench| args.what.contains(&bench) || args.what.is_empty() && !matches!(bench, Bench::Realtime | Bench::Hour);
     let load::Loaded { scenario, robot } = load::scenario(load::DEFAULT_SCENARIO, &[], None)?;
     let out = args.out.as_deref().map(folder).transpose()?;
-    let (mut rows, mut record, mut realtime) = (Vec::new(), None, Vec::new());
+    let (mut rows, mut record, mut realtime, mut hour) = (Vec::new(), None, Vec::new(), None);
     if chosen(Bench::Hop) {
         rows.extend(hop(args.samples)?);
     }
@@ -164,10 +167,14 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
             realtime.push(realtime::graph(&robot, &scenario, rate_hz, seconds, !args.idle)?);
         }
     }
+    if chosen(Bench::Hour) {
+        hour = Some(hour::hour(&robot, &scenario, args.seconds.unwrap_or(3600))?);
+    }
     let machine = machine();
     let whole = json!({
         "machine": machine, "rows": rows.iter().map(Row::json).collect::<Vec<_>>(), "record": record,
         "realtime": realtime.iter().map(realtime::Ran::json).collect::<Vec<_>>(),
+        "hour": hour,
     });
     let pictures = match &out {
         Some(out) => save(out, &whole, &rows, &machine)?,
@@ -183,6 +190,7 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
             say!("{}", record.sentence());
         }
         realtime.iter().for_each(realtime::Ran::tell);
+        hour.iter().for_each(hour::Hour::tell);
         say!("{}", machine_line(&machine));
         match &out {
             Some(_) => pictures.iter().for_each(|path| say!("{}", path.display())),

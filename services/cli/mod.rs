@@ -303,7 +303,7 @@ struct BenchArgs {
     /// Samples of each hop and cycle.
     #[arg(long, value_name = "N", default_value_t = 20_000, value_parser = clap::value_parser!(u64).range(1000..=10_000_000))]
     samples: u64,
-    /// How long each paced measurement lasts; s [default: 5; `realtime` 60 at 1 kHz and 20 at 4 kHz].
+    /// How long each paced measurement lasts; s [default: 5; `realtime` 60 at 1 kHz and 20 at 4 kHz; `hour` 3600].
     #[arg(long, value_name = "S", value_parser = clap::value_parser!(u64).range(1..=3600))]
     seconds: Option<u64>,
     /// Rates of `realtime`; Hz [default: 1000 4000].

@@ -65,6 +65,17 @@ impl Default for Options {
     }
 }
 
+/// How far a recording has come: of every tick before these, it is on file what there is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Written {
+    /// Numbers.
+    pub signals: u64,
+    /// The picture.
+    pub picture: u64,
+    /// Modes, states and words.
+    pub changes: u64,
+}
+
 /// How serious an event is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
@@ -103,6 +114,7 @@ pub struct Recording<const N: usize, W: Storage = File> {
     /// The blueprint waits for the first report, which names the singularities.
     blueprint_sent: bool,
     last: Option<u64>,
+    written: Written,
     signals: Table,
     signal_rows: usize,
     picture: Picture,
@@ -251,6 +263,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             rate_hz: scenario.rate_hz.max(1),
             blueprint_sent: false,
             last: None,
+            written: Written::default(),
             signals: Table::default(),
             signal_rows: every(options.signal_chunk_s) as usize,
             picture: Picture::default(),
@@ -322,12 +335,18 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         if !self.blueprint_sent && row.report.is_some() {
             self.introduce(row);
         }
-        self.signals.push(row.tick, |put| sample(row, &self.limits, put));
+        // What an earlier part has is not written again.
+        if row.tick >= self.written.signals {
+            self.signals.push(row.tick, |put| sample(row, &self.limits, put));
+        }
         if self.signals.rows() >= self.signal_rows {
             self.write_signals();
         }
-        self.write_changes(row);
-        if row.tick.is_multiple_of(self.picture_every) {
+        if row.tick >= self.written.changes {
+            self.write_changes(row);
+            self.written.changes = row.tick + 1;
+        }
+        if row.tick.is_multiple_of(self.picture_every) && row.tick >= self.written.picture {
             self.see(row);
             if self.picture.rows() >= self.picture_rows {
                 self.write_picture();
@@ -338,6 +357,16 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             self.write_guides(row.tick);
         }
         self.sink.check()
+    }
+
+    /// How far it has come.
+    pub fn written(&self) -> Written {
+        self.written
+    }
+
+    /// Goes on where an earlier part had come to, which a recorder that was killed has left: ticks that come again are not written again.
+    pub fn go_on_after(&mut self, written: Written) {
+        self.written = written;
     }
 
     /// Notes an event.
@@ -508,6 +537,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         if let Some((ticks, components)) = self.signals.take() {
             let chunk = self.chunk_of(entity::SIGNALS, &ticks, components);
             self.sink.chunk(&self.store, chunk);
+            self.written.signals = ticks.last().map_or(self.written.signals, |last| last + 1);
         }
     }
 
@@ -729,6 +759,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
 
     fn write_picture(&mut self) {
         let Some(picture) = self.picture.take() else { return };
+        self.written.picture = picture.hand.ticks.last().map_or(self.written.picture, |last| last + 1);
         let mut tracks: Vec<(String, Track)> = Vec::new();
         tracks.extend((0..N).map(entity::link).zip(picture.links));
         tracks.extend([(entity::HAND.to_owned(), picture.hand), (entity::TARGET.to_owned(), picture.target)]);

@@ -50,6 +50,12 @@ impl Assembler {
         self.rows.extend(rows);
     }
 
+    /// The next tick to be given out.
+    #[must_use]
+    pub fn next_tick(&self) -> u64 {
+        self.next
+    }
+
     /// The next tick to be given out, and what there is of it and the ticks after it.
     pub fn pending(&self) -> (u64, impl Iterator<Item = &Row>) {
         (self.next, self.rows.iter())

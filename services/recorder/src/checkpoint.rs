@@ -1,13 +1,17 @@
 //! What a recorder that is started again must know: how far its predecessor had come, and what it had gathered.
 
-use std::path::PathBuf;
+use std::fs::{File, OpenOptions};
+use std::io;
+use std::os::unix::fs::{FileExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use bytemuck::{bytes_of, try_pod_read_unaligned};
+use bytemuck::{bytes_of, bytes_of_mut, try_pod_read_unaligned};
 use runtime::TopicHash;
 use serde::{Deserialize, Serialize};
 use shared_types::Message;
 use shared_types::summary::RecorderSummary;
+use viz::Written;
 
 use crate::assemble::Row;
 use crate::judge::Judge;
@@ -15,8 +19,13 @@ use crate::judge::Judge;
 /// Name of the file in the run's directory.
 const FILE: &str = "recorder.state";
 
-/// A recorder that dies unforeseen loses no more of its figures than this.
-const EVERY: Duration = Duration::from_millis(250);
+/// Name of the file beside it that says how far the recording has come.
+const WRITTEN: &str = "recorder.written";
+
+/// How much a replacement has to go through again: messages that are kept, but in no figure yet.
+const EVERY: Duration = Duration::from_secs(1);
+/// The same in ticks, for runs in lockstep.
+pub(crate) const EVERY_TICKS: u64 = 4096;
 
 /// Everything a recorder has gathered.
 #[derive(Debug, Serialize, Deserialize)]
@@ -32,11 +41,17 @@ pub(crate) struct Checkpoint {
 }
 
 /// How far one topic has been taken in.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Progress {
     pub(crate) hash: TopicHash,
     pub(crate) last: Option<u64>,
     pub(crate) lost: u64,
+    /// The last message, where there is one.
+    pub(crate) message: Option<Vec<u8>>,
+    /// Bytes in the file of kept messages, which are all of them until now.
+    pub(crate) kept_bytes: u64,
+    /// Why no more of them are kept.
+    pub(crate) kept_error: String,
 }
 
 /// A row that is still waiting for messages: a tick, and the bytes of the messages that have come.
@@ -73,20 +88,44 @@ impl From<StoredRow> for Row {
 pub(crate) struct Memory {
     path: PathBuf,
     saved: Instant,
+    saved_ticks: u64,
+    /// How far the recording has come; it changes too often to be a checkpoint's.
+    written: File,
+    noted: Written,
 }
 
 impl Memory {
-    pub(crate) fn new(run_dir: &std::path::Path) -> Self {
-        Self { path: run_dir.join(FILE), saved: Instant::now() }
+    /// # Errors
+    /// Where there is no room for it.
+    pub(crate) fn open(run_dir: &Path) -> io::Result<Self> {
+        let written = OpenOptions::new().read(true).write(true).create(true).truncate(false).mode(0o600).open(run_dir.join(WRITTEN))?;
+        Ok(Self { path: run_dir.join(FILE), saved: Instant::now(), saved_ticks: 0, written, noted: Written::default() })
     }
 
-    pub(crate) fn is_due(&self) -> bool {
-        self.saved.elapsed() >= EVERY
+    pub(crate) fn is_due(&self, ticks: u64) -> bool {
+        self.saved.elapsed() >= EVERY || ticks >= self.saved_ticks + EVERY_TICKS
+    }
+
+    /// Notes how far the recording has come.
+    pub(crate) fn note(&mut self, written: Written) {
+        if written != self.noted {
+            self.noted = written;
+            // In memory of its own size already: it does not fail, and a replacement that does not know writes some ticks twice.
+            let _ = self.written.write_all_at(bytes_of(&[written.signals, written.picture, written.changes]), 0);
+        }
+    }
+
+    /// How far the predecessor's recording had come.
+    pub(crate) fn written(&self) -> Written {
+        let mut numbers = [0_u64; 3];
+        let read = self.written.read_exact_at(bytes_of_mut(&mut numbers), 0);
+        let [signals, picture, changes] = numbers;
+        if read.is_ok() { Written { signals, picture, changes } } else { Written::default() }
     }
 
     /// Whole or not at all.
     pub(crate) fn save(&mut self, checkpoint: &Checkpoint) {
-        self.saved = Instant::now();
+        (self.saved, self.saved_ticks) = (Instant::now(), checkpoint.next);
         let mut bytes = Vec::new();
         let draft = self.path.with_extension("draft");
         let written = ciborium::into_writer(checkpoint, &mut bytes).map_err(|error| error.to_string()).and_then(|()| {

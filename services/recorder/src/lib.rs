@@ -10,13 +10,14 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use bytemuck::{bytes_of, try_pod_read_unaligned};
 use model::{Robot, with_dof};
 use runtime::{Count, Drain, Keep, Mode, ProcessError, Shell, TopicHash};
 use shared_types::job::Job;
 use shared_types::scenario::{Record, Scenario};
 use shared_types::summary::{RecorderSummary, Summary, TopicSummary};
 use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
-use viz::{Level, RecordError, Recording, RunInfo, TickRow};
+use viz::{Level, RecordError, Recording, RunInfo, TickRow, Written};
 
 use checkpoint::{Checkpoint, Memory, Progress, StoredRow};
 use witness::Witness;
@@ -36,8 +37,8 @@ const POLL: Duration = Duration::from_millis(2);
 /// Ticks for which an incomplete row waits for its missing messages.
 const PATIENCE: usize = 256;
 
-/// Ticks that one topic may be ahead of another while they are drained in turn: twice what a buffer holds.
-const HORIZON: usize = 2 * runtime::RECORDER_DEPTH;
+/// Ticks that one topic may be ahead of another while they are taken in in turn: what a replacement goes through again, and what a buffer holds.
+const HORIZON: usize = checkpoint::EVERY_TICKS as usize + 2 * runtime::RECORDER_DEPTH;
 
 /// Records and judges until the run has stopped and everything on the way has arrived, then leaves its part of the summary in `run_dir`.
 ///
@@ -56,9 +57,9 @@ pub fn run(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<()
 
 fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Summary, ProcessError> {
     let folder = job.out.join(MESSAGES);
-    let mut memory = Memory::new(run_dir);
+    let unusable = |error| ProcessError::setup(format!("cannot keep what a replacement must know in {}: {error}", run_dir.display()));
+    let mut memory = Memory::open(run_dir).map_err(unusable)?;
     let past = if shell.incarnation() > 1 { memory.last() } else { None };
-    let mut topics = Topics::open(shell, job.messages.then_some(folder.as_path()))?;
     let mut assembler = Assembler::new(PATIENCE, HORIZON);
     let mut judge = Judge::new(limits(robot), job.scenario.goal.clone(), job.scenario.duration_s() * f64::from(job.scenario.rate_hz));
     if shell.mode() == Mode::Realtime {
@@ -66,24 +67,31 @@ fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Pat
     }
     let mut tape = Tape::<N>::start(robot, job, shell.incarnation())?;
     let mut witness = Witness::default();
+    let mut progress = <[Progress; 5]>::default();
+    if shell.incarnation() > 1 {
+        tape.go_on_after(memory.written());
+    }
     if let Some(past) = past {
-        topics.resume(&past.progress);
+        progress = past.progress;
         assembler.resume(past.next, past.rows.into_iter().map(Row::from));
         tape.result.error = past.result.error;
         (judge, witness) = (past.judge, Witness::resume(past.told));
     }
+    let mut topics = Topics::open(shell, job.messages.then_some(folder.as_path()), &progress, &mut assembler)?;
     while shell.poll(POLL)? {
         topics.drain(&mut assembler)?;
         while let Some(row) = assembler.pop(shell.ticks_begun(), false) {
             take(&row, &mut judge, &mut tape);
         }
+        memory.note(tape.written());
         if !tape.result.error.is_empty() || topics.has_failed() {
             shell.notice();
         }
         witness.tell(shell, &mut tape);
-        if shell.is_about_to_fall() || memory.is_due() {
+        if shell.is_about_to_fall() || memory.is_due(assembler.next_tick()) {
             tape.flush();
             topics.flush();
+            memory.note(tape.written());
             let (next, rows) = assembler.pending();
             let rows = rows.map(StoredRow::from).collect();
             let checkpoint = Checkpoint { judge, progress: topics.progress(), next, rows, result: tape.result, told: witness.told() };
@@ -199,6 +207,16 @@ impl<const N: usize> Tape<N> {
         }
     }
 
+    fn written(&self) -> Written {
+        self.recording.as_ref().map(Recording::written).unwrap_or_default()
+    }
+
+    fn go_on_after(&mut self, written: Written) {
+        if let Some(recording) = &mut self.recording {
+            recording.go_on_after(written);
+        }
+    }
+
     /// Writes out what is being gathered: from now on it outlives the recorder.
     fn flush(&mut self) {
         if let Some(recording) = &mut self.recording {
@@ -237,6 +255,7 @@ impl<const N: usize> Tape<N> {
 struct Tap<M: Message> {
     drain: Drain<M>,
     hash: TopicHash,
+    last: Option<M>,
     keep: Option<Keep<M>>,
     kept: Kept,
 }
@@ -249,17 +268,40 @@ struct Kept {
 }
 
 impl<M: Message> Tap<M> {
-    fn open(shell: &Shell, messages: Option<&Path>) -> Result<Self, ProcessError> {
-        // A restarted recorder goes on where its predecessor was killed.
-        let keep = |folder| if shell.incarnation() > 1 { Keep::resume(folder) } else { Keep::create(folder) };
-        let keep = messages.map(keep).transpose().map_err(ProcessError::setup)?;
-        Ok(Self { drain: shell.drain()?, hash: TopicHash::default(), keep, kept: Kept::default() })
+    /// A replacement goes on where its predecessor was killed: `each` is given what that one had kept after its last checkpoint, and
+    /// the first [`drain`](Self::drain) what was on its way to it.
+    fn open(shell: &Shell, messages: Option<&Path>, past: &Progress, mut each: impl FnMut(&M)) -> Result<Self, ProcessError> {
+        let mut drain = shell.drain()?;
+        if shell.incarnation() == 1 {
+            let keep = messages.map(Keep::create).transpose().map_err(ProcessError::setup)?;
+            return Ok(Self { drain, hash: TopicHash::default(), last: None, keep, kept: Kept::default() });
+        }
+        drain.resume(past.last, past.lost);
+        let mut hash = past.hash;
+        let mut last: Option<M> = past.message.as_deref().and_then(|bytes| try_pod_read_unaligned(bytes).ok());
+        let mut kept = Kept { bytes: past.kept_bytes, error: past.kept_error.clone() };
+        let resumed = messages.filter(|_| kept.error.is_empty()).map(|folder| {
+            Keep::resume(folder, past.kept_bytes, |message: M| {
+                hash.add(&message);
+                drain.recount(&message);
+                each(&message);
+                last = Some(message);
+            })
+        });
+        let keep = resumed.transpose().unwrap_or_else(|error| {
+            eprintln!("{error}");
+            kept.error = error.to_string();
+            None
+        });
+        drain.recall(last.as_ref())?;
+        Ok(Self { drain, hash, last, keep, kept })
     }
 
     fn drain(&mut self, assembler: &mut Assembler, place: impl Fn(&mut Row) -> &mut Option<M>) -> Result<(), ProcessError> {
-        let (hash, keep, kept) = (&mut self.hash, &mut self.keep, &mut self.kept);
-        self.drain.drain(|message| {
+        let Self { drain, hash, last, keep, kept } = self;
+        drain.drain(|message| {
             hash.add(message);
+            *last = Some(*message);
             if let Some(keeping) = keep
                 && let Err(error) = keeping.add(message)
             {
@@ -285,12 +327,14 @@ impl<M: Message> Tap<M> {
     }
 
     fn progress(&self) -> Progress {
-        Progress { hash: self.hash, last: self.drain.last(), lost: self.drain.lost() }
-    }
-
-    fn resume(&mut self, progress: &Progress) {
-        self.hash = progress.hash;
-        self.drain.resume(progress.last, progress.lost);
+        Progress {
+            hash: self.hash,
+            last: self.drain.last(),
+            lost: self.drain.lost(),
+            message: self.last.as_ref().map(|message| bytes_of(message).to_vec()),
+            kept_bytes: self.keep.as_ref().map_or(self.kept.bytes, Keep::bytes),
+            kept_error: self.kept.error.clone(),
+        }
     }
 
     fn finish(&mut self) -> Kept {
@@ -311,13 +355,20 @@ struct Topics {
 }
 
 impl Topics {
-    fn open(shell: &Shell, messages: Option<&Path>) -> Result<Self, ProcessError> {
+    fn open(shell: &Shell, messages: Option<&Path>, past: &[Progress; 5], assembler: &mut Assembler) -> Result<Self, ProcessError> {
+        let [sensor, truth, estimate, report, command] = past;
+        // What comes again of ticks that have been given out already is not needed again.
+        macro_rules! into {
+            ($place:ident) => {
+                |message| assembler.row(message.header.tick).into_iter().for_each(|row| row.$place = Some(*message))
+            };
+        }
         Ok(Self {
-            sensor: Tap::open(shell, messages)?,
-            truth: Tap::open(shell, messages)?,
-            estimate: Tap::open(shell, messages)?,
-            report: Tap::open(shell, messages)?,
-            command: Tap::open(shell, messages)?,
+            sensor: Tap::<SensorSample>::open(shell, messages, sensor, into!(sensor))?,
+            truth: Tap::<PlantState>::open(shell, messages, truth, into!(truth))?,
+            estimate: Tap::<StateEstimate>::open(shell, messages, estimate, into!(estimate))?,
+            report: Tap::<SingularityReport>::open(shell, messages, report, into!(report))?,
+            command: Tap::<TorqueCommand>::open(shell, messages, command, into!(command))?,
         })
     }
 
@@ -352,14 +403,6 @@ impl Topics {
 
     fn progress(&self) -> [Progress; 5] {
         [self.sensor.progress(), self.truth.progress(), self.estimate.progress(), self.report.progress(), self.command.progress()]
-    }
-
-    fn resume(&mut self, [sensor, truth, estimate, report, command]: &[Progress; 5]) {
-        self.sensor.resume(sensor);
-        self.truth.resume(truth);
-        self.estimate.resume(estimate);
-        self.report.resume(report);
-        self.command.resume(command);
     }
 
     /// Per topic: name and hash.

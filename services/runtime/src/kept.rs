@@ -149,13 +149,15 @@ impl<M: Message> Keep<M> {
         }
     }
 
-    /// Goes on behind the last whole block that an earlier writer of the same run left.
+    /// Goes on behind the last whole block that an earlier writer of the same run left. What follows after byte `from` (of
+    /// [`Keep::bytes`], when everything before it had been written) is handed to `each`.
     ///
     /// # Errors
     /// When there is no such file, or it is not of this program's wire format.
-    pub fn resume(folder: &Path) -> Result<Self, KeepError> {
+    pub fn resume(folder: &Path, from: u64, each: impl FnMut(M)) -> Result<Self, KeepError> {
         let mut kept = Kept::<M>::open(folder)?;
-        while kept.skip_block()? {}
+        kept.seek(from)?;
+        std::iter::from_fn(|| kept.next_message().transpose()).collect::<Result<Vec<_>, _>>()?.into_iter().for_each(each);
         let (path, end) = (kept.path, kept.place);
         let opened = OpenOptions::new().write(true).open(&path).and_then(|mut file| {
             file.set_len(end)?;
@@ -273,8 +275,12 @@ impl<M: Message> Kept<M> {
         Ok(self.block.next())
     }
 
-    fn skip_block(&mut self) -> Result<bool, KeepError> {
-        Ok(self.read_block()?.is_some())
+    /// Goes on at a byte at which a block begins.
+    fn seek(&mut self, place: u64) -> Result<(), KeepError> {
+        let failed = |source| KeepError::File { action: "read", path: self.path.clone(), source };
+        self.file.seek(SeekFrom::Start(place.max(HEAD as u64))).map_err(failed)?;
+        self.place = place.max(HEAD as u64);
+        Ok(())
     }
 
     /// Reads the next block, still packed; returns how many messages it holds.
@@ -361,10 +367,19 @@ mod tests {
         let whole = std::fs::read(&path).unwrap();
         std::fs::write(&path, &whole[..whole.len() - 1]).unwrap();
         assert_eq!(bytes_of(run.path()), expected(BLOCK as u64));
-        let mut keep = Keep::resume(run.path()).unwrap();
+        let mut left = Vec::new();
+        let mut keep = Keep::resume(run.path(), 0, |message: SensorSample| left.push(message.header.tick)).unwrap();
+        assert_eq!(left, (0..BLOCK as u64).collect::<Vec<_>>());
         (BLOCK as u64..100).for_each(|tick| keep.add(&message(tick)).unwrap());
+        keep.flush().unwrap();
+        let place = keep.bytes();
+        (100..103).for_each(|tick| keep.add(&message(tick)).unwrap());
+        keep.flush().unwrap();
+        left.clear();
+        let keep = Keep::resume(run.path(), place, |message: SensorSample| left.push(message.header.tick)).unwrap();
+        assert_eq!(left, [100, 101, 102]);
         keep.finish().unwrap();
-        assert_eq!(bytes_of(run.path()), expected(100));
+        assert_eq!(bytes_of(run.path()), expected(103));
     }
 
     #[test]

@@ -1,6 +1,8 @@
-//! What a process sent last on a topic, where its death does not reach it: two slots in a file of the run, written in turn.
+//! What a process sent on a topic, where its death does not reach it, nor that of who should have received it: a ring of the last messages
+//! delivered, and the last two made, in a file of the run.
 //!
-//! A process that is started again has no other memory. At every instant one of the slots is whole, whenever SIGKILL comes.
+//! A process that is started again knows its own past from here, and a recorder what was on its way to its predecessor. At every instant
+//! all slots but the one being written are whole, whenever SIGKILL comes.
 
 use std::fs::OpenOptions;
 use std::marker::PhantomData;
@@ -13,14 +15,20 @@ use shared_types::Message;
 
 use crate::run_dir::RunDir;
 
+/// Messages in the ring of the delivered: more than can be on their way to the recorder and in its hands, not yet in its files.
+pub(crate) const RING: usize = 512;
+
 #[repr(C)]
 struct Slots<M> {
-    /// Messages kept so far; the newest lies in slot (count − 1) mod 2. It grows when a slot is whole.
-    count: AtomicU64,
-    slots: [M; 2],
+    /// Messages delivered so far; the newest lies in slot (count − 1) mod [`RING`]. It grows when a slot is whole.
+    delivered: AtomicU64,
+    /// Messages made so far, in two slots likewise: while faults shape them, what is made is not what is delivered.
+    made: AtomicU64,
+    last_made: [M; 2],
+    ring: [M; RING],
 }
 
-/// The last message of a topic; written by the topic's one writer, read by its replacement when the writer is dead.
+/// The last messages of a topic; written by the topic's one writer.
 pub(crate) struct Memory<M: Message> {
     slots: NonNull<Slots<M>>,
     _message: PhantomData<M>,
@@ -42,34 +50,78 @@ impl<M: Message> Memory<M> {
         Ok(Self { slots, _message: PhantomData })
     }
 
-    fn count(&self) -> &AtomicU64 {
+    fn slots(&self) -> *mut Slots<M> {
+        self.slots.as_ptr()
+    }
+
+    fn count_delivered(&self) -> &AtomicU64 {
         // SAFETY: mapped for the life of `self` and aligned as a page is.
-        unsafe { &(*self.slots.as_ptr()).count }
+        unsafe { &(*self.slots()).delivered }
     }
 
-    /// Keeps a message in place of the one before the last.
-    pub(crate) fn keep(&self, message: &M) {
-        let count = self.count().load(Ordering::Relaxed);
-        // SAFETY: the index is 0 or 1; only the topic's one living writer writes, and who reads waits for its death.
-        unsafe { (&raw mut (*self.slots.as_ptr()).slots).cast::<M>().add((count % 2) as usize).write(*message) };
+    fn count_made(&self) -> &AtomicU64 {
+        // SAFETY: as above.
+        unsafe { &(*self.slots()).made }
+    }
+
+    /// The place of message `number` of the delivered.
+    fn slot(&self, number: u64) -> *mut M {
+        // SAFETY: the index is below the ring's length.
+        unsafe { (&raw mut (*self.slots()).ring).cast::<M>().add((number % RING as u64) as usize) }
+    }
+
+    fn slot_made(&self, number: u64) -> *mut M {
+        // SAFETY: the index is 0 or 1.
+        unsafe { (&raw mut (*self.slots()).last_made).cast::<M>().add((number % 2) as usize) }
+    }
+
+    /// Notes a message that is about to be delivered, in place of the oldest.
+    pub(crate) fn deliver(&self, message: &M) {
+        let count = self.count_delivered().load(Ordering::Relaxed);
+        // SAFETY: a slot of the mapping; only the topic's one living writer writes, and readers look at the count afterwards.
+        unsafe { self.slot(count).write(*message) };
         fence(Ordering::Release);
-        self.count().store(count + 1, Ordering::Relaxed);
+        self.count_delivered().store(count + 1, Ordering::Relaxed);
     }
 
-    /// The last message kept.
+    /// Keeps a message that is not delivered as it is, or not now.
+    pub(crate) fn keep(&self, message: &M) {
+        let count = self.count_made().load(Ordering::Relaxed);
+        // SAFETY: as in `deliver`; who reads waits for the writer's death.
+        unsafe { self.slot_made(count).write(*message) };
+        fence(Ordering::Release);
+        self.count_made().store(count + 1, Ordering::Relaxed);
+    }
+
+    /// The last message made.
     pub(crate) fn last(&self) -> Option<M> {
-        self.kept(1)
+        self.before(u64::MAX)
     }
 
-    /// The one before the last; for the writer itself.
-    pub(crate) fn before_last(&self) -> Option<M> {
-        self.kept(2)
+    /// The last message made of a tick before `tick`, as far as it is known.
+    pub(crate) fn before(&self, tick: u64) -> Option<M> {
+        let made = self.count_made().load(Ordering::Acquire);
+        // SAFETY: slots of the mapping, every bit pattern is a valid message, and the writer of these two is dead or the caller.
+        let last_made = (made.saturating_sub(2)..made).map(|number| unsafe { self.slot_made(number).read() });
+        let delivered = self.count_delivered().load(Ordering::Acquire).checked_sub(1).and_then(|newest| self.delivered(newest));
+        last_made.chain(delivered).filter(|message| message.header().tick < tick).max_by_key(|message| message.header().tick)
     }
 
-    fn kept(&self, back: u64) -> Option<M> {
-        let newest = self.count().load(Ordering::Acquire).checked_sub(back)?;
-        // SAFETY: the index is 0 or 1, every bit pattern is a valid message, and its writer is dead or the caller.
-        Some(unsafe { (&raw const (*self.slots.as_ptr()).slots).cast::<M>().add((newest % 2) as usize).read() })
+    /// How many messages have been delivered.
+    pub(crate) fn delivered_so_far(&self) -> u64 {
+        self.count_delivered().load(Ordering::Acquire)
+    }
+
+    /// Message `number` of those delivered, counted from 0; `None` where it has not come yet, or is no longer there.
+    pub(crate) fn delivered(&self, number: u64) -> Option<M> {
+        if number >= self.delivered_so_far() {
+            return None;
+        }
+        // SAFETY: a slot of the mapping, and every bit pattern is a valid message; a torn one is thrown away below.
+        let message = unsafe { self.slot(number).read_volatile() };
+        fence(Ordering::Acquire);
+        // The writer may be at work on the slot from the moment on at which this is its next.
+        (self.count_delivered().load(Ordering::Relaxed) < number + RING as u64).then_some(message)
     }
 }
 
@@ -85,19 +137,39 @@ mod tests {
     use super::*;
     use shared_types::TorqueCommand;
 
+    fn message(tick: u64) -> TorqueCommand {
+        let mut message = TorqueCommand::default();
+        message.header.tick = tick;
+        message.resume[63] = tick as f64;
+        message
+    }
+
     #[test]
     fn the_last_message_outlives_its_writer() {
         let run = RunDir::create().unwrap();
         let writer = Memory::<TorqueCommand>::open(&run).unwrap();
         assert!(writer.last().is_none());
-        let mut message = TorqueCommand::default();
-        for tick in 0..5 {
-            message.header.tick = tick;
-            message.resume[63] = tick as f64;
-            writer.keep(&message);
-        }
-        assert_eq!(writer.before_last().unwrap().header.tick, 3);
+        (0..5).for_each(|tick| writer.deliver(&message(tick)));
+        assert_eq!(writer.before(4).map_or(0, |before| before.header.tick), 0, "only the newest delivered is looked at");
+        // Shaped: made, not delivered.
+        (5..8).for_each(|tick| writer.keep(&message(tick)));
+        assert_eq!(writer.before(7), Some(message(6)));
         drop(writer);
-        assert_eq!(Memory::<TorqueCommand>::open(&run).unwrap().last(), Some(message));
+        assert_eq!(Memory::<TorqueCommand>::open(&run).unwrap().last(), Some(message(7)));
+    }
+
+    #[test]
+    fn the_ring_gives_what_is_still_in_it() {
+        let run = RunDir::create().unwrap();
+        let writer = Memory::<TorqueCommand>::open(&run).unwrap();
+        let reader = Memory::<TorqueCommand>::open(&run).unwrap();
+        assert_eq!(reader.delivered(0), None);
+        let count = 3 * RING as u64 + 7;
+        (0..count).for_each(|tick| writer.deliver(&message(tick)));
+        assert_eq!(reader.delivered_so_far(), count);
+        for number in 0..count + 2 {
+            let is_there = number + RING as u64 > count && number < count;
+            assert_eq!(reader.delivered(number), is_there.then(|| message(number)), "{number}");
+        }
     }
 }

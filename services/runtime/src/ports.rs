@@ -4,6 +4,7 @@ use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
 use std::rc::Rc;
 
+use bytemuck::bytes_of;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::ipc;
 use iceoryx2::sample::Sample;
@@ -14,7 +15,7 @@ use crate::board::Count;
 use crate::clock::now_ns;
 use crate::edge::{Fence, first_not_finite, happens, random, spoil};
 use crate::fate::Outlet;
-use crate::memory::Memory;
+use crate::memory::{Memory, RING};
 use crate::pace::{USAGE_EVERY, cause};
 use crate::realtime::Usage;
 use crate::shell::{Interrupted, Shared, Wait, Waited};
@@ -330,20 +331,28 @@ impl<M: Message> Inlet<M> {
         loop {
             let sample = self.subscriber.receive().map_err(|error| self.shared.port_failed(M::TOPIC, error))?;
             let Some(message) = sample.map(Incoming) else { return Ok(None) };
-            let living = match (self.shared.is_lockstep(), self.writer) {
-                (false, Some(writer)) => Some(self.shared.board.line(writer).incarnation()),
-                _ => None,
-            };
-            let refused = if !self.fence.admits(message.header(), living) {
-                Count::Fenced
-            } else if !message.is_finite() {
-                Count::Refused
-            } else {
+            if self.admits(&message) {
                 return Ok(Some(message));
-            };
-            self.shared.line().add(refused, 1);
-            self.shared.notice();
+            }
         }
+    }
+
+    /// Whether a message counts; one that does not is counted as what it is.
+    fn admits(&mut self, message: &M) -> bool {
+        let living = match (self.shared.is_lockstep(), self.writer) {
+            (false, Some(writer)) => Some(self.shared.board.line(writer).incarnation()),
+            _ => None,
+        };
+        let refused = if !self.fence.admits(message.header(), living) {
+            Count::Fenced
+        } else if !message.is_finite() {
+            Count::Refused
+        } else {
+            return true;
+        };
+        self.shared.line().add(refused, 1);
+        self.shared.notice();
+        false
     }
 
     /// In lockstep: whether the writer sends nothing more at a tick.
@@ -373,11 +382,59 @@ pub struct Drain<M: Message> {
     inlet: Inlet<M>,
     last: Option<u64>,
     lost: u64,
+    /// In a replacement, until it is in step: what was on its way to its predecessor.
+    recall: Option<Recall<M>>,
+}
+
+/// The messages that were delivered while nobody received them, and those that were received and died with who had them.
+struct Recall<M: Message> {
+    memory: Memory<M>,
+    /// Number of the next one to take from the ring.
+    next: u64,
+    /// Below it all are known to have come by the usual way too.
+    known: u64,
+}
+
+impl<M: Message> Recall<M> {
+    /// Goes on behind the last message that its predecessor has left in its files; from the oldest on, where that one is gone.
+    fn after(memory: Memory<M>, last: Option<&M>) -> Self {
+        let count = memory.delivered_so_far();
+        // One less than the ring holds: the oldest is the next to be overwritten.
+        let oldest = count.saturating_sub(RING as u64 - 1);
+        let is_last = |number: &u64| memory.delivered(*number).is_some_and(|one| last.is_some_and(|last| bytes_of(&one) == bytes_of(last)));
+        let next = (oldest..count).rev().find(is_last).map_or(oldest, |number| number + 1);
+        Self { memory, next, known: next }
+    }
+
+    /// The next one that nobody has taken.
+    fn take(&mut self) -> Option<M> {
+        while self.next < self.memory.delivered_so_far() {
+            self.next += 1;
+            // One that has been overwritten meanwhile is lost, and the gap is counted.
+            if let Some(message) = self.memory.delivered(self.next - 1) {
+                return Some(message);
+            }
+        }
+        None
+    }
+
+    /// Whether a message that has come by the usual way has been taken from the ring before.
+    fn knows(&mut self, message: &M) -> bool {
+        let same = |number: &u64| self.memory.delivered(*number).is_some_and(|one| bytes_of(&one) == bytes_of(message));
+        let place = (self.known..self.next).find(same);
+        self.known = place.map_or(self.known, |number| number + 1);
+        place.is_some()
+    }
+
+    /// All that was taken from the ring has come by the usual way too: from here on nothing can be missed.
+    fn is_in_step(&self) -> bool {
+        self.known == self.next
+    }
 }
 
 impl<M: Message> Drain<M> {
     pub(crate) fn new(shared: Rc<Shared>, subscriber: Rc<Subscribing<M>>) -> Self {
-        Self { inlet: Inlet::new(shared, subscriber), last: None, lost: 0 }
+        Self { inlet: Inlet::new(shared, subscriber), last: None, lost: 0, recall: None }
     }
 
     /// Hands over all messages that are there, oldest first.
@@ -385,24 +442,78 @@ impl<M: Message> Drain<M> {
     /// # Errors
     /// When iceoryx2 fails.
     pub fn drain(&mut self, mut take: impl FnMut(&M)) -> Result<(), Interrupted> {
-        while let Some(message) = self.inlet.receive()? {
-            let tick = message.header().tick;
-            let expected = self.last.map_or(0, |last| last + 1);
-            if tick > expected {
-                self.lost += tick - expected;
-                self.inlet.shared.line().add(Count::Lost, tick - expected);
-            } else if tick < expected {
-                self.inlet.shared.line().add(Count::Repeated, 1);
-            }
-            self.last = Some(tick.max(expected));
+        if let Some(recall) = self.recall.take() {
+            self.recall = self.catch_up(recall, &mut take)?;
+        }
+        while self.recall.is_none()
+            && let Some(message) = self.inlet.receive()?
+        {
+            self.count(message.header().tick);
             take(&message);
         }
         Ok(())
     }
 
+    /// What the ring has, then what has come since; answers with what is left to be recalled.
+    fn catch_up(&mut self, mut recall: Recall<M>, take: &mut impl FnMut(&M)) -> Result<Option<Recall<M>>, Interrupted> {
+        let mut hand_over = |this: &mut Self, message: &M| {
+            if this.inlet.admits(message) {
+                this.count(message.header().tick);
+                take(message);
+            }
+        };
+        while let Some(message) = recall.take() {
+            hand_over(self, &message);
+        }
+        loop {
+            let sample = self.inlet.subscriber.receive().map_err(|error| self.inlet.shared.port_failed(M::TOPIC, error))?;
+            let Some(message) = sample.map(Incoming) else { break };
+            if recall.knows(&message) {
+                continue;
+            }
+            // It came after the ring was read, and with it what lies before it there: nothing after it can be missed.
+            while let Some(before) = recall.take() {
+                if bytes_of(&before) == bytes_of(&*message) {
+                    break;
+                }
+                hand_over(self, &before);
+            }
+            hand_over(self, &message);
+            return Ok(None);
+        }
+        Ok((!recall.is_in_step()).then_some(recall))
+    }
+
+    fn count(&mut self, tick: u64) {
+        let expected = self.last.map_or(0, |last| last + 1);
+        if tick > expected {
+            self.lost += tick - expected;
+            self.inlet.shared.line().add(Count::Lost, tick - expected);
+        } else if tick < expected {
+            self.inlet.shared.line().add(Count::Repeated, 1);
+        }
+        self.last = Some(tick.max(expected));
+    }
+
     /// Goes on where an earlier reader of the topic had come to.
     pub fn resume(&mut self, last: Option<u64>, lost: u64) {
         (self.last, self.lost) = (last, lost);
+    }
+
+    /// Counts a message that an earlier reader has left in its files.
+    pub fn recount(&mut self, message: &M) {
+        self.count(message.header().tick);
+    }
+
+    /// Goes on behind the last message that an earlier reader has left in its files: what was on its way to it comes first.
+    ///
+    /// # Errors
+    /// When the topic's memory cannot be mapped.
+    pub fn recall(&mut self, last: Option<&M>) -> Result<(), TopicError> {
+        let memory = Memory::open(&self.inlet.shared.run);
+        let memory = memory.map_err(|error| TopicError::Memory { topic: M::TOPIC, reason: error.to_string() })?;
+        self.recall = Some(Recall::after(memory, last));
+        Ok(())
     }
 
     /// The last tick taken in.
@@ -459,7 +570,7 @@ struct Sending<M: Message> {
     publisher: Rc<Publishing<M>>,
     bit: u32,
     readers: Vec<usize>,
-    /// The last message, kept in shared memory for the replacement.
+    /// The last messages, kept in shared memory for this process's replacement, and the recorder's.
     memory: Memory<M>,
     /// Messages that faults hold back, with the tick at which they leave.
     held: RefCell<VecDeque<(u64, M)>>,
@@ -507,10 +618,10 @@ impl<M: Message> Writer<M> {
             return Err(error);
         }
         let sent_ns = shared.stamp(message.header_mut());
-        outlet.memory.keep(&message);
         shared.board.glance().note(&message);
         let failed = |reason| SendError::Port { process: shared.name().to_owned(), topic: M::TOPIC, reason };
         if shared.is_shaped() && shaped_topic(M::TOPIC) {
+            outlet.memory.keep(&message);
             outlet.shape(&message).map_err(failed)?;
             if !shared.is_lockstep() {
                 outlet.flush(shared.tick.get());
@@ -554,6 +665,8 @@ const MOST_HELD: usize = 2 * MOST_DELAY_TICKS as usize + 4;
 
 impl<M: Message> Sending<M> {
     fn deliver(&self, message: &M) -> Result<(), String> {
+        // Before it leaves: whoever has it finds it there.
+        self.memory.deliver(message);
         let sample = self.publisher.loan_uninit().map_err(|e| e.to_string())?;
         sample.write_payload(Wire(*message)).send().map_err(|e| e.to_string())?;
         self.shared.line().add(Count::Sent, 1);
@@ -583,7 +696,7 @@ impl<M: Message> Sending<M> {
         }
         if is_stale {
             // Its own old header with it: whoever reads ticks knows it again.
-            let Some(old) = self.stale.get().or_else(|| self.memory.before_last()) else { return Ok(()) };
+            let Some(old) = self.stale.get().or_else(|| self.memory.before(label)) else { return Ok(()) };
             self.stale.set(Some(old));
             message = old;
         } else {

@@ -21,12 +21,14 @@ use crate::manifest::{Disturbance, Manifest, ManifestError, Mode};
 use crate::pace::Pace;
 use crate::ports::Connect;
 use crate::ports::{Drain, Reader, SendError, Writer};
+use crate::memory::RING;
 use crate::realtime;
 use crate::run_dir::{RunDir, RunDirError};
 use crate::topics::{self, CHAIN_DEPTH, RECORDER_DEPTH, Subscribing, TopicError};
 
-/// In lockstep the source of ticks may be this many ticks ahead of the recorder: half of what its buffers hold.
-const RECORDER_LAG: u64 = RECORDER_DEPTH as u64 / 2;
+/// In lockstep the source of ticks may be this many ticks ahead of the recorder: half of what is still there for its replacement, so that
+/// with what a block of kept messages holds nothing is ever lost with it.
+const RECORDER_LAG: u64 = RING as u64 / 2;
 
 /// Why a process cannot join its run.
 #[derive(Debug, thiserror::Error)]
