@@ -3,6 +3,7 @@
 mod local;
 mod realtime;
 mod ring;
+mod soak;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -39,6 +40,8 @@ pub(crate) enum Bench {
     Record,
     /// The whole graph in real time beside a busy thread on every core: deadlines missed, by process and cause (only when asked for).
     Realtime,
+    /// The whole graph in real time for 30 minutes, struck at random by every fault (only when asked for).
+    Soak,
 }
 
 /// A distribution of times; µs, no sample left out.
@@ -128,7 +131,7 @@ fn placements(count: usize) -> Vec<(&'static str, Vec<Option<usize>>)> {
 }
 
 pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure> {
-    let chosen = |bench: Bench| args.what.contains(&bench) || args.what.is_empty() && bench != Bench::Realtime;
+    let chosen = |bench: Bench| args.what.contains(&bench) || args.what.is_empty() && !matches!(bench, Bench::Realtime | Bench::Soak);
     let load::Loaded { scenario, robot } = load::scenario(load::DEFAULT_SCENARIO, &[], None)?;
     let out = args.out.as_deref().map(folder).transpose()?;
     let (mut rows, mut record, mut realtime) = (Vec::new(), None, Vec::new());
@@ -164,15 +167,24 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
             realtime.push(realtime::graph(&robot, &scenario, rate_hz, seconds, !args.idle)?);
         }
     }
+    let soak = if chosen(Bench::Soak) {
+        let rate_hz = args.rate.first().copied().unwrap_or(1_000);
+        Some(soak::soak(&robot, &scenario, rate_hz, args.seconds.unwrap_or(1_800), args.seed, out.as_deref())?)
+    } else {
+        None
+    };
     let machine = machine();
     let whole = json!({
         "machine": machine, "rows": rows.iter().map(Row::json).collect::<Vec<_>>(), "record": record,
-        "realtime": realtime.iter().map(realtime::Ran::json).collect::<Vec<_>>(),
+        "realtime": realtime.iter().map(realtime::Ran::json).collect::<Vec<_>>(), "soak": soak,
     });
-    let pictures = match &out {
+    let mut pictures = match &out {
         Some(out) => save(out, &whole, &rows, &machine)?,
         None => Vec::new(),
     };
+    if let (Some(out), Some(soak)) = (&out, &soak) {
+        pictures.extend(soak.picture().save(&out.join("soak")).map_err(Failure::work)?);
+    }
     if as_json {
         say!("{whole}");
     } else {
@@ -183,6 +195,7 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
             say!("{}", record.sentence());
         }
         realtime.iter().for_each(realtime::Ran::tell);
+        soak.iter().for_each(soak::Soak::tell);
         say!("{}", machine_line(&machine));
         match &out {
             Some(_) => pictures.iter().for_each(|path| say!("{}", path.display())),
@@ -190,7 +203,11 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
             None => say!("a picture of the distributions: --out DIR"),
         }
     }
-    Ok(ExitCode::SUCCESS)
+    match soak.as_ref().map(|soak| (soak.has_passed(), soak.interrupted())) {
+        Some((_, Some(signal))) => Err(Failure::Work(format!("the soak was stopped by {signal}"))),
+        Some((false, None)) => Ok(ExitCode::from(1)),
+        _ => Ok(ExitCode::SUCCESS),
+    }
 }
 
 /// The folder for what is saved, made before anything is measured.

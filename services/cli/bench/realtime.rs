@@ -28,7 +28,7 @@ pub(super) struct Ran {
 }
 
 /// The default scenario's motion, there and back again until the time is over.
-fn prolonged(scenario: &Scenario, rate_hz: u32, seconds: u64) -> Scenario {
+pub(super) fn prolonged(scenario: &Scenario, rate_hz: u32, seconds: u64) -> Scenario {
     let mut scenario = Scenario { rate_hz, ..scenario.clone() };
     let back = |segment: &Segment| {
         let turn = segment.turn.clone().map(|turn| Turn { by_deg: -turn.by_deg, ..turn });

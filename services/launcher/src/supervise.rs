@@ -3,7 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
@@ -712,13 +712,21 @@ impl Launcher {
     }
 }
 
-/// Signals to the launcher, counted while a run goes on; before and after it they do what they always do.
-struct Interrupts(Signals);
+/// SIGINT, SIGTERM and SIGHUP to this process, taken in as long as somebody holds this; otherwise they do what they always do.
+///
+/// A run holds one; who makes several runs and cleans up after the last holds one over all of them.
+pub struct Interrupts(Signals);
 
 static IDLE: OnceLock<Arc<AtomicBool>> = OnceLock::new();
+/// How many are held.
+static HELD: AtomicUsize = AtomicUsize::new(0);
 
 impl Interrupts {
-    fn catch() -> io::Result<Self> {
+    /// Takes the signals in from now on.
+    ///
+    /// # Errors
+    /// When the kernel refuses.
+    pub fn catch() -> io::Result<Self> {
         let signals = Signals::new([SIGINT, SIGTERM, SIGHUP])?;
         if IDLE.get().is_none() {
             let idle = Arc::new(AtomicBool::new(false));
@@ -727,23 +735,26 @@ impl Interrupts {
             }
             let _ = IDLE.set(idle);
         }
-        Self::set_idle(false);
+        HELD.fetch_add(1, Ordering::SeqCst);
+        Self::tell();
         Ok(Self(signals))
     }
 
-    fn pending(&mut self) -> Option<&'static str> {
+    /// The name of a signal that has come since the last look.
+    pub fn pending(&mut self) -> Option<&'static str> {
         self.0.pending().next().map(|signal| signal_hook::low_level::signal_name(signal).unwrap_or("a signal"))
     }
 
-    fn set_idle(idle: bool) {
+    fn tell() {
         if let Some(flag) = IDLE.get() {
-            flag.store(idle, Ordering::Relaxed);
+            flag.store(HELD.load(Ordering::SeqCst) == 0, Ordering::SeqCst);
         }
     }
 }
 
 impl Drop for Interrupts {
     fn drop(&mut self) {
-        Self::set_idle(true);
+        HELD.fetch_sub(1, Ordering::SeqCst);
+        Self::tell();
     }
 }
