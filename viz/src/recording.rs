@@ -103,6 +103,8 @@ pub struct Recording<const N: usize, W: Storage = File> {
     /// The blueprint waits for the first report, which names the singularities.
     blueprint_sent: bool,
     last: Option<u64>,
+    /// The first tick whose numbers have not been written out.
+    written: u64,
     signals: Table,
     signal_rows: usize,
     picture: Picture,
@@ -245,6 +247,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             rate_hz: scenario.rate_hz.max(1),
             blueprint_sent: false,
             last: None,
+            written: 0,
             signals: Table::default(),
             signal_rows: every(options.signal_chunk_s) as usize,
             picture: Picture::default(),
@@ -346,6 +349,11 @@ impl<const N: usize, W: Storage> Recording<N, W> {
     pub fn flush(&mut self) {
         self.write_signals();
         self.write_picture();
+    }
+
+    /// The first tick whose numbers have not been written out: those before it outlive a killed process.
+    pub fn written(&self) -> u64 {
+        self.written
     }
 
     /// Size of all parts so far; bytes.
@@ -500,6 +508,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         if let Some((ticks, components)) = self.signals.take() {
             let chunk = self.chunk_of(entity::SIGNALS, &ticks, components);
             self.sink.chunk(&self.store, chunk);
+            self.written = self.last.map_or(0, |last| last + 1);
         }
     }
 

@@ -318,8 +318,8 @@ struct Slot {
     last_words: Vec<String>,
     /// When to start it again.
     due: Option<Instant>,
-    /// The ticks it had done, and when they were first seen: how long it has been silent.
-    seen: Option<(u64, Instant)>,
+    /// The ticks it had done and how often it had looked for more, and when that was first seen: how long it has been silent.
+    seen: Option<((u64, u32), Instant)>,
 }
 
 impl std::fmt::Debug for Slot {
@@ -488,10 +488,13 @@ impl Launcher {
         self.board.ring_all();
     }
 
-    /// The first tick of which nothing has come from a dead process. Everybody waits for it by now, so that its readers say how far it came:
-    /// it may have died between sending and saying so.
+    /// The first tick of which nothing has come from a dead process. In lockstep everybody waits for it by now, so that its readers say how
+    /// far it came: it may have died between sending and saying so. In real time nobody waits.
     fn first_tick_missed(&self, index: usize) -> u64 {
         let closed = self.board.line(index).ticks();
+        if self.plan.mode == Mode::Realtime {
+            return closed;
+        }
         let process = &self.plan.children[index].process;
         let reads = |other: &Process| !other.polled && process.writes.iter().any(|topic| other.reads.contains(topic));
         let has_got = |(other, child): (usize, &Child)| {
@@ -526,11 +529,13 @@ impl Launcher {
             let slot = &mut self.nursery.0[index];
             let Some(child) = slot.child.as_ref() else { continue };
             let (ticks, now) = (line.ticks(), Instant::now());
+            // Who waits for another one that is silent is not silent itself.
+            let signs = (ticks, line.looks());
             let is_replaced = plan.process.makes_ticks || plan.restart != Restart::Never;
             let since = match slot.seen {
-                Some((seen, since)) if seen == ticks && is_replaced => since,
+                Some((seen, since)) if seen == signs && is_replaced => since,
                 _ => {
-                    slot.seen = Some((ticks, now));
+                    slot.seen = Some((signs, now));
                     continue;
                 }
             };

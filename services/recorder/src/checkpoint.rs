@@ -32,7 +32,7 @@ pub(crate) struct Checkpoint {
 }
 
 /// How far one topic has been taken in.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Progress {
     pub(crate) hash: TopicHash,
     pub(crate) last: Option<u64>,

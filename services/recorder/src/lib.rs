@@ -7,6 +7,8 @@ mod judge;
 mod witness;
 
 use std::collections::BTreeMap;
+use std::fs::{File, OpenOptions};
+use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -58,20 +60,23 @@ fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Pat
     let folder = job.out.join(MESSAGES);
     let mut memory = Memory::new(run_dir);
     let past = if shell.incarnation() > 1 { memory.last() } else { None };
-    let mut topics = Topics::open(shell, job.messages.then_some(folder.as_path()))?;
+    let progress = past.as_ref().map(|past| past.progress).unwrap_or_default();
+    let mut topics = Topics::open(shell, job.messages.then_some(folder.as_path()), &progress)?;
     let mut assembler = Assembler::new(PATIENCE, HORIZON);
     let mut judge = Judge::new(limits(robot), job.scenario.goal.clone(), job.scenario.duration_s() * f64::from(job.scenario.rate_hz));
     if shell.mode() == Mode::Realtime {
         judge = judge.on_grid(shell.manifest().period_ns());
     }
-    let mut tape = Tape::<N>::start(robot, job, shell.incarnation())?;
+    let mut tape = Tape::<N>::start(robot, job, shell.incarnation())?.marked(run_dir);
     let mut witness = Witness::default();
     if let Some(past) = past {
-        topics.resume(&past.progress);
         assembler.resume(past.next, past.rows.into_iter().map(Row::from));
-        tape.result.error = past.result.error;
+        if tape.result.error.is_empty() {
+            tape.result.error = past.result.error;
+        }
         (judge, witness) = (past.judge, Witness::resume(past.told));
     }
+    topics.catch_up(&mut assembler);
     while shell.poll(POLL)? {
         topics.drain(&mut assembler)?;
         while let Some(row) = assembler.pop(shell.ticks_begun(), false) {
@@ -132,6 +137,7 @@ pub struct Tape<const N: usize> {
     folder: PathBuf,
     limits: PartLimits,
     result: RecorderSummary,
+    mark: Option<Mark>,
 }
 
 /// When a recording goes on in a further file.
@@ -154,8 +160,8 @@ impl<const N: usize> Tape<N> {
     /// # Errors
     /// When the file cannot be made.
     pub fn start(robot: &Robot, job: &Job, incarnation: u32) -> Result<Self, ProcessError> {
-        let tape =
-            Self { recording: None, folder: job.out.clone(), limits: PartLimits::new(&job.scenario), result: RecorderSummary::default() };
+        let (folder, limits) = (job.out.clone(), PartLimits::new(&job.scenario));
+        let tape = Self { recording: None, folder, limits, result: RecorderSummary::default(), mark: None };
         if !job.record {
             return Ok(tape);
         }
@@ -164,8 +170,11 @@ impl<const N: usize> Tape<N> {
         if incarnation > 1 {
             // A further file of the same recording: what the predecessor wrote stays as it is.
             let part = viz::parts_in(&job.out).len() as u32;
-            let recording = Recording::create_part(&job.out, part, &info).map_err(ProcessError::setup)?;
-            return Ok(Self { recording: Some(recording), result: first, ..tape });
+            return Ok(match Recording::create_part(&job.out, part, &info) {
+                Ok(recording) => Self { recording: Some(recording), result: first, ..tape },
+                // A volume that has filled up meanwhile ends the recording, not the run.
+                Err(error) => Self { result: RecorderSummary { error: error.to_string(), ..first }, ..tape },
+            });
         }
         // A folder given with --out may hold an older recording with more parts.
         for old in viz::parts_in(&job.out) {
@@ -175,9 +184,18 @@ impl<const N: usize> Tape<N> {
         Ok(Self { recording: Some(recording), result: first, ..tape })
     }
 
+    /// Remembers from now on in the run's folder how far the recording has been written out, and leaves out what a predecessor had written.
+    fn marked(mut self, run_dir: &Path) -> Self {
+        self.mark = Mark::open(run_dir).ok();
+        self
+    }
+
     /// Adds a tick; what is missing of it is left out.
     pub fn tick(&mut self, row: &Row) {
         let Some(recording) = &mut self.recording else { return };
+        if self.mark.as_ref().is_some_and(|mark| mark.has(row.tick)) {
+            return;
+        }
         let row = TickRow {
             tick: row.tick,
             sensor: row.sensor.as_ref(),
@@ -189,7 +207,15 @@ impl<const N: usize> Tape<N> {
         let full = recording.part_ticks() >= self.limits.ticks || recording.part_bytes() >= self.limits.bytes;
         let turned = if full { recording.next_part(&self.folder) } else { Ok(()) };
         if let Err(error) = turned.and_then(|()| recording.tick(&row)) {
-            self.fail(&error);
+            return self.fail(&error);
+        }
+        self.mark();
+    }
+
+    /// Says how far it has been written out.
+    fn mark(&mut self) {
+        if let (Some(mark), Some(recording)) = (&mut self.mark, &self.recording) {
+            mark.set(recording.written());
         }
     }
 
@@ -204,6 +230,7 @@ impl<const N: usize> Tape<N> {
         if let Some(recording) = &mut self.recording {
             recording.flush();
         }
+        self.mark();
     }
 
     /// Keeps the first error; what was written before it stays.
@@ -233,12 +260,47 @@ impl<const N: usize> Tape<N> {
     }
 }
 
+/// How far the recording has been written out, in a file of the run that outlives the recorder: a replacement leaves out what is there already.
+struct Mark {
+    file: File,
+    /// Ticks before this one were there when this recorder began.
+    begin: u64,
+    /// What has been said last.
+    said: u64,
+}
+
+impl Mark {
+    fn open(run_dir: &Path) -> std::io::Result<Self> {
+        let path = run_dir.join("recorder.written");
+        let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).mode(0o600).open(path)?;
+        let mut begin = [0; 8];
+        // Nothing has been written out where there is nothing.
+        let begin = file.read_exact_at(&mut begin, 0).map_or(0, |()| u64::from_le_bytes(begin));
+        Ok(Self { file, begin, said: begin })
+    }
+
+    fn has(&self, tick: u64) -> bool {
+        tick < self.begin
+    }
+
+    fn set(&mut self, written: u64) {
+        if written > self.said {
+            self.said = written;
+            // Where it cannot be written a replacement repeats some rows.
+            let _ = self.file.write_all_at(&written.to_le_bytes(), 0);
+        }
+    }
+}
+
 /// One topic's end: its messages, its fingerprint, and the file they are kept in where that is wanted.
 struct Tap<M: Message> {
     drain: Drain<M>,
     hash: TopicHash,
     keep: Option<Keep<M>>,
     kept: Kept,
+    /// What a predecessor had kept, and this one does not know of yet.
+    unknown: Vec<M>,
+    past: Progress,
 }
 
 /// What became of the kept messages; a disk that is full ends the keeping, not the run.
@@ -249,11 +311,42 @@ struct Kept {
 }
 
 impl<M: Message> Tap<M> {
-    fn open(shell: &Shell, messages: Option<&Path>) -> Result<Self, ProcessError> {
+    fn open(shell: &Shell, messages: Option<&Path>, past: &Progress) -> Result<Self, ProcessError> {
+        let tap = Self {
+            drain: shell.drain()?,
+            hash: past.hash,
+            keep: None,
+            kept: Kept::default(),
+            unknown: Vec::new(),
+            past: *past,
+        };
+        let Some(folder) = messages else { return Ok(tap) };
+        if shell.incarnation() == 1 {
+            return Ok(Self { keep: Some(Keep::create(folder).map_err(ProcessError::setup)?), ..tap });
+        }
         // A restarted recorder goes on where its predecessor was killed.
-        let keep = |folder| if shell.incarnation() > 1 { Keep::resume(folder) } else { Keep::create(folder) };
-        let keep = messages.map(keep).transpose().map_err(ProcessError::setup)?;
-        Ok(Self { drain: shell.drain()?, hash: TopicHash::default(), keep, kept: Kept::default() })
+        Ok(match Keep::resume(folder, past.hash.count()) {
+            Ok((keep, unknown)) => Self { keep: Some(keep), unknown, ..tap },
+            // A volume that has filled up meanwhile ends the keeping, not the run.
+            Err(error) => {
+                eprintln!("{error}");
+                Self { kept: Kept { bytes: 0, error: error.to_string() }, ..tap }
+            }
+        })
+    }
+
+    /// Takes in what the predecessor had kept after it had last said how far it was.
+    fn catch_up(&mut self, assembler: &mut Assembler, place: impl Fn(&mut Row) -> &mut Option<M>) {
+        let mut last = self.past.last;
+        for message in &self.unknown {
+            self.hash.add(message);
+            last = last.max(Some(message.header().tick));
+            if let Some(row) = assembler.row(message.header().tick) {
+                *place(row) = Some(*message);
+            }
+        }
+        self.drain.resume(last, self.past.lost, self.unknown.pop());
+        self.unknown = Vec::new();
     }
 
     fn drain(&mut self, assembler: &mut Assembler, place: impl Fn(&mut Row) -> &mut Option<M>) -> Result<(), ProcessError> {
@@ -288,11 +381,6 @@ impl<M: Message> Tap<M> {
         Progress { hash: self.hash, last: self.drain.last(), lost: self.drain.lost() }
     }
 
-    fn resume(&mut self, progress: &Progress) {
-        self.hash = progress.hash;
-        self.drain.resume(progress.last, progress.lost);
-    }
-
     fn finish(&mut self) -> Kept {
         match self.keep.take().map(|keep| (keep.bytes(), keep.finish())) {
             None => self.kept.clone(),
@@ -311,13 +399,13 @@ struct Topics {
 }
 
 impl Topics {
-    fn open(shell: &Shell, messages: Option<&Path>) -> Result<Self, ProcessError> {
+    fn open(shell: &Shell, messages: Option<&Path>, [sensor, truth, estimate, report, command]: &[Progress; 5]) -> Result<Self, ProcessError> {
         Ok(Self {
-            sensor: Tap::open(shell, messages)?,
-            truth: Tap::open(shell, messages)?,
-            estimate: Tap::open(shell, messages)?,
-            report: Tap::open(shell, messages)?,
-            command: Tap::open(shell, messages)?,
+            sensor: Tap::open(shell, messages, sensor)?,
+            truth: Tap::open(shell, messages, truth)?,
+            estimate: Tap::open(shell, messages, estimate)?,
+            report: Tap::open(shell, messages, report)?,
+            command: Tap::open(shell, messages, command)?,
         })
     }
 
@@ -354,12 +442,12 @@ impl Topics {
         [self.sensor.progress(), self.truth.progress(), self.estimate.progress(), self.report.progress(), self.command.progress()]
     }
 
-    fn resume(&mut self, [sensor, truth, estimate, report, command]: &[Progress; 5]) {
-        self.sensor.resume(sensor);
-        self.truth.resume(truth);
-        self.estimate.resume(estimate);
-        self.report.resume(report);
-        self.command.resume(command);
+    fn catch_up(&mut self, assembler: &mut Assembler) {
+        self.sensor.catch_up(assembler, |row| &mut row.sensor);
+        self.truth.catch_up(assembler, |row| &mut row.truth);
+        self.estimate.catch_up(assembler, |row| &mut row.estimate);
+        self.report.catch_up(assembler, |row| &mut row.report);
+        self.command.catch_up(assembler, |row| &mut row.command);
     }
 
     /// Per topic: name and hash.

@@ -149,13 +149,22 @@ impl<M: Message> Keep<M> {
         }
     }
 
-    /// Goes on behind the last whole block that an earlier writer of the same run left.
+    /// Goes on behind the last whole block that an earlier writer of the same run left. Hands over what it had kept after the first `known`
+    /// messages: what its replacement does not know of otherwise.
     ///
     /// # Errors
     /// When there is no such file, or it is not of this program's wire format.
-    pub fn resume(folder: &Path) -> Result<Self, KeepError> {
+    pub fn resume(folder: &Path, known: u64) -> Result<(Self, Vec<M>), KeepError> {
         let mut kept = Kept::<M>::open(folder)?;
-        while kept.skip_block()? {}
+        let (mut before, mut unknown) = (0, Vec::new());
+        while let Some(n) = kept.read_block(|n| before + n as u64 > known)? {
+            let from = unknown.len();
+            if before + n as u64 > known {
+                unpack(n, &kept.packed, &mut unknown).map_err(|reason| KeepError::Damaged { path: kept.path.clone(), reason })?;
+                unknown.drain(from..from + known.saturating_sub(before) as usize);
+            }
+            before += n as u64;
+        }
         let (path, end) = (kept.path, kept.place);
         let opened = OpenOptions::new().write(true).open(&path).and_then(|mut file| {
             file.set_len(end)?;
@@ -163,7 +172,7 @@ impl<M: Message> Keep<M> {
             Ok(file)
         });
         match opened {
-            Ok(file) => Ok(Self::on(path, file, end)),
+            Ok(file) => Ok((Self::on(path, file, end), unknown)),
             Err(source) => Err(KeepError::File { action: "keep", path, source }),
         }
     }
@@ -266,19 +275,15 @@ impl<M: Message> Kept<M> {
         if let Some(message) = self.block.next() {
             return Ok(Some(message));
         }
-        let Some(n) = self.read_block()? else { return Ok(None) };
+        let Some(n) = self.read_block(|_| true)? else { return Ok(None) };
         let mut messages = Vec::with_capacity(n);
         unpack(n, &self.packed, &mut messages).map_err(|reason| KeepError::Damaged { path: self.path.clone(), reason })?;
         self.block = messages.into_iter();
         Ok(self.block.next())
     }
 
-    fn skip_block(&mut self) -> Result<bool, KeepError> {
-        Ok(self.read_block()?.is_some())
-    }
-
-    /// Reads the next block, still packed; returns how many messages it holds.
-    fn read_block(&mut self) -> Result<Option<usize>, KeepError> {
+    /// Reads the next block, still packed, or passes over it where a block of so many messages is not wanted; returns how many messages it holds.
+    fn read_block(&mut self, is_wanted: impl Fn(usize) -> bool) -> Result<Option<usize>, KeepError> {
         let failed = |path: &Path, source| KeepError::File { action: "read", path: path.to_owned(), source };
         let mut head = [0; 8];
         if read_whole(&mut self.file, &mut head).map_err(|source| failed(&self.path, source))? < head.len() {
@@ -290,9 +295,18 @@ impl<M: Message> Kept<M> {
             let reason = format!("a block at byte {} claims {n} messages in {size} bytes", self.place);
             return Err(KeepError::Damaged { path: self.path.clone(), reason });
         }
-        self.packed.resize(size, 0);
-        if read_whole(&mut self.file, &mut self.packed).map_err(|source| failed(&self.path, source))? < size {
-            return Ok(None);
+        if is_wanted(n) {
+            self.packed.resize(size, 0);
+            if read_whole(&mut self.file, &mut self.packed).map_err(|source| failed(&self.path, source))? < size {
+                return Ok(None);
+            }
+        } else {
+            let end = self.place + (head.len() + size) as u64;
+            let length = self.file.get_ref().metadata().map_err(|source| failed(&self.path, source))?.len();
+            if end > length {
+                return Ok(None);
+            }
+            self.file.seek_relative(size as i64).map_err(|source| failed(&self.path, source))?;
         }
         self.place += (head.len() + size) as u64;
         Ok(Some(n))
@@ -361,7 +375,8 @@ mod tests {
         let whole = std::fs::read(&path).unwrap();
         std::fs::write(&path, &whole[..whole.len() - 1]).unwrap();
         assert_eq!(bytes_of(run.path()), expected(BLOCK as u64));
-        let mut keep = Keep::resume(run.path()).unwrap();
+        let (mut keep, unknown) = Keep::<SensorSample>::resume(run.path(), 60).unwrap();
+        assert_eq!(unknown.iter().map(|message| message.header.tick).collect::<Vec<_>>(), [60, 61, 62, 63], "what it had kept since");
         (BLOCK as u64..100).for_each(|tick| keep.add(&message(tick)).unwrap());
         keep.finish().unwrap();
         assert_eq!(bytes_of(run.path()), expected(100));

@@ -62,7 +62,7 @@ impl Pace {
     #[must_use]
     pub fn deadline_ns(&self) -> Option<u64> {
         let period = self.shared.manifest.period_ns();
-        (!self.shared.is_lockstep()).then(|| self.grid_ns + period - (period / 10).min(100_000) - self.ahead_ns())
+        (!self.shared.is_lockstep()).then(|| self.by_machine(self.grid_ns + period - (period / 10).min(100_000)))
     }
 
     fn wait_for_grid(&mut self) {
@@ -82,18 +82,20 @@ impl Pace {
                 }
                 self.usage = usage;
             }
+            // A clock that was put back takes the grid with it, in whole periods: the arm does not stand still until it is that late again.
+            self.grid_ns -= self.grid_ns.saturating_sub(now) / period * period;
             self.grid_ns += (missed + 1) * period;
         }
         self.incarnations = incarnations;
         self.shared.due_ns.set(self.grid_ns);
         while self.shared.clock_ns() < self.grid_ns && !self.shared.is_stopping() {
-            sleep_until(self.grid_ns - self.ahead_ns());
+            sleep_until(self.by_machine(self.grid_ns));
         }
     }
 
-    /// How far this process's clock is ahead of the machine's.
-    fn ahead_ns(&self) -> u64 {
-        self.shared.clock_ns().saturating_sub(now_ns())
+    /// What the machine's clock says when this process's says `ns`.
+    fn by_machine(&self, ns: u64) -> u64 {
+        ns.saturating_add_signed(-self.shared.clock_error_ns(now_ns()))
     }
 
     fn incarnations_of_all(&self) -> u32 {

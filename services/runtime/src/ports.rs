@@ -77,7 +77,7 @@ enum Found {
 impl<M: Message> Reader<M> {
     pub(crate) fn new(shared: Rc<Shared>, subscriber: Rc<Subscribing<M>>) -> Self {
         let bit = shared.topic_bit(M::TOPIC);
-        let inlet = Inlet::new(Rc::clone(&shared), subscriber);
+        let inlet = Inlet::new(Rc::clone(&shared), subscriber, Admission::OfTheLiving);
         // What was sent while this process was down is not for its replacement.
         let last = shared.returns_at().checked_sub(1);
         Self { shared, inlet, bit, current: M::zeroed(), last, ahead: None }
@@ -311,18 +311,28 @@ impl<M: Message> Reader<M> {
     }
 }
 
+/// Whose messages count.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Admission {
+    /// In real time those of the living: nobody acts on the word of the dead.
+    OfTheLiving,
+    /// All, as long as they come in order: what the dead have sent is part of the record.
+    InOrder,
+}
+
 /// Where messages enter the process.
 struct Inlet<M: Message> {
     shared: Rc<Shared>,
     subscriber: Rc<Subscribing<M>>,
     writer: Option<usize>,
     fence: Fence,
+    admission: Admission,
 }
 
 impl<M: Message> Inlet<M> {
-    fn new(shared: Rc<Shared>, subscriber: Rc<Subscribing<M>>) -> Self {
+    fn new(shared: Rc<Shared>, subscriber: Rc<Subscribing<M>>, admission: Admission) -> Self {
         let writer = shared.manifest.writer_of(M::TOPIC);
-        Self { shared, subscriber, writer, fence: Fence::default() }
+        Self { shared, subscriber, writer, fence: Fence::default(), admission }
     }
 
     /// The next message that counts, in shared memory still: of a living incarnation, and all its numbers finite.
@@ -330,7 +340,7 @@ impl<M: Message> Inlet<M> {
         loop {
             let sample = self.subscriber.receive().map_err(|error| self.shared.port_failed(M::TOPIC, error))?;
             let Some(message) = sample.map(Incoming) else { return Ok(None) };
-            let living = match (self.shared.is_lockstep(), self.writer) {
+            let living = match (self.shared.is_lockstep() || self.admission == Admission::InOrder, self.writer) {
                 (false, Some(writer)) => Some(self.shared.board.line(writer).incarnation()),
                 _ => None,
             };
@@ -373,11 +383,21 @@ pub struct Drain<M: Message> {
     inlet: Inlet<M>,
     last: Option<u64>,
     lost: u64,
+    /// What an earlier reader took in last, as long as it may come once more.
+    known: Option<Known<M>>,
+}
+
+/// How far an earlier reader had come.
+enum Known<M> {
+    /// To this message.
+    Message(M),
+    /// To the last tick.
+    Tick,
 }
 
 impl<M: Message> Drain<M> {
     pub(crate) fn new(shared: Rc<Shared>, subscriber: Rc<Subscribing<M>>) -> Self {
-        Self { inlet: Inlet::new(shared, subscriber), last: None, lost: 0 }
+        Self { inlet: Inlet::new(shared, subscriber, Admission::InOrder), last: None, lost: 0, known: None }
     }
 
     /// Hands over all messages that are there, oldest first.
@@ -388,6 +408,16 @@ impl<M: Message> Drain<M> {
         while let Some(message) = self.inlet.receive()? {
             let tick = message.header().tick;
             let expected = self.last.map_or(0, |last| last + 1);
+            if let Some(known) = &self.known {
+                // The writers' memory begins before the end of what has been taken in: the rest of that is passed over.
+                let is_last = matches!(known, Known::Message(last) if bytemuck::bytes_of(last) == bytemuck::bytes_of(&*message));
+                if is_last || tick >= expected {
+                    self.known = None;
+                }
+                if is_last || tick < expected {
+                    continue;
+                }
+            }
             if tick > expected {
                 self.lost += tick - expected;
                 self.inlet.shared.line().add(Count::Lost, tick - expected);
@@ -400,9 +430,15 @@ impl<M: Message> Drain<M> {
         Ok(())
     }
 
-    /// Goes on where an earlier reader of the topic had come to.
-    pub fn resume(&mut self, last: Option<u64>, lost: u64) {
+    /// Goes on where an earlier reader of the topic had come to: `last` is the latest tick it had taken in, `message` what it took in last, if
+    /// that is known.
+    pub fn resume(&mut self, last: Option<u64>, lost: u64, message: Option<M>) {
         (self.last, self.lost) = (last, lost);
+        self.known = match (self.inlet.shared.is_lockstep(), last) {
+            // There everybody waited.
+            (true, _) | (_, None) => None,
+            _ => Some(message.map_or(Known::Tick, Known::Message)),
+        };
     }
 
     /// The last tick taken in.

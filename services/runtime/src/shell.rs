@@ -23,7 +23,7 @@ use crate::ports::Connect;
 use crate::ports::{Drain, Reader, SendError, Writer};
 use crate::realtime;
 use crate::run_dir::{RunDir, RunDirError};
-use crate::topics::{self, CHAIN_DEPTH, RECORDER_DEPTH, Subscribing, TopicError};
+use crate::topics::{self, CHAIN_DEPTH, REALTIME_HISTORY, RECORDER_DEPTH, Subscribing, TopicError};
 
 /// In lockstep the source of ticks may be this many ticks ahead of the recorder: half of what its buffers hold.
 const RECORDER_LAG: u64 = RECORDER_DEPTH as u64 / 2;
@@ -452,16 +452,19 @@ impl Shell {
     /// When the graph does not say that this process reads it, or the wire formats differ.
     pub fn reader<M: Message>(&self) -> Result<Reader<M>, TopicError> {
         self.declared::<M>("read")?;
-        Ok(Reader::new(Rc::clone(&self.shared), self.subscriber(CHAIN_DEPTH)?))
+        Ok(Reader::new(Rc::clone(&self.shared), self.subscriber(CHAIN_DEPTH, 0)?))
     }
 
-    /// Reads everything of a topic, in order, in rounds of [`Shell::poll`]: for the recorder.
+    /// Reads everything of a topic, in order, in rounds of [`Shell::poll`]: for the recorder. In real time one that has been started again
+    /// gets what was sent while it was away, as far as the writers keep it, and perhaps some of what it had already: see [`Drain::resume`].
     ///
     /// # Errors
     /// As [`Shell::reader`].
     pub fn drain<M: Message>(&self) -> Result<Drain<M>, TopicError> {
         self.declared::<M>("read")?;
-        Ok(Drain::new(Rc::clone(&self.shared), self.subscriber(RECORDER_DEPTH)?))
+        let was_away = !self.shared.is_lockstep() && self.shared.line().incarnation() > 1;
+        let history = if was_away { REALTIME_HISTORY } else { 0 };
+        Ok(Drain::new(Rc::clone(&self.shared), self.subscriber(RECORDER_DEPTH, history)?))
     }
 
     /// Writes a topic; wakes the processes that the graph names as its readers.
@@ -475,8 +478,8 @@ impl Shell {
         Writer::new(&self.shared, publisher)
     }
 
-    fn subscriber<M: Message>(&self, depth: usize) -> Result<Rc<Subscribing<M>>, TopicError> {
-        let subscriber = Rc::new(topics::subscriber(&self.shared.node, depth)?);
+    fn subscriber<M: Message>(&self, depth: usize, history: usize) -> Result<Rc<Subscribing<M>>, TopicError> {
+        let subscriber = Rc::new(topics::subscriber(&self.shared.node, depth, history)?);
         self.shared.ports.borrow_mut().push(Rc::clone(&subscriber) as Rc<dyn Connect>);
         Ok(subscriber)
     }

@@ -138,7 +138,7 @@ fn stamps_tell_the_way_of_the_data() {
     let (plant, estimator) = (stage.shell("plant"), stage.shell("estimator"));
     let (mut sensors, mut inlet) = (plant.writer().unwrap(), estimator.reader::<SensorSample>().unwrap());
     let mut estimates = estimator.writer::<StateEstimate>().unwrap();
-    let key = || subscriber::<StateEstimate>(&join(&stage.run, "probe", false).unwrap(), CHAIN_DEPTH).unwrap();
+    let key = || subscriber::<StateEstimate>(&join(&stage.run, "probe", false).unwrap(), CHAIN_DEPTH, 0).unwrap();
     let probe = key();
     let mut forged = sample(0);
     forged.header.stamps.sent_ns = [7; 4];

@@ -12,13 +12,15 @@ use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use shared_types::wire::wire_hash;
 use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
 
-use crate::manifest::Manifest;
+use crate::manifest::{Manifest, Mode};
 use crate::run_dir::{RunDir, SHM};
 
 /// Messages a reader of the chain can leave unread before the oldest is overwritten.
 pub const CHAIN_DEPTH: usize = 64;
 /// Messages the recorder can leave unread before the oldest is overwritten.
 pub const RECORDER_DEPTH: usize = 1024;
+/// In real time, messages that a writer keeps for a recorder that has to be started again.
+pub(crate) const REALTIME_HISTORY: usize = RECORDER_DEPTH;
 
 const MAX_READERS: usize = 8;
 /// The living writer, and the dead one until it has been cleaned up.
@@ -135,12 +137,12 @@ fn service_name<M: Message>() -> Result<ServiceName, TopicError> {
     ServiceName::new(M::TOPIC).map_err(|e| failed::<M>("name", format!("{e:?}")))
 }
 
-fn builder<M: Message>(node: &Node<ipc::Service>) -> Result<Builder<Wire<M>, (), ipc::Service>, TopicError> {
+fn builder<M: Message>(node: &Node<ipc::Service>, history: usize) -> Result<Builder<Wire<M>, (), ipc::Service>, TopicError> {
     Ok(node
         .service_builder(&service_name::<M>()?)
         .publish_subscribe::<Wire<M>>()
         .enable_safe_overflow(true)
-        .history_size(0)
+        .history_size(history)
         .subscriber_max_buffer_size(RECORDER_DEPTH)
         .subscriber_max_borrowed_samples(2)
         .max_subscribers(MAX_READERS)
@@ -148,11 +150,11 @@ fn builder<M: Message>(node: &Node<ipc::Service>) -> Result<Builder<Wire<M>, (),
         .max_nodes(crate::board::MAX_PROCESSES + 4))
 }
 
-fn create<M: Message>(node: &Node<ipc::Service>, wire: u64) -> Result<Box<dyn Any>, TopicError> {
+fn create<M: Message>(node: &Node<ipc::Service>, wire: u64, history: usize) -> Result<Box<dyn Any>, TopicError> {
     let key = AttributeKey::new(WIRE_ATTRIBUTE.as_bytes()).map_err(|e| failed::<M>("create", format!("{e:?}")))?;
     let value = AttributeValue::new(format!("{wire:016x}").as_bytes()).map_err(|e| failed::<M>("create", format!("{e:?}")))?;
     let attributes = AttributeSpecifier::new().define(&key, &value).map_err(|e| failed::<M>("create", e))?;
-    let service = builder::<M>(node)?.create_with_attributes(&attributes).map_err(|e| failed::<M>("create", e))?;
+    let service = builder::<M>(node, history)?.create_with_attributes(&attributes).map_err(|e| failed::<M>("create", e))?;
     Ok(Box::new(service))
 }
 
@@ -169,7 +171,7 @@ fn open<M: Message>(node: &Node<ipc::Service>) -> Result<PortFactory<ipc::Servic
         let found = if found.is_empty() { "unknown".into() } else { found };
         return Err(TopicError::WireFormat { topic: M::TOPIC, found, ours });
     }
-    builder::<M>(node)?.open().map_err(|e| failed::<M>("open", e))
+    builder::<M>(node, 0)?.open().map_err(|e| failed::<M>("open", e))
 }
 
 pub(crate) type Publishing<M> = Publisher<ipc::Service, Wire<M>, ()>;
@@ -184,8 +186,10 @@ pub(crate) fn publisher<M: Message>(node: &Node<ipc::Service>) -> Result<Publish
         .map_err(|e| failed::<M>("write", e))
 }
 
-pub(crate) fn subscriber<M: Message>(node: &Node<ipc::Service>, depth: usize) -> Result<Subscribing<M>, TopicError> {
-    open::<M>(node)?.subscriber_builder().buffer_size(depth).create().map_err(|e| failed::<M>("read", e))
+/// A reader that can leave `depth` messages unread and wants the last `history` of those sent before it came.
+pub(crate) fn subscriber<M: Message>(node: &Node<ipc::Service>, depth: usize, history: usize) -> Result<Subscribing<M>, TopicError> {
+    let service = open::<M>(node)?;
+    service.subscriber_builder().buffer_size(depth).history_request(history).create().map_err(|e| failed::<M>("read", e))
 }
 
 /// The launcher's side: makes every topic of the run and keeps them, and clears away what a dead process left in them.
@@ -213,7 +217,9 @@ impl Hub {
     pub(crate) fn create_speaking(run: &RunDir, manifest: &Manifest, wire: u64) -> Result<Self, TopicError> {
         let node = join(run, "launcher", true)?;
         run.make_private().map_err(|e| TopicError::Node { run: run.name().to_owned(), reason: e.to_string() })?;
-        let services = manifest.topics().into_iter().map(|topic| create_by_name(&node, topic, wire));
+        // In lockstep everybody waits for a recorder that has to be started again.
+        let history = if manifest.mode == Mode::Realtime { REALTIME_HISTORY } else { 0 };
+        let services = manifest.topics().into_iter().map(|topic| create_by_name(&node, topic, wire, history));
         Ok(Self { _services: services.collect::<Result<_, _>>()?, node })
     }
 
@@ -234,11 +240,11 @@ impl Hub {
 }
 
 /// The one list of messages: a topic's name decides its type.
-fn create_by_name(node: &Node<ipc::Service>, topic: &str, wire: u64) -> Result<Box<dyn Any>, TopicError> {
+fn create_by_name(node: &Node<ipc::Service>, topic: &str, wire: u64, history: usize) -> Result<Box<dyn Any>, TopicError> {
     macro_rules! by_name {
         ($($message:ty),*) => {
             match topic {
-                $(<$message>::TOPIC => create::<$message>(node, wire),)*
+                $(<$message>::TOPIC => create::<$message>(node, wire, history),)*
                 _ => Err(TopicError::Unknown { topic: topic.to_owned(), known: [$(<$message>::TOPIC),*].join(", ") }),
             }
         };

@@ -7,10 +7,10 @@ use std::sync::mpsc::{Sender, channel};
 use launcher::{End, Event, Exit, Outcome};
 use model::Robot;
 use recorder::MESSAGES;
-use runtime::{Account, Board, Keep, Kept, KeepError, Origin, RunDir, now_ns};
+use runtime::{Account, Board, KeepError, Kept, RunDir, now_ns};
 use serde::Serialize;
 use shared_types::codes::{DRIVE_BRAKED, DRIVE_STOPPING};
-use shared_types::fault::{Fault, Kind, Way};
+use shared_types::fault::Kind;
 use shared_types::job::{Job, Mode};
 use shared_types::scenario::Scenario;
 use shared_types::summary::{Deadlines, Summary};
@@ -21,7 +21,7 @@ use super::super::super::physics::{Motion, Promise};
 use super::super::super::{load, run};
 use super::draw::{Act, Blow, Signal};
 use super::judge::{Death, Ended, Evidence, Files, Messages, broken};
-use super::strike::{Done, Fallen, Striker, is_deadly, state_and_parent};
+use super::strike::{Done, Fallen, Striker, state_and_parent};
 
 /// A round may take so many times as long as planned, and a little more: whoever is stopped again and again is late at the goal.
 const LONGEST: f64 = 1.5;
@@ -95,13 +95,24 @@ pub(super) struct Round {
 struct Told {
     ended: Vec<(String, Exit, u64)>,
     silenced: Vec<String>,
+    /// Who ended because it would have sent a number that is not finite.
+    refused: Vec<String>,
     lines: VecDeque<String>,
 }
+
+/// As a process says that it does not send what it has computed.
+const REFUSED: &str = "refused its own";
 
 impl Told {
     fn take(&mut self, event: &Event<'_>) {
         let line = match event {
-            Event::Line { process, line } => format!("{process}: {line}"),
+            Event::Line { process, line } => {
+                // Said twice: in the log, and as the reason of its end.
+                if line.contains(REFUSED) && line.starts_with("armplane:") {
+                    self.refused.push((*process).to_owned());
+                }
+                format!("{process}: {line}")
+            }
             Event::Silenced { process, silent } => {
                 self.silenced.push((*process).to_owned());
                 format!("{process} has done nothing for {} ms and is killed", silent.as_millis())
@@ -420,10 +431,14 @@ impl Seen {
             let kills: usize = struck().map(|one| one.blow.act.deaths() as usize).sum::<usize>() - crashes;
             // A stop that lasts too long ends with a kill; a stopped process killed by a second blow dies once.
             let silenced = self.told.silenced.iter().filter(|one| *one == process).count();
+            // Numbers far out of range may end in one that is not finite; then a process stops rather than send it.
+            let is_spoilt = self.fallen.iter().any(|one| matches!(&one.blow.act, Act::Fault(fault) if fault.kind == Kind::Corrupt));
+            let refused = if is_spoilt { self.told.refused.iter().filter(|one| *one == process).count() } else { 0 };
             let is_ours = match exit {
                 Exit::Signal(9) => so_far(&|exit| exit == Exit::Signal(9)) < kills + silenced,
                 // A panic.
                 Exit::Code(101) => so_far(&|exit| exit == Exit::Code(101)) < crashes,
+                Exit::Code(1) => so_far(&|exit| exit == Exit::Code(1)) < refused,
                 _ => false,
             };
             ended.push(Ended { process: process.clone(), exit: *exit, is_ours });

@@ -7,7 +7,6 @@ use std::time::{Duration, Instant};
 
 use runtime::{Board, Stop, now_ns, random};
 use rustix::process::{Pid, PidfdFlags, Signal as Posix, pidfd_open, pidfd_send_signal};
-use shared_types::fault::Kind;
 
 use super::draw::{Act, Blow, Signal};
 
@@ -145,9 +144,4 @@ pub(super) fn state_and_parent(pid: u32) -> Option<(char, u32)> {
     // The second field is the command in parentheses and may contain anything: count from its end.
     let mut fields = stat.rsplit_once(") ")?.1.split(' ');
     Some((fields.next()?.chars().next()?, fields.next()?.parse().ok()?))
-}
-
-/// Whether a fault of the ledger costs its process a life.
-pub(super) fn is_deadly(fault: &shared_types::fault::Fault) -> bool {
-    matches!(fault.kind, Kind::Kill | Kind::Crash | Kind::Hang) && Act::Fault(fault.clone()).deaths() > 0
 }
