@@ -283,6 +283,13 @@ pub fn reexec(process: &str, run: &Path) -> io::Result<Command> {
     Ok(command)
 }
 
+/// Whether a fault has stopped its process for a time, and it has not gone on yet. The kind is looked at too: a way is a number, 0 where a kind
+/// has none.
+fn is_paused(account: &Account) -> bool {
+    let Account { strike, struck_ns, restored_ns, .. } = account;
+    strike.kind() == Some(Kind::Hang) && strike.way() == Some(Way::Paused) && *struck_ns != 0 && *restored_ns == 0
+}
+
 /// A prepared run: its directory, board and topics exist, and no process yet.
 ///
 /// It must be run on the thread that stays: the kernel kills the children when the thread that started them ends.
@@ -508,8 +515,8 @@ impl Launcher {
     /// Continues those that a fault has stopped for a time.
     fn continue_paused(&self) {
         for (_, account) in self.board.ledger().accounts() {
-            let Account { strike, struck_ns, restored_ns, .. } = account;
-            if struck_ns == 0 || restored_ns != 0 || strike.way() != Some(Way::Paused) || strike.kind() != Some(Kind::Hang) {
+            let Account { strike, struck_ns, .. } = account;
+            if !is_paused(&account) {
                 continue;
             }
             let passed_ns = (strike.until - strike.at).saturating_mul(1_000_000_000 / u64::from(self.plan.rate_hz.max(1)));
@@ -545,10 +552,7 @@ impl Launcher {
             }
             let limit = if child.is_stopped() { SILENCE_STOPPED } else { SILENCE };
             let is_late = child.is_stopped() || (ticks < source && !plan.process.polled && line.state() == State::Running);
-            let is_paused = self.board.ledger().accounts().any(|(_, account)| {
-                let Account { strike, struck_ns, restored_ns, .. } = account;
-                strike.process as usize == index && strike.way() == Some(Way::Paused) && struck_ns != 0 && restored_ns == 0
-            });
+            let is_paused = self.board.ledger().accounts().any(|(_, account)| account.strike.process as usize == index && is_paused(&account));
             if is_late && !is_paused && silent > limit {
                 child.signal(Signal::KILL);
                 slot.seen = None;

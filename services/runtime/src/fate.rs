@@ -80,7 +80,7 @@ impl Shared {
     /// Something is wrong with a message: if there are faults, they have been noticed.
     pub(crate) fn notice(&self) {
         if !self.is_unharmed() {
-            self.board.ledger().notice_all(now_ns());
+            self.board.ledger().notice_all(self.tick.get(), now_ns());
         }
     }
 

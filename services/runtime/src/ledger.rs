@@ -7,10 +7,13 @@
 
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
-use shared_types::fault::{Kind, Strike};
+use shared_types::fault::{Kind, MOST_DELAY_TICKS, Strike};
 
 /// Most faults a run may have.
 pub const MOST_FAULTS: usize = 64;
+
+/// So long after a fault what it has done to messages may still come to light: the longest delay, twice.
+const AFTERMATH_TICKS: u64 = 2 * MOST_DELAY_TICKS;
 
 /// 64-bit words of a strike.
 const WORDS: usize = size_of::<Strike>() / size_of::<u64>();
@@ -170,9 +173,14 @@ impl Ledger {
         self.of(process).filter(|entry| entry.struck_ns.load(Ordering::Relaxed) != 0).for_each(|entry| first(&entry.noticed_ns, now_ns));
     }
 
-    /// A message is missing, or came twice, or was refused: whatever has struck anywhere has been noticed by that.
-    pub(crate) fn notice_all(&self, now_ns: u64) {
-        self.taken().iter().filter(|entry| entry.struck_ns.load(Ordering::Relaxed) != 0).for_each(|entry| first(&entry.noticed_ns, now_ns));
+    /// A message is missing, or came twice, or was refused, at a tick: whatever has struck anywhere and is in force, or has been shortly before, has
+    /// been noticed by that.
+    pub(crate) fn notice_all(&self, tick: u64, now_ns: u64) {
+        let in_force = |entry: &&Entry| {
+            let Strike { at, until, .. } = entry.strike();
+            entry.struck_ns.load(Ordering::Relaxed) != 0 && (at..until.saturating_add(AFTERMATH_TICKS)).contains(&tick)
+        };
+        self.taken().iter().filter(in_force).for_each(|entry| first(&entry.noticed_ns, now_ns));
     }
 
     /// This process works again.
@@ -290,6 +298,18 @@ mod tests {
         let account = ledger.account(place).unwrap();
         assert_eq!((account.struck_ns, account.noticed_ns, account.restored_ns, account.origin), (60, 70, 90, Origin::Planned));
         assert_eq!(account.strike, strike(Kind::Hang, 10));
+    }
+
+    #[test]
+    fn a_message_that_is_missing_tells_of_what_is_in_force_and_of_nothing_else() {
+        let run = RunDir::create().unwrap();
+        let board = Board::create(&run).unwrap();
+        let ledger = board.ledger();
+        let places = [10, 1_000, 3_000].map(|at| ledger.enter(&strike(Kind::Drop, at), Origin::Planned).unwrap());
+        places.iter().for_each(|place| ledger.has_struck(*place, 5));
+        // The second lasts 100 ticks from 1000.
+        ledger.notice_all(1_150, 77);
+        assert_eq!(places.map(|place| ledger.account(place).unwrap().noticed_ns), [0, 77, 0]);
     }
 
     #[test]

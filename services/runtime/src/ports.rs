@@ -327,12 +327,14 @@ struct Inlet<M: Message> {
     writer: Option<usize>,
     fence: Fence,
     admission: Admission,
+    /// What is refused of an earlier tick has been counted before.
+    counts_from: u64,
 }
 
 impl<M: Message> Inlet<M> {
     fn new(shared: Rc<Shared>, subscriber: Rc<Subscribing<M>>, admission: Admission) -> Self {
         let writer = shared.manifest.writer_of(M::TOPIC);
-        Self { shared, subscriber, writer, fence: Fence::default(), admission }
+        Self { shared, subscriber, writer, fence: Fence::default(), admission, counts_from: 0 }
     }
 
     /// The next message that counts, in shared memory still: of a living incarnation, and all its numbers finite.
@@ -351,8 +353,10 @@ impl<M: Message> Inlet<M> {
             } else {
                 return Ok(Some(message));
             };
-            self.shared.line().add(refused, 1);
-            self.shared.notice();
+            if message.header().tick >= self.counts_from {
+                self.shared.line().add(refused, 1);
+                self.shared.notice();
+            }
         }
     }
 
@@ -439,6 +443,7 @@ impl<M: Message> Drain<M> {
             (true, _) | (_, None) => None,
             _ => Some(message.map_or(Known::Tick, Known::Message)),
         };
+        self.inlet.counts_from = if self.known.is_some() { last.map_or(0, |last| last + 1) } else { 0 };
     }
 
     /// The last tick taken in.

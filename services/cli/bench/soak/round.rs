@@ -80,6 +80,8 @@ pub(super) struct Round {
     pub(super) stops: Vec<Stop>,
     pub(super) restarts: BTreeMap<String, u32>,
     pub(super) messages: Messages,
+    /// What each process sent and the recorder neither took in nor, as far as that is known of one topic, refused.
+    pub(super) not_taken_in: BTreeMap<String, u64>,
     pub(super) deadlines: Deadlines,
     pub(super) torque_max_ratio: f64,
     pub(super) torque_step_max_ratio: f64,
@@ -287,6 +289,7 @@ impl Seen {
             stops,
             restarts: self.outcome.processes.iter().map(|process| (process.name.clone(), process.restarts)).collect(),
             messages,
+            not_taken_in: self.not_taken_in(job),
             deadlines: self.summary.deadlines.clone(),
             torque_max_ratio: evidence.motion.torque_max_ratio,
             torque_step_max_ratio: evidence.motion.torque_step_max_ratio,
@@ -296,6 +299,15 @@ impl Seen {
             parts: self.summary.recorder.parts,
             broken: broken(&evidence),
         })
+    }
+
+    fn not_taken_in(&self, job: &Job) -> BTreeMap<String, u64> {
+        let taken_in = |process: &str| {
+            let writes = job.graph.process.iter().find(|one| one.name == process).map(|one| one.writes.as_slice()).unwrap_or_default();
+            writes.iter().filter_map(|topic| Some(self.summary.topics.get(topic)?.count)).sum::<u64>()
+        };
+        let of = |process: &launcher::ProcessOutcome| (process.name.clone(), process.counts.sent.saturating_sub(taken_in(&process.name)));
+        self.outcome.processes.iter().map(of).filter(|(_, count)| *count > 0).collect()
     }
 
     /// Counts the ticks that the recording has numbers of.
