@@ -23,7 +23,10 @@ use draw::Dealer;
 use round::{Round, Setting};
 
 /// How long a round is planned; s. The budget of restarts and the ledger are a run's.
-const ROUND_S: u64 = 60;
+const ROUND_S: f64 = 60.0;
+
+/// What is left at the end is not worth another round; s.
+const SHORTEST_S: f64 = 10.0;
 
 /// What the soak itself may grow by from its second round on; kB. The allocator keeps what reading a recording took.
 const GROWTH_KB: u64 = 16_384;
@@ -94,22 +97,26 @@ pub(super) fn soak(
     let mut signals = Interrupts::catch().map_err(|error| Failure::Work(format!("cannot catch SIGINT, SIGTERM and SIGHUP: {error}")))?;
     let folder = Folder::create(out)?;
     let seed = seed.unwrap_or_else(|| runtime::now_ns() % 1_000_000);
-    let count = seconds.div_ceil(ROUND_S).max(1);
-    let round_s = seconds / count;
-    let scenario = prolonged(scenario, rate_hz, round_s);
-    let setting = Setting { robot, scenario: &scenario, seconds: scenario.duration_s() };
+    let (seconds, rate) = (seconds as f64, f64::from(rate_hz));
     let processes = super::super::load::graph(None)?.process.into_iter().map(|process| process.name).collect();
     let mut dealer = Dealer::new(robot, processes, rate_hz, seed);
-    let planned_ticks = (setting.seconds * f64::from(rate_hz)).round() as u64;
-    let bar = progress_bar(count * planned_ticks);
+    let bar = progress_bar((seconds * rate) as u64);
     let (mut rounds, mut usage, mut interrupted) = (Vec::<Round>::new(), Vec::<Usage>::new(), None);
-    for number in 1..=count as usize {
+    let mut done = 0;
+    for number in 1.. {
+        // Who ends before its time leaves time for another.
+        let left_s = seconds - done as f64 / rate;
+        if number > 1 && left_s < SHORTEST_S {
+            break;
+        }
+        let scenario = prolonged(scenario, rate_hz, left_s.min(ROUND_S).ceil() as u64);
+        let setting = Setting { robot, scenario: &scenario, seconds: scenario.duration_s() };
         let out = folder.path().join(format!("round-{number:03}"));
         std::fs::create_dir_all(&out).map_err(|error| Failure::Work(format!("cannot make {}: {error}", out.display())))?;
         let blows = dealer.round(setting.seconds);
-        let (done, broken) = ((number as u64 - 1) * planned_ticks, rounds.iter().filter(|round| !round.broken.is_empty()).count());
-        bar.set_message(format!("round {number} of {count}{}", if broken > 0 { format!(", {broken} BROKEN") } else { String::new() }));
-        let mut progress = |ticks: u64| bar.set_position(done + ticks.min(planned_ticks));
+        let broken = rounds.iter().filter(|round| !round.broken.is_empty()).count();
+        bar.set_message(format!("round {number}{}", if broken > 0 { format!(", {broken} BROKEN") } else { String::new() }));
+        let mut progress = |ticks: u64| bar.set_position(done + ticks);
         let round = setting.round(number, random(seed, number as u64) % 1_000_000_000, blows, &out, &mut progress);
         interrupted = signals.pending();
         let round = match round {
@@ -124,6 +131,7 @@ pub(super) fn soak(
             // Nothing to be looked at: twenty-five megabytes a minute.
             let _ = std::fs::remove_dir_all(&out);
         }
+        done += round.ticks;
         let is_over = round.end == "interrupted";
         rounds.push(round);
         usage.push(Usage::now());

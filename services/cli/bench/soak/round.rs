@@ -395,6 +395,10 @@ impl Seen {
 
     /// The blow that was to end the run, and whether it fell.
     fn fatal(&self) -> Option<(String, bool)> {
+        // A busy machine may have continued the plant too late.
+        if let Some(stopped) = self.told.silenced.iter().find(|process| *process == "plant" && self.was_stopped(process)) {
+            return Some((stopped.clone(), true));
+        }
         let mut fatal = self.fallen.iter().filter(|fallen| fallen.blow.is_fatal);
         let first = fatal.next()?;
         let has_struck = self.has_struck(first) || fatal.any(|fallen| self.has_struck(fallen));
@@ -460,14 +464,15 @@ impl Seen {
 
     /// Who was killed for its silence, and nobody had stopped it.
     fn falsely_silenced(&self) -> Vec<String> {
+        self.told.silenced.iter().filter(|process| !self.was_stopped(process)).cloned().collect()
+    }
+
+    fn was_stopped(&self, process: &str) -> bool {
         let stops = |act: &Act| match act {
             Act::Fault(fault) => fault.kind == Kind::Hang,
             Act::Signal(_, signal) => matches!(signal, Signal::Stop | Signal::StopFor(_)),
         };
-        let was_stopped = |process: &String| {
-            self.fallen.iter().any(|fallen| fallen.blow.act.process() == process && stops(&fallen.blow.act) && self.has_struck(fallen))
-        };
-        self.told.silenced.iter().filter(|process| !was_stopped(process)).cloned().collect()
+        self.fallen.iter().any(|fallen| fallen.blow.act.process() == process && stops(&fallen.blow.act) && self.has_struck(fallen))
     }
 }
 
