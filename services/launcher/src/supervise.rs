@@ -491,7 +491,7 @@ impl Launcher {
                 ledger.has_struck(place, now_ns());
             }
         }
-        ledger.notice(index, now_ns());
+        ledger.notice(index, self.ticks(), now_ns());
         self.board.ring_all();
     }
 
@@ -548,7 +548,7 @@ impl Launcher {
             };
             let silent = now - since;
             if child.is_stopped() {
-                self.board.ledger().notice(index, now_ns());
+                self.board.ledger().notice(index, source, now_ns());
             }
             let limit = if child.is_stopped() { SILENCE_STOPPED } else { SILENCE };
             let is_late = child.is_stopped() || (ticks < source && !plan.process.polled && line.state() == State::Running);
@@ -556,7 +556,7 @@ impl Launcher {
             if is_late && !is_paused && silent > limit {
                 child.signal(Signal::KILL);
                 slot.seen = None;
-                self.board.ledger().notice(index, now_ns());
+                self.board.ledger().notice(index, source, now_ns());
                 report(Event::Silenced { process: &plan.process.name, silent });
             }
         }
@@ -660,7 +660,7 @@ impl Launcher {
 
     /// Which processes have ended since the last look.
     fn take_in_exits(&mut self, report: Report<'_>) -> Vec<usize> {
-        let mut ended = Vec::new();
+        let (ticks, mut ended) = (self.ticks(), Vec::new());
         for (index, slot) in self.nursery.0.iter_mut().enumerate() {
             let Some(child) = slot.child.as_mut() else { continue };
             let Some(exit) = child.try_wait() else { continue };
@@ -671,7 +671,7 @@ impl Launcher {
             (slot.exit, slot.last_words, slot.child) = (Some(exit), last_words, None);
             self.board.line(index).end();
             if !exit.is_success() {
-                self.board.ledger().notice(index, now_ns());
+                self.board.ledger().notice(index, ticks, now_ns());
             }
             ended.push(index);
         }

@@ -61,7 +61,6 @@ fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Pat
     let mut memory = Memory::new(run_dir);
     let past = if shell.incarnation() > 1 { memory.last() } else { None };
     let progress = past.as_ref().map(|past| past.progress).unwrap_or_default();
-    let mut topics = Topics::open(shell, job.messages.then_some(folder.as_path()), &progress)?;
     let mut assembler = Assembler::new(PATIENCE, HORIZON);
     let mut judge = Judge::new(limits(robot), job.scenario.goal.clone(), job.scenario.duration_s() * f64::from(job.scenario.rate_hz));
     if shell.mode() == Mode::Realtime {
@@ -76,6 +75,8 @@ fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Pat
         }
         (judge, witness) = (past.judge, Witness::resume(past.told));
     }
+    // Last, for what the writers remember is counted from here.
+    let mut topics = Topics::open(shell, job.messages.then_some(folder.as_path()), &progress)?;
     topics.catch_up(&mut assembler);
     while shell.poll(POLL)? {
         topics.drain(&mut assembler)?;
@@ -312,27 +313,21 @@ struct Kept {
 
 impl<M: Message> Tap<M> {
     fn open(shell: &Shell, messages: Option<&Path>, past: &Progress) -> Result<Self, ProcessError> {
-        let tap = Self {
-            drain: shell.drain()?,
-            hash: past.hash,
-            keep: None,
-            kept: Kept::default(),
-            unknown: Vec::new(),
-            past: *past,
-        };
-        let Some(folder) = messages else { return Ok(tap) };
-        if shell.incarnation() == 1 {
-            return Ok(Self { keep: Some(Keep::create(folder).map_err(ProcessError::setup)?), ..tap });
+        let (mut keep, mut kept, mut unknown) = (None, Kept::default(), Vec::new());
+        match messages {
+            Some(folder) if shell.incarnation() == 1 => keep = Some(Keep::create(folder).map_err(ProcessError::setup)?),
+            // A restarted recorder goes on where its predecessor was killed.
+            Some(folder) => match Keep::resume(folder, past.hash.count()) {
+                Ok((resumed, since)) => (keep, unknown) = (Some(resumed), since),
+                // A volume that has filled up meanwhile ends the keeping, not the run.
+                Err(error) => {
+                    eprintln!("{error}");
+                    kept.error = error.to_string();
+                }
+            },
+            None => {}
         }
-        // A restarted recorder goes on where its predecessor was killed.
-        Ok(match Keep::resume(folder, past.hash.count()) {
-            Ok((keep, unknown)) => Self { keep: Some(keep), unknown, ..tap },
-            // A volume that has filled up meanwhile ends the keeping, not the run.
-            Err(error) => {
-                eprintln!("{error}");
-                Self { kept: Kept { bytes: 0, error: error.to_string() }, ..tap }
-            }
-        })
+        Ok(Self { drain: shell.drain()?, hash: past.hash, keep, kept, unknown, past: *past })
     }
 
     /// Takes in what the predecessor had kept after it had last said how far it was.

@@ -244,7 +244,10 @@ impl Seen {
         let taken_in = self.summary.recorder.messages;
         let messages =
             Messages { sent, taken_in, refused, fenced, lost: sent.saturating_sub(taken_in + refused + fenced), kept: kept.iter().sum() };
-        let goal_reached = self.outcome.end == End::Completed && self.summary.outcome == "goal reached";
+        // As `drill` sees it: what it went through on its way is not the goal.
+        let (task, goal) = (&self.summary.task, &job.scenario.goal);
+        let is_there = task.final_position_mm <= goal.position_mm && task.final_orientation_deg <= goal.orientation_deg;
+        let goal_reached = self.outcome.end == End::Completed && self.summary.completed && is_there;
         let is_at_rest = motion.is_at_rest();
         let evidence = Evidence {
             end: self.outcome.end.clone(),
