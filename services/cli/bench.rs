@@ -4,6 +4,7 @@ mod hour;
 mod local;
 mod realtime;
 mod ring;
+mod soak;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -42,6 +43,8 @@ pub(crate) enum Bench {
     Realtime,
     /// An hour of the arm's time in lockstep: memory, files and the recorder's processor time (only when asked for).
     Hour,
+    /// The whole graph in real time for 30 minutes, struck at random by every fault (only when asked for).
+    Soak,
 }
 
 /// A distribution of times; µs, no sample left out.
@@ -131,7 +134,7 @@ fn placements(count: usize) -> Vec<(&'static str, Vec<Option<usize>>)> {
 }
 
 pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure> {
-    let chosen = |bench: Bench| args.what.contains(&bench) || args.what.is_empty() && !matches!(bench, Bench::Realtime | Bench::Hour);
+    let chosen = |bench: Bench| args.what.contains(&bench) || args.what.is_empty() && !matches!(bench, Bench::Realtime | Bench::Hour | Bench::Soak);
     let load::Loaded { scenario, robot } = load::scenario(load::DEFAULT_SCENARIO, &[], None)?;
     let out = args.out.as_deref().map(folder).transpose()?;
     let (mut rows, mut record, mut realtime, mut hour) = (Vec::new(), None, Vec::new(), None);
@@ -170,16 +173,24 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
     if chosen(Bench::Hour) {
         hour = Some(hour::hour(&robot, &scenario, args.seconds.unwrap_or(3600))?);
     }
+    let soak = if chosen(Bench::Soak) {
+        let rate_hz = args.rate.first().copied().unwrap_or(1_000);
+        Some(soak::soak(&robot, &scenario, rate_hz, args.seconds.unwrap_or(1_800), args.seed, out.as_deref())?)
+    } else {
+        None
+    };
     let machine = machine();
     let whole = json!({
         "machine": machine, "rows": rows.iter().map(Row::json).collect::<Vec<_>>(), "record": record,
-        "realtime": realtime.iter().map(realtime::Ran::json).collect::<Vec<_>>(),
-        "hour": hour,
+        "realtime": realtime.iter().map(realtime::Ran::json).collect::<Vec<_>>(), "hour": hour, "soak": soak,
     });
-    let pictures = match &out {
+    let mut pictures = match &out {
         Some(out) => save(out, &whole, &rows, &machine)?,
         None => Vec::new(),
     };
+    if let (Some(out), Some(soak)) = (&out, &soak) {
+        pictures.extend(soak.picture().save(&out.join("soak")).map_err(Failure::work)?);
+    }
     if as_json {
         say!("{whole}");
     } else {
@@ -191,6 +202,7 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
         }
         realtime.iter().for_each(realtime::Ran::tell);
         hour.iter().for_each(hour::Hour::tell);
+        soak.iter().for_each(soak::Soak::tell);
         say!("{}", machine_line(&machine));
         match &out {
             Some(_) => pictures.iter().for_each(|path| say!("{}", path.display())),
@@ -198,7 +210,11 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
             None => say!("a picture of the distributions: --out DIR"),
         }
     }
-    Ok(ExitCode::SUCCESS)
+    match soak.as_ref().map(|soak| (soak.has_passed(), soak.interrupted())) {
+        Some((_, Some(signal))) => Err(Failure::Work(format!("the soak was stopped by {signal}"))),
+        Some((false, None)) => Ok(ExitCode::from(1)),
+        _ => Ok(ExitCode::SUCCESS),
+    }
 }
 
 /// The folder for what is saved, made before anything is measured.

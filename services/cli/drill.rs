@@ -10,30 +10,22 @@ use std::process::ExitCode;
 use indicatif::{ProgressBar, ProgressStyle};
 use launcher::End;
 use model::Robot;
-use runtime::{Kept, RunDir, random};
+use runtime::{Board, Kept, RunDir, random};
 use serde::Serialize;
-use shared_types::codes::{DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_HOLDING};
+use shared_types::codes::{DRIVE_ACTIVE, DRIVE_BRAKED};
 use shared_types::fault::{Fault, Kind, Strike, Way};
 use shared_types::job::{Job, Mode};
 use shared_types::scenario::Scenario;
 use shared_types::summary::{Summary, TopicSummary};
-use shared_types::{MAX_DOF, PlantState, SensorSample};
+use shared_types::{MAX_DOF, Message, PlantState, SensorSample};
 
 use super::failure::Failure;
 use super::out::say;
+use super::physics::{Motion, Promise};
 use super::plot::{Axis, Color, Page, Panel, Row};
 use super::table::{digits, number, table};
 use super::verify::Folder;
 use super::{DrillArgs, load, run};
-
-/// Torque may change by so much of its limit in a millisecond, whatever happens (`sim::Drive`); the rounding of a sum is allowed for.
-const STEP_PER_MS: f64 = 0.5 + 1e-9;
-
-/// A joint that nobody drives may be carried over its speed limit by gravity and inertia, but not by the drives.
-const SPEED_MARGIN: f64 = 1.05;
-
-/// Slower than this it is at rest; rad/s.
-const REST: f64 = 0.05;
 
 /// One cell of the matrix.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -77,7 +69,7 @@ struct Ran {
     topics: BTreeMap<String, TopicSummary>,
     end: End,
     truth: Vec<PlantState>,
-    stale_ticks: u32,
+    samples: Vec<SensorSample>,
     left_behind: Vec<String>,
 }
 
@@ -232,7 +224,15 @@ impl<'a> Drill<'a> {
         let cannot = |error: std::io::Error| Failure::Work(format!("cannot write to {}: {error}", self.folder.display()));
         std::fs::create_dir_all(&self.job.out).map_err(cannot)?;
         let job = Job { scenario: scenario.clone(), record: records, ..self.job.clone() };
-        let (outcome, account) = run::launch_quietly(&job, run::plan(&job)?, live, &mut |_| {})?;
+        // As `armplane fault` would request them, before the first tick.
+        let mut begin = |run: &RunDir| {
+            let board = Board::open(run).map_err(Failure::work)?;
+            match live.iter().any(|strike| board.ledger().request(strike).is_none()) {
+                true => Err(Failure::Work(format!("a run has room for {} faults", runtime::MOST_FAULTS))),
+                false => Ok(()),
+            }
+        };
+        let (outcome, account) = run::launch_quietly(&job, run::plan(&job)?, &mut begin, &mut |_| {})?;
         if let End::Interrupted { signal } = &outcome.end {
             return Err(Failure::Work(format!("stopped by {signal}")));
         }
@@ -240,21 +240,11 @@ impl<'a> Drill<'a> {
         let left_behind = RunDir::list().into_iter().map(|run| run.name).filter(|name| name.contains(&own)).collect();
         let summary = run::summarise(&job, &outcome, account);
         let messages = self.job.out.join(recorder::MESSAGES);
-        let (mut truth, mut stale_ticks) = (Vec::new(), 0);
         // A full volume ends the messages early, and they are whole up to there.
-        if let Ok(mut kept) = Kept::<PlantState>::open(&messages) {
-            while let Ok(Some(state)) = kept.next_message() {
-                truth.push(state);
-            }
-        }
-        if let Ok(mut kept) = Kept::<SensorSample>::open(&messages) {
-            while let Ok(Some(sample)) = kept.next_message() {
-                let is_in_force = matches!(sample.drive, DRIVE_ACTIVE | DRIVE_HOLDING);
-                stale_ticks = stale_ticks.max(if is_in_force { sample.stale_ticks } else { 0 });
-            }
-        }
+        let truth = Kept::open(&messages).map(whole).unwrap_or_default();
+        let samples = Kept::open(&messages).map(whole).unwrap_or_default();
         let topics = summary.topics.clone();
-        Ok(Ran { summary, topics, end: outcome.end, truth, stale_ticks, left_behind })
+        Ok(Ran { summary, topics, end: outcome.end, truth, samples, left_behind })
     }
 
     fn judge(&self, plan: &Plan, base: &Ran, ran: &Ran, again: &Ran) -> Cell {
@@ -263,7 +253,9 @@ impl<'a> Drill<'a> {
         // Where the messages end early and the topics are the fault-free ones, the arm did what it did without a fault.
         let is_base = !base.topics.is_empty() && ran.topics == base.topics;
         let truth = if is_base { &base.truth } else { &ran.truth };
-        let limits = recorder::limits(self.robot);
+        let mut motion = Motion::new(Promise::new(self.robot, &self.job.scenario, ran.summary.faults.iter().filter_map(|one| one.fault.as_ref())));
+        truth.iter().for_each(|state| motion.add(state));
+        ran.samples.iter().for_each(|sample| motion.add_age(sample));
         let mut cell = Cell {
             scenario: self.job.scenario.name.clone(),
             process: joined(&|fault| fault.process.clone()),
@@ -272,7 +264,10 @@ impl<'a> Drill<'a> {
             faults: plan.iter().map(ToString::to_string).collect(),
             at_tick,
             detected_ms: ran.summary.faults.iter().filter_map(|fault| fault.detected_ms).reduce(f64::max),
-            stale_ticks: ran.stale_ticks,
+            stale_ticks: motion.stale_ticks,
+            torque_max_ratio: motion.torque_max_ratio,
+            speed_max_ratio: motion.speed_max_ratio,
+            torque_step_max_ratio: motion.torque_step_max_ratio,
             excursion_max_rad: excursion(&base.truth, truth),
             settled_ms: settled(truth, at_tick).map(|ticks| ticks as f64 * 1e3 / f64::from(self.job.scenario.rate_hz)),
             restarts: ran.summary.processes.iter().map(|process| process.restarts).sum(),
@@ -281,42 +276,19 @@ impl<'a> Drill<'a> {
             left_behind: ran.left_behind.iter().chain(&again.left_behind).cloned().collect(),
             ..Cell::default()
         };
-        let mut is_finite = true;
-        let ratio = |value: f64, limit: f64| if limit.is_finite() { value.abs() / limit } else { 0.0 };
-        for (k, state) in truth.iter().enumerate() {
-            for i in 0..limits.effort.len() {
-                is_finite &= state.tau[i].is_finite() && state.q[i].is_finite() && state.qdot[i].is_finite();
-                cell.torque_max_ratio = cell.torque_max_ratio.max(ratio(state.tau[i], limits.effort[i]));
-                cell.speed_max_ratio = cell.speed_max_ratio.max(ratio(state.qdot[i], limits.velocity[i]));
-                if let Some(before) = k.checked_sub(1).and_then(|before| truth.get(before)) {
-                    let step = ratio(state.tau[i] - before.tau[i], limits.effort[i]);
-                    cell.torque_step_max_ratio = cell.torque_step_max_ratio.max(step);
-                }
-            }
-        }
         let last = truth.last();
         let ends_world = plan.iter().any(ends_world);
         let (task, goal) = (&ran.summary.task, &self.job.scenario.goal);
         cell.goal_reached =
             ran.summary.completed && task.final_position_mm <= goal.position_mm && task.final_orientation_deg <= goal.orientation_deg;
         cell.recovered = ran.end == End::Completed && last.is_some_and(|state| state.drive == DRIVE_ACTIVE);
-        cell.safe_stop = last.is_some_and(|state| state.drive == DRIVE_BRAKED || state.qdot.iter().all(|speed| speed.abs() < REST));
+        cell.safe_stop = motion.is_at_rest();
+        cell.invariants_broken = motion.broken();
         let mut broken = |is_broken: bool, what: String| {
             if is_broken {
                 cell.invariants_broken.push(what);
             }
         };
-        // A drive that fails does what it likes with its torque: its own faults are not the promise, the limits are.
-        let drive_fails = plan.iter().any(|fault| fault.kind == Kind::Drive);
-        let hold_ticks = self.job.scenario.plant.hold_ticks;
-        let step_limit = STEP_PER_MS * 1e3 / f64::from(self.job.scenario.rate_hz);
-        broken(!is_finite, "a number that is not finite reached the arm".to_owned());
-        broken(cell.torque_max_ratio > 1.0 + 1e-9, format!("torque {:.3} of its limit", cell.torque_max_ratio));
-        broken(cell.stale_ticks > hold_ticks, format!("a torque {} ticks old was in force, {hold_ticks} are allowed", cell.stale_ticks));
-        let step = cell.torque_step_max_ratio;
-        broken(step > step_limit && !drive_fails, format!("a torque step of {step:.3} of its limit"));
-        let speed = cell.speed_max_ratio;
-        broken(speed > SPEED_MARGIN && !drive_fails, format!("speed {speed:.2} of its limit"));
         let (goal_reached, safe_stop) = (cell.goal_reached, cell.safe_stop);
         broken(!goal_reached && !safe_stop && !ends_world, "neither the goal nor rest at the end".to_owned());
         broken(ends_world && !matches!(ran.end, End::Failed(_)), "the end of the plant did not end the run".to_owned());
@@ -332,6 +304,11 @@ impl<'a> Drill<'a> {
         broken(!left.is_empty(), format!("left in shared memory: {left}"));
         cell
     }
+}
+
+/// All messages of a topic, to the last whole block.
+fn whole<M: Message>(mut kept: Kept<M>) -> Vec<M> {
+    std::iter::from_fn(|| kept.next_message().ok().flatten()).collect()
 }
 
 /// Whether a fault takes the simulated world with it: then the run ends, cleanly, and there is no arm to be judged any more.

@@ -15,6 +15,7 @@ mod inspect;
 mod list;
 mod load;
 mod out;
+mod physics;
 mod plot;
 mod pool;
 mod process;
@@ -86,8 +87,12 @@ enum Command {
     #[command(
         long_about = "Measures in one run, in turns, the topics of armplane and floors built into the same program: a bare futex, a pipe, a \
                       spinning reader, iceoryx2's own wake-ups. Times are of real processes, pinned and under SCHED_FIFO where the machine allows; a first round warms \
-                      everything up, after it no sample is left out. Ratios are against the futex of the same placement and payload.",
-        after_help = "Examples:\n  armplane bench\n  armplane bench hop cycle --samples 100000 --json\n  armplane bench --out bench          table, JSON and pictures\n  armplane bench realtime             the whole graph for 80 s beside a busy thread on every core"
+                      everything up, after it no sample is left out. Ratios are against the futex of the same placement and payload.\n\n\
+                      `soak` runs the whole graph in real time, a minute at a time, and strikes it live with every kind of fault in every way on every \
+                      process, and with signals from outside. Each round is judged as `armplane drill` judges: torque, step, speed, age of the torque; \
+                      every death noticed and mended; messages sent against messages taken in, at most 100 ms lost for each death of the recorder; \
+                      every file readable; nothing left behind. A round that breaks a promise leaves its files with a scenario.toml of its faults.",
+        after_help = "Examples:\n  armplane bench\n  armplane bench hop cycle --samples 100000 --json\n  armplane bench --out bench          table, JSON and pictures\n  armplane bench realtime             the whole graph for 80 s beside a busy thread on every core\n  armplane bench soak --out soak      30 minutes in real time, struck at random by every fault\n  armplane bench soak --seconds 120 --seed 7\n\nExit code 1: the soak found a promise broken."
     )]
     Bench(BenchArgs),
     /// Run scenarios under every control law, on the same plant and seed, and put them side by side.
@@ -303,12 +308,15 @@ struct BenchArgs {
     /// Samples of each hop and cycle.
     #[arg(long, value_name = "N", default_value_t = 20_000, value_parser = clap::value_parser!(u64).range(1000..=10_000_000))]
     samples: u64,
-    /// How long each paced measurement lasts; s [default: 5; `realtime` 60 at 1 kHz and 20 at 4 kHz; `hour` 3600].
-    #[arg(long, value_name = "S", value_parser = clap::value_parser!(u64).range(1..=3600))]
+    /// How long each paced measurement lasts; s [default: 5; `realtime` 60 at 1 kHz and 20 at 4 kHz; `hour` 3600; `soak` 1800].
+    #[arg(long, value_name = "S", value_parser = clap::value_parser!(u64).range(1..=86_400))]
     seconds: Option<u64>,
-    /// Rates of `realtime`; Hz [default: 1000 4000].
+    /// Rates of `realtime`, the first of them that of `soak`; Hz [default: 1000 4000].
     #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u32).range(50..=20_000))]
     rate: Vec<u32>,
+    /// Seed of what strikes in `soak`, and of its runs [default: another one each time].
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
     /// Run `realtime` without the competing load.
     #[arg(long)]
     idle: bool,

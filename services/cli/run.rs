@@ -7,8 +7,7 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressStyle};
 use launcher::{Child, End, Event, Launcher, Limits, Outcome, Plan, Restart};
 use runtime::realtime::allowed_cores;
-use runtime::{Account, Board, RunDir};
-use shared_types::fault::Strike;
+use runtime::{Account, RunDir};
 use shared_types::graph::{self, Graph};
 use shared_types::job::{Job, Mode};
 use shared_types::scenario::Scenario;
@@ -71,7 +70,7 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
 /// Runs the processes to the end of the task, or of one of them, and says what happens. Returns what became of them, and the recorder's account.
 pub(crate) fn launch(job: &Job, plan: Plan, planned_ticks: u64) -> Result<(Outcome, Option<Summary>), Failure> {
     let bar = progress_bar(planned_ticks, job);
-    let launched = launch_quietly(job, plan, &[], &mut |event| match event {
+    let launched = launch_quietly(job, plan, &mut |_| Ok(()), &mut |event| match event {
         Event::Progress { ticks } => bar.set_position(*ticks),
         Event::Line { process, line } => bar.suspend(|| eprintln!("{process}: {line}")),
         Event::Silenced { process, silent } => {
@@ -86,11 +85,14 @@ pub(crate) fn launch(job: &Job, plan: Plan, planned_ticks: u64) -> Result<(Outco
     launched
 }
 
-/// The same without a word, with faults requested at the start as `armplane fault` would request them.
+/// Gets to know a run before its first process starts.
+pub(crate) type Begin<'a> = &'a mut dyn FnMut(&RunDir) -> Result<(), Failure>;
+
+/// The same without a word; `begin` sees the run before anything of it starts.
 pub(crate) fn launch_quietly(
     job: &Job,
     plan: Plan,
-    live: &[Strike],
+    begin: Begin<'_>,
     report: &mut dyn FnMut(&Event<'_>),
 ) -> Result<(Outcome, Option<Summary>), Failure> {
     let launcher = Launcher::prepare(plan).map_err(Failure::work)?;
@@ -99,10 +101,7 @@ pub(crate) fn launch_quietly(
     let (path, account_path) = (run_dir.join(JOB), run_dir.join(recorder::SUMMARY));
     let text = serde_json::to_vec(&job).map_err(Failure::work)?;
     std::fs::write(&path, text).map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))?;
-    let board = RunDir::open(&run_dir).map_err(Failure::work).and_then(|run| Board::open(&run).map_err(Failure::work))?;
-    if live.iter().any(|strike| board.ledger().request(strike).is_none()) {
-        return Err(Failure::Work(format!("a run has room for {} faults", runtime::MOST_FAULTS)));
-    }
+    begin(&RunDir::open(&run_dir).map_err(Failure::work)?)?;
     let mut account = None;
     let outcome = launcher.run(&launcher::reexec, &mut |event| {
         if event == Event::Stopped {
@@ -284,22 +283,26 @@ impl Results {
 
     /// Writes what makes the run repeatable and readable: the summary, the job, and the scenario with every fault planned that came to pass.
     fn keep(&self, job: &Job, summary: &Summary) -> Result<(), Failure> {
-        let cannot =
-            |name: &str, error: std::io::Error| Failure::Work(format!("cannot write {}: {error}", self.folder.join(name).display()));
-        let repeated = repeated(job, summary)?;
-        let summary = serde_json::to_vec_pretty(summary).map_err(Failure::work)?;
-        let job_text = serde_json::to_vec_pretty(job).map_err(Failure::work)?;
-        for (name, text) in [(SUMMARY, summary), (JOB, job_text)].into_iter().chain(repeated) {
-            // Whole or not at all: a full disk leaves no half file.
-            let (draft, path) = (self.folder.join(format!(".{name}")), self.folder.join(name));
-            let written = std::fs::write(&draft, text).and_then(|()| std::fs::rename(&draft, &path));
-            written.map_err(|error| {
-                let _ = std::fs::remove_file(&draft);
-                cannot(name, error)
-            })?;
-        }
-        Ok(())
+        keep(&self.folder, job, summary)
     }
+}
+
+/// Writes into a run's folder what makes it repeatable and readable.
+pub(crate) fn keep(folder: &Path, job: &Job, summary: &Summary) -> Result<(), Failure> {
+    let cannot = |name: &str, error: std::io::Error| Failure::Work(format!("cannot write {}: {error}", folder.join(name).display()));
+    let repeated = repeated(job, summary)?;
+    let summary = serde_json::to_vec_pretty(summary).map_err(Failure::work)?;
+    let job_text = serde_json::to_vec_pretty(job).map_err(Failure::work)?;
+    for (name, text) in [(SUMMARY, summary), (JOB, job_text)].into_iter().chain(repeated) {
+        // Whole or not at all: a full disk leaves no half file.
+        let (draft, path) = (folder.join(format!(".{name}")), folder.join(name));
+        let written = std::fs::write(&draft, text).and_then(|()| std::fs::rename(&draft, &path));
+        written.map_err(|error| {
+            let _ = std::fs::remove_file(&draft);
+            cannot(name, error)
+        })?;
+    }
+    Ok(())
 }
 
 impl Drop for Results {

@@ -257,6 +257,14 @@ impl Folder {
             Self::Passing(folder) => folder.path(),
         }
     }
+
+    /// It stays, for somebody to look into.
+    pub(crate) fn keep(self) -> PathBuf {
+        match self {
+            Self::Kept(path) => path,
+            Self::Passing(folder) => folder.keep(),
+        }
+    }
 }
 
 fn tell(scenario: &Scenario, reference: &Ran, runs: &[Ran], place: Option<&Place>, is_identical: bool) {

@@ -147,7 +147,7 @@ impl<const N: usize> Drive<N> {
 
         // The return is over, and the brakes release, when the applied torque is what the command comes to.
         let mut state = drive;
-        if self.returning && flags & DRIVE_RATE == 0 {
+        if fresh.is_some() && self.returning && flags & DRIVE_RATE == 0 {
             self.returning = false;
             state = DRIVE_ACTIVE;
         }
@@ -375,6 +375,21 @@ mod tests {
         assert_eq!(applied.drive, DRIVE_ACTIVE);
         assert!((step_ratio(&before, &applied.tau) - 0.1).abs() < 1e-12, "{}", step_ratio(&before, &applied.tau));
         assert_eq!(applied.flags & DRIVE_RATE, DRIVE_RATE);
+    }
+
+    #[test]
+    fn a_return_that_is_interrupted_goes_on_as_a_return() {
+        let mut drive = drive();
+        let moving = Joints::repeat(1.0);
+        for _ in 0..10 {
+            drive.step(&start(), &moving, None);
+        }
+        let far = drive.applied().tau + ARM.effort() * 0.45;
+        drive.step(&start(), &moving, Some(&far));
+        let held = *drive.step(&start(), &moving, None);
+        assert_eq!((held.drive, held.flags & DRIVE_ABSENT), (DRIVE_HOLDING, DRIVE_ABSENT), "a torque that is held is not a fresh one");
+        let again = *drive.step(&start(), &moving, Some(&far));
+        assert!((step_ratio(&held.tau, &again.tau) - 0.1).abs() < 1e-12, "{}", step_ratio(&held.tau, &again.tau));
     }
 
     #[test]

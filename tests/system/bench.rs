@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::command::{Desk, assert_nothing_left};
+use crate::command::{Desk, assert_nothing_left, children_of_run, finish, until};
 
 #[test]
 fn hops_and_cycles_are_measured_beside_their_floors() {
@@ -38,6 +38,43 @@ fn hops_and_cycles_are_measured_beside_their_floors() {
     for (file, begins) in [("bench.json", &b"{"[..]), ("bench.svg", b"<svg"), ("bench.png", b"\x89PNG")] {
         assert!(std::fs::read(desk.path().join("bench").join(file)).unwrap().starts_with(begins), "{file}");
     }
+}
+
+#[test]
+fn a_short_soak_strikes_and_judges_and_leaves_nothing() {
+    let desk = Desk::new();
+    let said = desk.armplane(&["bench", "soak", "--seconds", "6", "--seed", "5", "--rate", "500", "--json", "--out", "soak"]);
+    let told: Value = serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
+    let soak = &told["soak"];
+    assert_eq!((said.code, &soak["passed"]), (0, &true.into()), "{}\n{}", said.err, soak["rounds"]);
+    assert_nothing_left(said.launcher);
+    let round = &soak["rounds"][0];
+    assert!(round["ticks"].as_u64().unwrap() > 500 && round["broken"].as_array().unwrap().is_empty(), "{round}");
+    let struck = round["struck"].as_array().unwrap();
+    assert!(!struck.is_empty() && struck.iter().all(|one| one["kind"].is_string() && one["stood_ms"].is_number()), "{round}");
+    let number = |key: &str| round["messages"][key].as_u64().unwrap();
+    assert_eq!(number("sent"), number("taken_in") + number("refused") + number("fenced") + number("lost"), "{}", round["messages"]);
+    let times: u64 = soak["kinds"].as_array().unwrap().iter().map(|kind| kind["times"].as_u64().unwrap()).sum();
+    assert_eq!(times, struck.len() as u64);
+    assert!(!desk.path().join("soak/round-001").exists(), "what kept every promise is not kept");
+    for (file, begins) in [("bench.json", &b"{"[..]), ("soak.svg", b"<svg"), ("soak.png", b"\x89PNG")] {
+        assert!(std::fs::read(desk.path().join("soak").join(file)).unwrap().starts_with(begins), "{file}");
+    }
+}
+
+#[test]
+fn an_interrupted_soak_ends_cleanly() {
+    let desk = Desk::new();
+    let child = desk.start(&["bench", "soak", "--seconds", "60", "--json"]);
+    until("five processes", || children_of_run(child.id()).len() == 5);
+    std::thread::sleep(std::time::Duration::from_secs(2));
+    // SAFETY: a plain signal to a child of ours.
+    unsafe { libc::kill(child.id().cast_signed(), libc::SIGINT) };
+    let said = finish(child);
+    assert!(said.code == 1 && said.err.contains("the soak was stopped by SIGINT"), "{}", said.err);
+    assert_nothing_left(said.launcher);
+    let told: Value = serde_json::from_str(&said.out).unwrap();
+    assert!(told["soak"]["interrupted"] == "SIGINT" && told["soak"]["passed"] == true, "{}", told["soak"]);
 }
 
 #[test]

@@ -62,6 +62,73 @@ fn the_death_of_a_process_is_mended_and_recorded() {
     }
 }
 
+fn restarts(summary: &Value, process: &str) -> u64 {
+    summary["processes"].as_array().unwrap().iter().find(|one| one["name"] == process).unwrap()["restarts"].as_u64().unwrap()
+}
+
+/// A run in real time with something done to it, until it is interrupted.
+fn in_real_time(act: impl Fn(&Desk, &std::process::Child)) -> Value {
+    let desk = Desk::new();
+    let child = desk.start(&[&LONG[..], &["--mode", "realtime"]].concat());
+    until("the recording to grow", || has_recorded_ticks(&desk));
+    act(&desk, &child);
+    signal(child.id() as i32, "INT");
+    let said = finish(child);
+    let summary: Value = serde_json::from_str(&said.out).unwrap();
+    assert_eq!(summary["outcome"], "interrupted", "{}\n{}", summary["reason"], said.err);
+    assert_nothing_left(said.launcher);
+    summary
+}
+
+fn pause_ms(ms: u64) {
+    std::thread::sleep(std::time::Duration::from_millis(ms));
+}
+
+/// The run of a launcher, as `armplane fault` names it.
+fn run_of(child: &std::process::Child) -> String {
+    in_shared_memory(child.id()).into_iter().find(|name| !name.contains('.')).unwrap()
+}
+
+#[test]
+fn in_real_time_a_death_costs_one_restart_and_no_message() {
+    for process in ["estimator", "controller", "recorder"] {
+        let summary = in_real_time(|_, child| {
+            kill(child, process);
+            pause_ms(1_000);
+        });
+        assert_eq!(restarts(&summary, process), 1, "{process}: {}", summary["faults"]);
+        // Whoever is away for longer than the writers' memory, a second, may lose something; this machine may be that busy.
+        let away_ms = summary["faults"][0]["restored_ms"].as_f64().unwrap();
+        assert!(summary["recorder"]["lost"] == 0 || process == "recorder" && away_ms > 600.0, "{process}: {}", summary["recorder"]);
+        let ticks = summary["topics"]["plant_state"]["count"].as_u64().unwrap();
+        assert!(away_ms > 600.0 || ticks + 1 >= summary["ticks"].as_u64().unwrap(), "{process}: {}", summary["topics"]);
+    }
+}
+
+#[test]
+fn in_real_time_a_stopped_process_is_replaced_whatever_befell_it_before() {
+    let summary = in_real_time(|desk, child| {
+        let said = desk.armplane(&["fault", "analyzer", "delay", "--for", "20ms", "--run", &run_of(child)]);
+        assert_eq!(said.code, 0, "{}", said.err);
+        pause_ms(100);
+        let analyzer = || children_of_run(child.id()).into_iter().find(|(name, _)| name == "analyzer").map(|(_, pid)| pid);
+        let stopped = analyzer().unwrap();
+        signal(stopped, "STOP");
+        until("a replacement", || analyzer().is_some_and(|pid| pid != stopped));
+    });
+    assert_eq!(restarts(&summary, "analyzer"), 1, "{}", summary["faults"]);
+}
+
+#[test]
+fn in_real_time_who_waits_for_a_silent_one_is_not_killed() {
+    let summary = in_real_time(|desk, child| {
+        let said = desk.armplane(&["fault", "analyzer", "drop", "--for", "3s", "--run", &run_of(child)]);
+        assert_eq!(said.code, 0, "{}", said.err);
+        pause_ms(3_200);
+    });
+    assert_eq!(restarts(&summary, "controller"), 0, "{}", summary["faults"]);
+}
+
 #[test]
 fn the_death_of_the_plant_or_of_a_process_without_a_budget_ends_the_run_and_is_named() {
     let graph = include_str!("../../services/graph.toml").replace("restart = \"always\"", "restart = \"never\"");

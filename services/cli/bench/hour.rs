@@ -62,7 +62,7 @@ pub(super) fn hour(robot: &Robot, scenario: &Scenario, seconds: u64) -> Result<H
     let rate_hz = f64::from(job.scenario.rate_hz);
     let bar = run::progress_bar((job.scenario.duration_s() * rate_hz).round() as u64, &job);
     let mut memory: Vec<Look> = Vec::new();
-    let launched = run::launch_quietly(&job, run::plan(&job)?, &[], &mut |event| match event {
+    let launched = run::launch_quietly(&job, run::plan(&job)?, &mut |_| Ok(()), &mut |event| match event {
         Event::Progress { ticks } => {
             bar.set_position(*ticks);
             let at_s = *ticks as f64 / rate_hz;

@@ -3,7 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
@@ -283,6 +283,13 @@ pub fn reexec(process: &str, run: &Path) -> io::Result<Command> {
     Ok(command)
 }
 
+/// Whether a fault has stopped its process for a time, and it has not gone on yet. The kind is looked at too: a way is a number, 0 where a kind
+/// has none.
+fn is_paused(account: &Account) -> bool {
+    let Account { strike, struck_ns, restored_ns, .. } = account;
+    strike.kind() == Some(Kind::Hang) && strike.way() == Some(Way::Paused) && *struck_ns != 0 && *restored_ns == 0
+}
+
 /// A prepared run: its directory, board and topics exist, and no process yet.
 ///
 /// It must be run on the thread that stays: the kernel kills the children when the thread that started them ends.
@@ -318,8 +325,8 @@ struct Slot {
     last_words: Vec<String>,
     /// When to start it again.
     due: Option<Instant>,
-    /// The ticks it had done, and when they were first seen: how long it has been silent.
-    seen: Option<(u64, Instant)>,
+    /// The ticks it had done and how often it had looked for more, and when that was first seen: how long it has been silent.
+    seen: Option<((u64, u32), Instant)>,
 }
 
 impl std::fmt::Debug for Slot {
@@ -484,14 +491,17 @@ impl Launcher {
                 ledger.has_struck(place, now_ns());
             }
         }
-        ledger.notice(index, now_ns());
+        ledger.notice(index, self.ticks(), now_ns());
         self.board.ring_all();
     }
 
-    /// The first tick of which nothing has come from a dead process. Everybody waits for it by now, so that its readers say how far it came:
-    /// it may have died between sending and saying so.
+    /// The first tick of which nothing has come from a dead process. In lockstep everybody waits for it by now, so that its readers say how
+    /// far it came: it may have died between sending and saying so. In real time nobody waits.
     fn first_tick_missed(&self, index: usize) -> u64 {
         let closed = self.board.line(index).ticks();
+        if self.plan.mode == Mode::Realtime {
+            return closed;
+        }
         let process = &self.plan.children[index].process;
         let reads = |other: &Process| !other.polled && process.writes.iter().any(|topic| other.reads.contains(topic));
         let has_got = |(other, child): (usize, &Child)| {
@@ -505,8 +515,8 @@ impl Launcher {
     /// Continues those that a fault has stopped for a time.
     fn continue_paused(&self) {
         for (_, account) in self.board.ledger().accounts() {
-            let Account { strike, struck_ns, restored_ns, .. } = account;
-            if struck_ns == 0 || restored_ns != 0 || strike.way() != Some(Way::Paused) || strike.kind() != Some(Kind::Hang) {
+            let Account { strike, struck_ns, .. } = account;
+            if !is_paused(&account) {
                 continue;
             }
             let passed_ns = (strike.until - strike.at).saturating_mul(1_000_000_000 / u64::from(self.plan.rate_hz.max(1)));
@@ -526,28 +536,27 @@ impl Launcher {
             let slot = &mut self.nursery.0[index];
             let Some(child) = slot.child.as_ref() else { continue };
             let (ticks, now) = (line.ticks(), Instant::now());
+            // Who waits for another one that is silent is not silent itself.
+            let signs = (ticks, line.looks());
             let is_replaced = plan.process.makes_ticks || plan.restart != Restart::Never;
             let since = match slot.seen {
-                Some((seen, since)) if seen == ticks && is_replaced => since,
+                Some((seen, since)) if seen == signs && is_replaced => since,
                 _ => {
-                    slot.seen = Some((ticks, now));
+                    slot.seen = Some((signs, now));
                     continue;
                 }
             };
             let silent = now - since;
             if child.is_stopped() {
-                self.board.ledger().notice(index, now_ns());
+                self.board.ledger().notice(index, source, now_ns());
             }
             let limit = if child.is_stopped() { SILENCE_STOPPED } else { SILENCE };
             let is_late = child.is_stopped() || (ticks < source && !plan.process.polled && line.state() == State::Running);
-            let is_paused = self.board.ledger().accounts().any(|(_, account)| {
-                let Account { strike, struck_ns, restored_ns, .. } = account;
-                strike.process as usize == index && strike.way() == Some(Way::Paused) && struck_ns != 0 && restored_ns == 0
-            });
+            let is_paused = self.board.ledger().accounts().any(|(_, account)| account.strike.process as usize == index && is_paused(&account));
             if is_late && !is_paused && silent > limit {
                 child.signal(Signal::KILL);
                 slot.seen = None;
-                self.board.ledger().notice(index, now_ns());
+                self.board.ledger().notice(index, source, now_ns());
                 report(Event::Silenced { process: &plan.process.name, silent });
             }
         }
@@ -651,7 +660,7 @@ impl Launcher {
 
     /// Which processes have ended since the last look.
     fn take_in_exits(&mut self, report: Report<'_>) -> Vec<usize> {
-        let mut ended = Vec::new();
+        let (ticks, mut ended) = (self.ticks(), Vec::new());
         for (index, slot) in self.nursery.0.iter_mut().enumerate() {
             let Some(child) = slot.child.as_mut() else { continue };
             let Some(exit) = child.try_wait() else { continue };
@@ -662,7 +671,7 @@ impl Launcher {
             (slot.exit, slot.last_words, slot.child) = (Some(exit), last_words, None);
             self.board.line(index).end();
             if !exit.is_success() {
-                self.board.ledger().notice(index, now_ns());
+                self.board.ledger().notice(index, ticks, now_ns());
             }
             ended.push(index);
         }
@@ -712,13 +721,21 @@ impl Launcher {
     }
 }
 
-/// Signals to the launcher, counted while a run goes on; before and after it they do what they always do.
-struct Interrupts(Signals);
+/// SIGINT, SIGTERM and SIGHUP to this process, taken in as long as somebody holds this; otherwise they do what they always do.
+///
+/// A run holds one; who makes several runs and cleans up after the last holds one over all of them.
+pub struct Interrupts(Signals);
 
 static IDLE: OnceLock<Arc<AtomicBool>> = OnceLock::new();
+/// How many are held.
+static HELD: AtomicUsize = AtomicUsize::new(0);
 
 impl Interrupts {
-    fn catch() -> io::Result<Self> {
+    /// Takes the signals in from now on.
+    ///
+    /// # Errors
+    /// When the kernel refuses.
+    pub fn catch() -> io::Result<Self> {
         let signals = Signals::new([SIGINT, SIGTERM, SIGHUP])?;
         if IDLE.get().is_none() {
             let idle = Arc::new(AtomicBool::new(false));
@@ -727,23 +744,26 @@ impl Interrupts {
             }
             let _ = IDLE.set(idle);
         }
-        Self::set_idle(false);
+        HELD.fetch_add(1, Ordering::SeqCst);
+        Self::tell();
         Ok(Self(signals))
     }
 
-    fn pending(&mut self) -> Option<&'static str> {
+    /// The name of a signal that has come since the last look.
+    pub fn pending(&mut self) -> Option<&'static str> {
         self.0.pending().next().map(|signal| signal_hook::low_level::signal_name(signal).unwrap_or("a signal"))
     }
 
-    fn set_idle(idle: bool) {
+    fn tell() {
         if let Some(flag) = IDLE.get() {
-            flag.store(idle, Ordering::Relaxed);
+            flag.store(HELD.load(Ordering::SeqCst) == 0, Ordering::SeqCst);
         }
     }
 }
 
 impl Drop for Interrupts {
     fn drop(&mut self) {
-        Self::set_idle(true);
+        HELD.fetch_sub(1, Ordering::SeqCst);
+        Self::tell();
     }
 }

@@ -74,7 +74,9 @@ fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Pat
     if let Some(past) = past {
         progress = past.progress;
         assembler.resume(past.next, past.rows.into_iter().map(Row::from));
-        tape.result.error = past.result.error;
+        if tape.result.error.is_empty() {
+            tape.result.error = past.result.error;
+        }
         (judge, witness) = (past.judge, Witness::resume(past.told));
     }
     let mut topics = Topics::open(shell, job.messages.then_some(folder.as_path()), &progress, &mut assembler)?;
@@ -172,8 +174,11 @@ impl<const N: usize> Tape<N> {
         if incarnation > 1 {
             // A further file of the same recording: what the predecessor wrote stays as it is.
             let part = viz::parts_in(&job.out).len() as u32;
-            let recording = Recording::create_part(&job.out, part, &info).map_err(ProcessError::setup)?;
-            return Ok(Self { recording: Some(recording), result: first, ..tape });
+            return Ok(match Recording::create_part(&job.out, part, &info) {
+                Ok(recording) => Self { recording: Some(recording), result: first, ..tape },
+                // A volume that has filled up meanwhile ends the recording, not the run.
+                Err(error) => Self { result: RecorderSummary { error: error.to_string(), ..first }, ..tape },
+            });
         }
         // A folder given with --out may hold an older recording with more parts.
         for old in viz::parts_in(&job.out) {

@@ -275,6 +275,12 @@ impl Line {
         self.age.read()
     }
 
+    /// How often it has looked for what it waits for: who only waits looks again and again, who is stuck or stopped does not.
+    #[must_use]
+    pub fn looks(&self) -> u32 {
+        self.bell.sleeps.load(Ordering::Relaxed)
+    }
+
     pub(crate) fn note_step(&self, ns: u64) {
         self.step.record(ns);
     }

@@ -9,6 +9,7 @@ use shared_types::fault::{Kind, Strike, Way};
 
 use crate::board::{PROGRESS, State};
 use crate::clock::now_ns;
+use crate::ledger::Origin;
 use crate::realtime;
 use crate::shell::Shared;
 
@@ -79,7 +80,7 @@ impl Shared {
     /// Something is wrong with a message: if there are faults, they have been noticed.
     pub(crate) fn notice(&self) {
         if !self.is_unharmed() {
-            self.board.ledger().notice_all(now_ns());
+            self.board.ledger().notice_all(self.tick.get(), now_ns());
         }
     }
 
@@ -94,14 +95,23 @@ impl Shared {
     }
 
     /// When this process, started again, may answer: the first tick after its last death. 0: no death is known.
+    ///
+    /// In real time a death that nobody planned has no length: its replacement answers as soon as it can.
     pub(crate) fn returns_at(&self) -> u64 {
         if self.line().incarnation() < 2 {
             return 0;
         }
         self.learn();
         let (fates, done) = (self.fates.borrow(), self.line().ticks());
-        let down = |strike: &Strike| strike.process as usize == self.me && strike.at <= done && strike.kind().is_some_and(Kind::takes_down);
-        fates.strikes().iter().filter(|(_, strike)| down(strike)).map(|(_, strike)| strike.until).max().unwrap_or(0)
+        let down = |(place, strike): &&(usize, Strike)| {
+            let account = self.board.ledger().account(*place);
+            let has_struck = account.is_some_and(|account| account.struck_ns != 0);
+            let has_length = self.is_lockstep() || account.is_none_or(|account| account.origin != Origin::Noticed);
+            let is_mine = strike.process as usize == self.me && strike.kind().is_some_and(Kind::takes_down);
+            // Who died between sending a tick and saying so is down from the next one on.
+            is_mine && has_length && (strike.at <= done || has_struck)
+        };
+        fates.strikes().iter().filter(down).map(|(_, strike)| strike.until).max().unwrap_or(0)
     }
 
     /// Carries out what concerns the process itself at a tick, with the tick's first input in hand. Returns the tick at which it goes on:
@@ -126,10 +136,10 @@ impl Shared {
     }
 
     /// What takes this process down at a tick. Who makes the ticks, and who takes in what others have sent, is down at no tick but the first,
-    /// because no tick passes meanwhile: it falls once.
+    /// because no tick passes meanwhile: it falls once. In real time everybody does: a replacement that is there early is not struck again.
     pub(crate) fn downfall(&self, tick: u64) -> Option<(usize, Strike, Kind)> {
         let process = &self.manifest.processes[self.me];
-        let falls_once = process.polled || process.makes_ticks;
+        let falls_once = process.polled || process.makes_ticks || !self.is_lockstep();
         let has_struck = |place| self.board.ledger().account(place).is_some_and(|account| account.struck_ns != 0);
         let fates = self.fates.borrow();
         let mut falls = fates.of(self.me, tick).filter(|(place, _, kind)| kind.takes_down() && !(falls_once && has_struck(*place)));
@@ -213,8 +223,13 @@ impl Shared {
     /// This process's clock: the machine's, unless a fault has it jump or run fast.
     pub(crate) fn clock_ns(&self) -> u64 {
         let now = now_ns();
+        now.saturating_add_signed(self.clock_error_ns(now))
+    }
+
+    /// How far this process's clock is ahead of the machine's at an instant of that; negative where it is behind.
+    pub(crate) fn clock_error_ns(&self, now: u64) -> i64 {
         if self.is_unharmed() {
-            return now;
+            return 0;
         }
         let fates = self.fates.borrow();
         let ms = 1e6;
@@ -226,7 +241,7 @@ impl Shared {
             let since = self.board.ledger().account(place).map_or(0, |account| now.saturating_sub(account.struck_ns));
             if strike.way() == Some(Way::Skew) { strike.amount * since as f64 } else { strike.amount * ms }
         };
-        now.saturating_add_signed(fates.of(self.me, self.tick.get()).map(wrong).sum::<f64>() as i64)
+        fates.of(self.me, self.tick.get()).map(wrong).sum::<f64>() as i64
     }
 
     /// In lockstep: nothing more of `tick` will come out of this process.

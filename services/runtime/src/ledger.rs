@@ -7,10 +7,13 @@
 
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
-use shared_types::fault::{Kind, Strike};
+use shared_types::fault::{Kind, MOST_DELAY_TICKS, Strike};
 
 /// Most faults a run may have.
 pub const MOST_FAULTS: usize = 64;
+
+/// So long after a fault what it has done to messages may still come to light: the longest delay, twice.
+const AFTERMATH_TICKS: u64 = 2 * MOST_DELAY_TICKS;
 
 /// 64-bit words of a strike.
 const WORDS: usize = size_of::<Strike>() / size_of::<u64>();
@@ -165,14 +168,18 @@ impl Ledger {
         }
     }
 
-    /// Something noticed what has struck this process.
-    pub fn notice(&self, process: usize, now_ns: u64) {
-        self.of(process).filter(|entry| entry.struck_ns.load(Ordering::Relaxed) != 0).for_each(|entry| first(&entry.noticed_ns, now_ns));
+    /// Something noticed at a tick what has struck this process: what has taken it down, and what else is in force or has been shortly before.
+    pub fn notice(&self, process: usize, tick: u64, now_ns: u64) {
+        let is_it = |entry: &&Entry| entry.is_at_work(tick) || entry.strike().kind().is_some_and(Kind::takes_down);
+        let struck = self.of(process).filter(|entry| entry.struck_ns.load(Ordering::Relaxed) != 0);
+        struck.filter(is_it).for_each(|entry| first(&entry.noticed_ns, now_ns));
     }
 
-    /// A message is missing, or came twice, or was refused: whatever has struck anywhere has been noticed by that.
-    pub(crate) fn notice_all(&self, now_ns: u64) {
-        self.taken().iter().filter(|entry| entry.struck_ns.load(Ordering::Relaxed) != 0).for_each(|entry| first(&entry.noticed_ns, now_ns));
+    /// A message is missing, or came twice, or was refused, at a tick: whatever has struck anywhere and is in force, or has been shortly before, has
+    /// been noticed by that.
+    pub(crate) fn notice_all(&self, tick: u64, now_ns: u64) {
+        let struck = self.taken().iter().filter(|entry| entry.struck_ns.load(Ordering::Relaxed) != 0);
+        struck.filter(|entry| entry.is_at_work(tick)).for_each(|entry| first(&entry.noticed_ns, now_ns));
     }
 
     /// This process works again.
@@ -197,6 +204,12 @@ impl Entry {
     fn put(&self, strike: &Strike) {
         let words: [u64; WORDS] = bytemuck::cast(*strike);
         self.words.iter().zip(words).for_each(|(place, word)| place.store(word, Ordering::Relaxed));
+    }
+
+    /// Whether it is in force at a tick, or what it has done may still come to light.
+    fn is_at_work(&self, tick: u64) -> bool {
+        let Strike { at, until, .. } = self.strike();
+        (at..until.saturating_add(AFTERMATH_TICKS)).contains(&tick)
     }
 
     fn strike(&self) -> Strike {
@@ -281,15 +294,29 @@ mod tests {
         let board = Board::create(&run).unwrap();
         let ledger = board.ledger();
         let place = ledger.enter(&strike(Kind::Hang, 10), Origin::Planned).unwrap();
-        ledger.notice(3, 50);
+        ledger.notice(3, 10, 50);
         assert_eq!(ledger.account(place).unwrap().noticed_ns, 0, "it has not struck yet");
         ledger.has_struck(place, 60);
-        ledger.notice(3, 70);
-        ledger.notice(3, 80);
+        ledger.notice(3, 10, 70);
+        ledger.notice(3, 10, 80);
         ledger.restore(3, 90);
         let account = ledger.account(place).unwrap();
         assert_eq!((account.struck_ns, account.noticed_ns, account.restored_ns, account.origin), (60, 70, 90, Origin::Planned));
         assert_eq!(account.strike, strike(Kind::Hang, 10));
+    }
+
+    #[test]
+    fn a_message_that_is_missing_tells_of_what_is_in_force_and_of_nothing_else() {
+        let run = RunDir::create().unwrap();
+        let board = Board::create(&run).unwrap();
+        let ledger = board.ledger();
+        let places = [10, 1_000, 3_000].map(|at| ledger.enter(&strike(Kind::Drop, at), Origin::Planned).unwrap());
+        places.iter().for_each(|place| ledger.has_struck(*place, 5));
+        // The second lasts 100 ticks from 1000.
+        ledger.notice_all(1_150, 77);
+        assert_eq!(places.map(|place| ledger.account(place).unwrap().noticed_ns), [0, 77, 0]);
+        ledger.notice(3, 3_000, 88);
+        assert_eq!(places.map(|place| ledger.account(place).unwrap().noticed_ns), [0, 77, 88]);
     }
 
     #[test]

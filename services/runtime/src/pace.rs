@@ -14,8 +14,10 @@ use crate::shell::{Interrupted, Shared, Waited};
 pub struct Pace {
     shared: Rc<Shared>,
     next_tick: u64,
-    /// Grid point at which the tick in hand began; 0 before the first one.
+    /// Grid point at which the tick in hand began, on this process's clock; 0 before the first one.
     grid_ns: u64,
+    /// The same on the machine's clock.
+    began_ns: u64,
     usage: Usage,
     incarnations: u32,
 }
@@ -25,7 +27,7 @@ pub(crate) const USAGE_EVERY: u64 = 64;
 
 impl Pace {
     pub(crate) fn new(shared: Rc<Shared>, first: u64) -> Self {
-        Self { shared, next_tick: first, grid_ns: 0, usage: Usage::default(), incarnations: 0 }
+        Self { shared, next_tick: first, grid_ns: 0, began_ns: 0, usage: Usage::default(), incarnations: 0 }
     }
 
     /// Waits for the next tick's time; `None` when the run stops.
@@ -62,7 +64,7 @@ impl Pace {
     #[must_use]
     pub fn deadline_ns(&self) -> Option<u64> {
         let period = self.shared.manifest.period_ns();
-        (!self.shared.is_lockstep()).then(|| self.grid_ns + period - (period / 10).min(100_000) - self.ahead_ns())
+        (!self.shared.is_lockstep()).then(|| self.began_ns + period - (period / 10).min(100_000))
     }
 
     fn wait_for_grid(&mut self) {
@@ -82,18 +84,21 @@ impl Pace {
                 }
                 self.usage = usage;
             }
+            // A clock that was put back takes the grid with it, in whole periods: the arm does not stand still until it is that late again.
+            self.grid_ns -= self.grid_ns.saturating_sub(now) / period * period;
             self.grid_ns += (missed + 1) * period;
         }
         self.incarnations = incarnations;
         self.shared.due_ns.set(self.grid_ns);
         while self.shared.clock_ns() < self.grid_ns && !self.shared.is_stopping() {
-            sleep_until(self.grid_ns - self.ahead_ns());
+            sleep_until(self.by_machine(self.grid_ns));
         }
+        self.began_ns = self.by_machine(self.grid_ns);
     }
 
-    /// How far this process's clock is ahead of the machine's.
-    fn ahead_ns(&self) -> u64 {
-        self.shared.clock_ns().saturating_sub(now_ns())
+    /// What the machine's clock says when this process's says `ns`.
+    fn by_machine(&self, ns: u64) -> u64 {
+        ns.saturating_add_signed(-self.shared.clock_error_ns(now_ns()))
     }
 
     fn incarnations_of_all(&self) -> u32 {

@@ -78,7 +78,7 @@ enum Found {
 impl<M: Message> Reader<M> {
     pub(crate) fn new(shared: Rc<Shared>, subscriber: Rc<Subscribing<M>>) -> Self {
         let bit = shared.topic_bit(M::TOPIC);
-        let inlet = Inlet::new(Rc::clone(&shared), subscriber);
+        let inlet = Inlet::new(Rc::clone(&shared), subscriber, Admission::OfTheLiving);
         // What was sent while this process was down is not for its replacement.
         let last = shared.returns_at().checked_sub(1);
         Self { shared, inlet, bit, current: M::zeroed(), last, ahead: None }
@@ -312,18 +312,28 @@ impl<M: Message> Reader<M> {
     }
 }
 
+/// Whose messages count.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Admission {
+    /// In real time those of the living: nobody acts on the word of the dead.
+    OfTheLiving,
+    /// All, as long as they come in order: what the dead have sent is part of the record.
+    InOrder,
+}
+
 /// Where messages enter the process.
 struct Inlet<M: Message> {
     shared: Rc<Shared>,
     subscriber: Rc<Subscribing<M>>,
     writer: Option<usize>,
     fence: Fence,
+    admission: Admission,
 }
 
 impl<M: Message> Inlet<M> {
-    fn new(shared: Rc<Shared>, subscriber: Rc<Subscribing<M>>) -> Self {
+    fn new(shared: Rc<Shared>, subscriber: Rc<Subscribing<M>>, admission: Admission) -> Self {
         let writer = shared.manifest.writer_of(M::TOPIC);
-        Self { shared, subscriber, writer, fence: Fence::default() }
+        Self { shared, subscriber, writer, fence: Fence::default(), admission }
     }
 
     /// The next message that counts, in shared memory still: of a living incarnation, and all its numbers finite.
@@ -339,7 +349,7 @@ impl<M: Message> Inlet<M> {
 
     /// Whether a message counts; one that does not is counted as what it is.
     fn admits(&mut self, message: &M) -> bool {
-        let living = match (self.shared.is_lockstep(), self.writer) {
+        let living = match (self.shared.is_lockstep() || self.admission == Admission::InOrder, self.writer) {
             (false, Some(writer)) => Some(self.shared.board.line(writer).incarnation()),
             _ => None,
         };
@@ -434,7 +444,7 @@ impl<M: Message> Recall<M> {
 
 impl<M: Message> Drain<M> {
     pub(crate) fn new(shared: Rc<Shared>, subscriber: Rc<Subscribing<M>>) -> Self {
-        Self { inlet: Inlet::new(shared, subscriber), last: None, lost: 0, recall: None }
+        Self { inlet: Inlet::new(shared, subscriber, Admission::InOrder), last: None, lost: 0, recall: None }
     }
 
     /// Hands over all messages that are there, oldest first.

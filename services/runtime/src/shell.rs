@@ -606,7 +606,7 @@ impl Shell {
 
     /// This process has noticed what has struck it.
     pub fn notice(&self) {
-        self.shared.board.ledger().notice(self.shared.me, now_ns());
+        self.shared.board.ledger().notice(self.shared.me, self.shared.tick.get(), now_ns());
     }
 
     /// All faults of the run so far.

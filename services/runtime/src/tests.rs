@@ -247,3 +247,54 @@ fn everything_in_shared_memory_is_this_users_alone() {
     assert!(modes.len() > 3, "the directory and iceoryx2's segments: {modes:?}");
     assert!(modes.iter().all(|(_, mode)| mode & 0o077 == 0), "{modes:?}");
 }
+
+#[test]
+fn a_reader_of_everything_that_comes_back_gets_what_it_missed_and_nothing_twice() {
+    let stage = stage(Mode::Realtime);
+    let plant = stage.shell("plant");
+    let mut sensors = plant.writer().unwrap();
+    let (first, mut taken) = (stage.shell("recorder"), Vec::new());
+    let mut drain = first.drain::<SensorSample>().unwrap();
+    first.poll(Duration::ZERO).unwrap();
+    (0..100).for_each(|tick| sensors.send(sample(tick)).unwrap());
+    drain.drain(|message| taken.push(*message)).unwrap();
+    assert_eq!(taken.len(), 100);
+    // It dies and has to have been at tick 80; meanwhile others come, one of them poisoned, and the writer dies with its last word on the way.
+    drop((drain, first));
+    (100..200).for_each(|tick| sensors.send(sample(tick)).unwrap());
+    stage.board.line(2).begin_incarnation();
+    let second = stage.shell("recorder");
+    let mut drain = second.drain::<SensorSample>().unwrap();
+    drain.resume(Some(80), 0);
+    drain.recall(Some(&taken[80])).unwrap();
+    second.poll(Duration::ZERO).unwrap();
+    sensors.send(sample(200)).unwrap();
+    stage.board.line(0).begin_incarnation();
+    let mut ticks = Vec::new();
+    drain.drain(|message| ticks.push(message.header.tick)).unwrap();
+    assert_eq!(ticks, (81..=200).collect::<Vec<_>>());
+    assert_eq!((second.count(Count::Lost), second.count(Count::Repeated), second.count(Count::Fenced)), (0, 0, 0));
+}
+
+#[test]
+fn a_clock_that_is_behind_or_ahead_leaves_the_grid_where_it_is() {
+    use shared_types::fault::{Fault, Kind, Way};
+    for amount in [-30.0, 30.0] {
+        let stage = stage(Mode::Realtime);
+        let fault = Fault { way: Some(Way::Jump), amount: Some(amount), at_tick: Some(3), for_ticks: Some(20), ..Fault::new("plant", Kind::Clock) };
+        stage.board.ledger().enter(&fault.strike(0, 1000, 0).unwrap(), crate::Origin::Planned);
+        let plant = stage.shell("plant");
+        let mut pace = plant.pace(0);
+        let (began, mut in_time) = (now_ns(), 0);
+        for tick in 0..40 {
+            assert_eq!(pace.next().unwrap(), Some(tick));
+            let (now, deadline) = (now_ns(), pace.deadline_ns().unwrap());
+            assert!(deadline < now + 1_000_000, "{amount} ms, tick {tick}: {} ns ahead", deadline - now);
+            // A busy machine is late with some wake-ups.
+            in_time += u32::from(deadline > now);
+        }
+        assert!(in_time >= 20, "{amount} ms: {in_time} of 40 ticks had any time for their torque");
+        let took_ms = (now_ns() - began) / 1_000_000;
+        assert!(took_ms >= 35, "{amount} ms: it ran through {took_ms} ms");
+    }
+}
