@@ -2,7 +2,8 @@
 
 use serde_json::Value;
 
-use crate::command::{Desk, assert_nothing_left, finish, until};
+use crate::command::{Desk, assert_nothing_left, children_of_run, finish, until};
+use crate::life::signal;
 
 /// A short task with faults after it.
 fn scenario(faults: &str) -> String {
@@ -63,6 +64,35 @@ fn a_killed_recorder_loses_nothing_in_lockstep() {
     assert_eq!((&whole["task"], &whole["joints"]), (&killed["task"], &killed["joints"]), "the figures too");
     assert_eq!(killed["recorder"]["parts"], 2);
     assert!(desk.path().join("b/run-001.rrd").exists());
+}
+
+#[test]
+fn a_recorder_killed_from_outside_loses_nothing_either() {
+    let desk = Desk::new();
+    let long = ["run", "--set", "segment.1.duration_s=30", "--json", "--out"];
+    let whole: Value = serde_json::from_str(&desk.armplane(&[&long[..], &["whole"]].concat()).out).unwrap();
+    let child = desk.start(&[&long[..], &["killed"]].concat());
+    let kept = desk.path().join("killed/messages/torque.kept");
+    until("messages to be kept", || std::fs::metadata(&kept).is_ok_and(|file| file.len() > 500_000));
+    let victim = children_of_run(child.id()).into_iter().find(|(name, _)| name == "recorder").unwrap().1;
+    signal(victim, "KILL");
+    let said = finish(child);
+    assert_eq!(said.code, 0, "{}", said.err);
+    let killed: Value = serde_json::from_str(&said.out).unwrap();
+    assert_eq!(topics(&whole), topics(&killed), "every message, in order");
+    assert_eq!((&whole["task"], &whole["joints"], &whole["modes"]), (&killed["task"], &killed["joints"], &killed["modes"]), "and the figures");
+    assert_eq!((&killed["faults"][0]["origin"], &killed["recorder"]["parts"]), (&"noticed".into(), &2.into()));
+    let mut ticks = Vec::new();
+    let collect = |piece: viz::Piece| {
+        if let viz::Piece::Rows(rows) = piece {
+            ticks.extend_from_slice(&rows.ticks);
+        }
+        Ok::<(), viz::ReadError>(())
+    };
+    viz::read(&viz::parts_in(&desk.path().join("killed")), collect).unwrap();
+    ticks.sort_unstable();
+    assert_eq!(ticks, (0..killed["ticks"].as_u64().unwrap()).collect::<Vec<_>>(), "every tick once in the recording");
+    assert_nothing_left(said.launcher);
 }
 
 #[test]

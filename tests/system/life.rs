@@ -9,7 +9,7 @@ use crate::command::{Desk, assert_nothing_left, children_of_run, finish, in_shar
 /// Long enough to be interrupted.
 const LONG: [&str; 6] = ["run", "--set", "segment.1.duration_s=500", "--json", "--out", "results"];
 
-fn signal(pid: i32, name: &str) {
+pub(crate) fn signal(pid: i32, name: &str) {
     let status = Command::new("kill").args([format!("-{name}"), pid.to_string()]).status().unwrap();
     assert!(status.success());
 }
