@@ -138,7 +138,7 @@ impl Situation {
 
 /// The label at the mark, as short as can be.
 pub(crate) fn label(one: &SingularityState, index: usize) -> String {
-    let verb = if one.angular == 1 { "no rotation about ζ" } else { "no motion along ζ" };
+    let verb = if one.angular == 1 { "cannot turn about ζ" } else { "cannot move along ζ" };
     format!("{} ({}): {verb}", singularity_name(one.kind, index), name_of(TYPES, one.class))
 }
 
