@@ -56,12 +56,15 @@ fn view_opens_the_latest_run_and_another_layout() {
     let seen = desk.read("seen");
     let folder = "runs/fig5-wrist-rotation-002";
     let parts = ["run.rrd", "run-001.rrd", "run-002.rrd"].map(|name| format!("{folder}/{name}"));
-    assert_eq!(seen.trim(), parts.join(" "));
+    assert_eq!(seen.trim(), format!("{} --bind 127.0.0.1", parts.join(" ")));
     assert_eq!(desk.with_viewer(&viewer, &["view", "fig5-wrist-rotation-001", "--layout", "timing"]).code, 0);
     let seen = desk.read("seen");
-    assert_eq!(seen.trim(), "runs/fig5-wrist-rotation-001/run.rrd runs/fig5-wrist-rotation-001/timing.rbl");
+    assert_eq!(seen.trim(), "runs/fig5-wrist-rotation-001/run.rrd runs/fig5-wrist-rotation-001/timing.rbl --bind 127.0.0.1");
     let layout = std::fs::read(desk.path().join("runs/fig5-wrist-rotation-001/timing.rbl")).expect("the layout");
     assert_eq!(&layout[..4], b"RRF2", "a Rerun blueprint");
+    let old = desk.viewer("old.sh", "[ \"$1\" = --version ] && echo rerun-cli 0.20.1");
+    let said = desk.with_viewer(&old, &["view"]);
+    assert!(said.err.contains("is 0.20") && said.err.contains("pip install rerun-sdk==0.36.3"), "{}", said.err);
     let failing = desk.viewer("failing.sh", "exit 3");
     let said = desk.with_viewer(&failing, &["view"]);
     assert!(said.code == 1 && said.err.contains("failing.sh"), "{}", said.err);

@@ -52,13 +52,13 @@ impl Figure {
             Factors::Numeric if !robot.shapes.is_empty() => {
                 let (mut base, links) = shapes(robot, reach);
                 if robot.task.0[2] && floor_m < -0.05 {
-                    pedestal(&mut base, floor_m, 0.09 * reach);
+                    pedestal(&mut base, floor_m, 0.075 * reach);
                 }
                 (base, links)
             }
             Factors::Numeric => capsules(robot, reach),
         };
-        let rings = robot.joints.iter().zip(&links).map(|(joint, mesh)| Ring::of(joint, mesh, 0.1 * reach)).collect();
+        let rings = robot.joints.iter().zip(&links).map(|(joint, mesh)| Ring::of(joint, mesh, 0.13 * reach)).collect();
         Self { base, links, rings, reach }
     }
 }

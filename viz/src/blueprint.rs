@@ -13,7 +13,7 @@ use re_sdk_types::blueprint::archetypes::{
     TimeAxis, TimePanelBlueprint, ViewBlueprint, ViewContents, ViewportBlueprint, VisibleTimeRanges, VisualizerInstruction,
 };
 use re_sdk_types::blueprint::components::{
-    ActiveTab, BackgroundKind, ColumnShare, ContainerKind, Corner2D, IncludedContent, LinkAxis, LockRangeDuringZoom, LoopMode, PanelState,
+    ActiveTab, BackgroundKind, ColumnShare, ContainerKind, Corner2D, IncludedContent, LinkAxis, LockRangeDuringZoom, PanelState,
     RootContainer, RowShare, TextLogColumn, TimelineName, VisibleTimeRange, VisualizerComponentMapping, VisualizerInstructionId,
 };
 use re_sdk_types::blueprint::datatypes::{ComponentSourceKind, TextLogColumnKind, VisualizerComponentMapping as Mapping};
@@ -260,9 +260,8 @@ fn layout(subject: &Subject, layout: Layout) -> Vec<ChunkResult<Chunk>> {
     for panel in ["blueprint_panel", "selection_panel"] {
         sheet.log(panel, &PanelBlueprint::new().with_state(PanelState::Hidden));
     }
-    // A run is short: it is shown over and over, until someone stops it; a live one is followed.
-    let time =
-        TimePanelBlueprint::new().with_state(PanelState::Collapsed).with_timeline(TimelineName("t".into())).with_loop_mode(LoopMode::All);
+    // No loop: the viewer would not follow a live run then.
+    let time = TimePanelBlueprint::new().with_state(PanelState::Collapsed).with_timeline(TimelineName("t".into()));
     sheet.log("time_panel", &time);
     sheet.chunks
 }

@@ -743,7 +743,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             colours.push(colour);
             words.push(word);
         }
-        let radius = 0.005 * self.figure.reach;
+        let radius = 0.004 * self.figure.reach;
         let arcs = LineStrips3D::new(strips).with_colors(colours).with_radii([radius]).with_labels(words).with_show_labels(true);
         self.log(tick, entity::TURNED, &arcs);
     }
@@ -888,10 +888,11 @@ fn mesh3d(mesh: &Mesh, tint: Option<Rgba>) -> Mesh3D {
 /// reaches out, a little above; a planar arm from above.
 fn eye(places: &[Vec3], mark: f32, subject: &Subject, planar: bool) -> Eye {
     // Half of Rerun's field of view; the sphere is roomier than the arm in it.
-    let distance = |radius: f32| 0.9 * radius / 27.5f32.to_radians().sin();
+    let distance = |radius: f32| 0.93 * radius / 27.5f32.to_radians().sin();
     let hand = places.last().copied().unwrap_or(Vec3::X);
     let foot = if planar { Vec3::ZERO } else { Vec3::Z * subject.floor_m.min(0.0) };
-    let room = [hand + Vec3::splat(mark), hand - Vec3::splat(mark), foot];
+    // Above the mark are its words.
+    let room = [hand + Vec3::splat(mark), hand - Vec3::splat(mark), hand + Vec3::Z * (1.5 * mark), foot];
     let (low, high) = places.iter().chain(&room).fold((Vec3::ZERO, Vec3::ZERO), |(low, high), p| (low.min(*p), high.max(*p)));
     let (look_at, radius) = ((low + high) / 2.0, (high - low).length() / 2.0);
     if planar {
