@@ -65,16 +65,34 @@ struct Line {
     points: Vec<(f64, f64)>,
     stride: u64,
     gathered: u64,
+    /// The time of the last value, and how much later the next may be without a gap; s.
+    last_s: f64,
+    patience_s: f64,
     least: (f64, f64),
     largest: (f64, f64),
 }
 
 impl Line {
-    fn new(name: String, stride: u64) -> Self {
-        Self { name, points: Vec::new(), stride, gathered: 0, least: (0.0, f64::INFINITY), largest: (0.0, f64::NEG_INFINITY) }
+    fn new(name: String, stride: u64, patience_s: f64) -> Self {
+        Self {
+            name,
+            points: Vec::new(),
+            stride,
+            gathered: 0,
+            last_s: f64::INFINITY,
+            patience_s,
+            least: (0.0, f64::INFINITY),
+            largest: (0.0, f64::NEG_INFINITY),
+        }
     }
 
     fn push(&mut self, t_s: f64, value: f64) {
+        if t_s > self.last_s + self.patience_s {
+            // Nothing is drawn across what was lost.
+            self.flush();
+            self.points.push((t_s, f64::NAN));
+        }
+        self.last_s = t_s;
         if value < self.least.1 {
             self.least = (t_s, value);
         }
@@ -96,7 +114,7 @@ impl Line {
             }
         }
         let name = std::mem::take(&mut self.name);
-        *self = Self { points: std::mem::take(&mut self.points), ..Self::new(name, self.stride) };
+        *self = Self { points: std::mem::take(&mut self.points), last_s: self.last_s, ..Self::new(name, self.stride, self.patience_s) };
     }
 }
 
@@ -112,7 +130,11 @@ impl Recorded {
                     rate_hz = about.rate_hz();
                     for signal in Signal::ALL {
                         let lines = || {
-                            signal.elements(about.joints, &about.singularities).into_iter().map(|name| Line::new(name, stride)).collect()
+                            signal
+                                .elements(about.joints, &about.singularities)
+                                .into_iter()
+                                .map(|name| Line::new(name, stride, 2.5 / rate_hz))
+                                .collect()
                         };
                         recorded.lines.entry(signal.name()).or_insert_with(lines);
                     }
@@ -242,7 +264,8 @@ fn tables(page: &mut Html, summary: &Summary) {
         ],
     );
     let joints = &summary.joints;
-    let percent = |ratio: f64| format!("{:.1} %", 100.0 * ratio);
+    // Nothing of an infinite limit.
+    let percent = |ratio: f64| if ratio > 0.0 { format!("{:.1} %", 100.0 * ratio) } else { "–".to_owned() };
     page.table(
         &["joint load, of the robot's limit", "largest"],
         &[
@@ -462,14 +485,16 @@ mod tests {
 
     #[test]
     fn lines_keep_their_extremes_however_long_they_are() {
-        let mut line = Line::new("x".to_owned(), 100);
+        let mut line = Line::new("x".to_owned(), 100, 2.5);
         (0..1000).for_each(|k| line.push(f64::from(k), if k == 555 { 9.0 } else { f64::from(k % 7) * 0.1 }));
         line.flush();
         assert!(line.points.len() <= 20 && line.points.contains(&(555.0, 9.0)), "{:?}", line.points);
         assert!(line.points.windows(2).all(|pair| pair[0].0 < pair[1].0));
-        let mut whole = Line::new("x".to_owned(), 1);
+        let mut whole = Line::new("x".to_owned(), 1, 2.5);
         (0..5).for_each(|k| whole.push(f64::from(k), 1.0));
         assert_eq!(whole.points.len(), 5);
+        whole.push(9.0, 1.0);
+        assert!(whole.points[5].1.is_nan() && whole.points[6] == (9.0, 1.0), "a gap is not drawn across: {:?}", whole.points);
     }
 
     #[test]

@@ -62,6 +62,9 @@ fn view_opens_the_latest_run_and_another_layout() {
     assert_eq!(seen.trim(), "runs/fig5-wrist-rotation-001/run.rrd runs/fig5-wrist-rotation-001/timing.rbl --bind 127.0.0.1");
     let layout = std::fs::read(desk.path().join("runs/fig5-wrist-rotation-001/timing.rbl")).expect("the layout");
     assert_eq!(&layout[..4], b"RRF2", "a Rerun blueprint");
+    std::fs::copy(desk.path().join(folder).join("run.rrd"), desk.path().join("mine.rrd")).expect("a copy");
+    assert_eq!(desk.with_viewer(&viewer, &["view", "mine.rrd"]).code, 0);
+    assert_eq!(desk.read("seen").trim(), "mine.rrd --bind 127.0.0.1");
     let old = desk.viewer("old.sh", "[ \"$1\" = --version ] && echo rerun-cli 0.20.1");
     let said = desk.with_viewer(&old, &["view"]);
     assert!(said.err.contains("is 0.20") && said.err.contains("pip install rerun-sdk==0.36.3"), "{}", said.err);

@@ -27,6 +27,8 @@ pub(crate) struct Figure {
 pub(crate) struct Ring {
     pub(crate) axis: Vec3,
     pub(crate) centre: Vec3,
+    /// From the centre to where there is least of the link: unit, across the axis.
+    pub(crate) out: Vec3,
     pub(crate) radius: f32,
 }
 
@@ -37,7 +39,10 @@ impl Ring {
         let along = mesh.positions.iter().map(|p| Vec3::from_array(*p).dot(axis));
         let (low, high) = along.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), z| (low.min(z), high.max(z)));
         let middle = if low.is_finite() { (low + high) / 2.0 } else { 0.0 };
-        (joint.kind != JointKind::Prismatic).then_some(Self { axis, centre: axis * middle, radius })
+        let body = mesh.positions.iter().map(|p| Vec3::from_array(*p).reject_from_normalized(axis)).sum::<Vec3>();
+        let body = (body / mesh.positions.len().max(1) as f32).clamp_length_max(1.0);
+        let out = if body.length() > 0.1 * radius { axis.cross(body).normalize() } else { axis.any_orthonormal_vector() };
+        (joint.kind != JointKind::Prismatic).then_some(Self { axis, centre: axis * middle, out, radius })
     }
 }
 

@@ -289,7 +289,7 @@ fn arrange(sheet: &mut Sheet, subject: &Subject, layout: Layout) {
             desk.sheet.column(cells.into());
         }
         Layout::Faults => {
-            let left = [(1.7, desk.world()), (0.75, desk.now()), (1.1, desk.log())];
+            let left = [(1.6, desk.world()), (0.85, desk.now()), (1.05, desk.log())];
             let more = [desk.errors(), desk.joints(), desk.measure(), desk.governor(), desk.latency()];
             let more = desk.sheet.tabs(more.into());
             let right = [(1.5, desk.lives()), (1.0, desk.torques()), (1.1, more), (1.25, desk.modes())];

@@ -888,7 +888,7 @@ fn mesh3d(mesh: &Mesh, tint: Option<Rgba>) -> Mesh3D {
 /// reaches out, a little above; a planar arm from above.
 fn eye(places: &[Vec3], mark: f32, subject: &Subject, planar: bool) -> Eye {
     // Half of Rerun's field of view; the sphere is roomier than the arm in it.
-    let distance = |radius: f32| 0.93 * radius / 27.5f32.to_radians().sin();
+    let distance = |radius: f32| 0.88 * radius / 27.5f32.to_radians().sin();
     let hand = places.last().copied().unwrap_or(Vec3::X);
     let foot = if planar { Vec3::ZERO } else { Vec3::Z * subject.floor_m.min(0.0) };
     // Above the mark are its words.

@@ -195,11 +195,12 @@ impl NullMotion {
     }
 }
 
-/// How far a joint has turned, as an arc with a barbed end about its axis; `X_BL` is its link now, `angle` in rad.
+/// How far a joint has turned, as an arc with a barbed end about its axis, on the upper side of the link; `X_BL` is its link now, `angle` in rad.
 pub(crate) fn turning(ring: &Ring, X_BL: &Placement, angle: f32) -> Vec<[f32; 3]> {
     let angle = angle.clamp(-6.0, 6.0);
-    let out = ring.axis.any_orthonormal_vector();
-    let point = |turn: f32, radius: f32| X_BL.R * (ring.centre + Quat::from_axis_angle(ring.axis, turn) * out * radius) + X_BL.p;
+    let turn = |angle: f32| Quat::from_axis_angle(ring.axis, angle);
+    let out = if (X_BL.R * (turn(-angle) * ring.out)).z < 0.0 { -ring.out } else { ring.out };
+    let point = |angle: f32, radius: f32| X_BL.R * (ring.centre + turn(angle) * out * radius) + X_BL.p;
     let steps = (angle.abs() / 0.15).ceil().max(1.0);
     let barb = (0.3f32).min(0.6 * angle.abs()).copysign(angle);
     let (tip, r) = (point(0.0, ring.radius), ring.radius);
@@ -302,11 +303,11 @@ mod tests {
 
     #[test]
     fn an_arc_begins_where_the_joint_was_and_ends_where_it_is() {
-        let ring = Ring { axis: Vec3::Z, centre: Vec3::new(0.0, 0.0, 0.2), radius: 0.1 };
+        let ring = Ring { axis: Vec3::Z, centre: Vec3::new(0.0, 0.0, 0.2), out: Vec3::Y, radius: 0.1 };
         let X_BL = Placement { R: Mat3::from_rotation_z(0.8), p: Vec3::X };
         let arc = turning(&ring, &X_BL, 0.8);
         let (first, tip) = (Vec3::from_array(arc[0]), Vec3::from_array(arc[arc.len() - 2]));
-        let out = Vec3::Z.any_orthonormal_vector() * 0.1;
+        let out = Vec3::Y * 0.1;
         assert!((first - (Vec3::new(1.0, 0.0, 0.2) + out)).length() < 1e-6, "{first}");
         assert!((tip - (Vec3::new(1.0, 0.0, 0.2) + X_BL.R * out)).length() < 1e-6, "{tip}");
     }
