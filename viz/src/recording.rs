@@ -7,7 +7,7 @@ use glam::Vec3;
 use model::{Model, Robot};
 use nalgebra::SVector;
 use re_chunk::external::arrow::array::{Array, ArrayRef, Float32Array, Float64Array, ListArray};
-use re_chunk::external::arrow::buffer::{NullBuffer, OffsetBuffer, ScalarBuffer};
+use re_chunk::external::arrow::buffer::{OffsetBuffer, ScalarBuffer};
 use re_chunk::external::arrow::datatypes::Field;
 use re_chunk::{Chunk, ChunkComponents, ChunkId, EntityPath, RowId, TimeColumn, TimePoint, Timeline};
 use re_log_types::{ApplicationId, StoreId, StoreKind, TimeCell};
@@ -117,6 +117,8 @@ pub struct Recording<const N: usize, W: Storage = File> {
     /// How many ghosts each link has.
     ghosts: [usize; N],
     situation: Option<Situation>,
+    /// Ticks since the last command.
+    unheard: u64,
     lanes: Lanes,
     incarnations: [u32; PROCESSES.len()],
 }
@@ -264,6 +266,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             motion: NullMotion::new(robot.length_m),
             ghosts: [0; N],
             situation: None,
+            unheard: 0,
             lanes: Lanes::default(),
             incarnations: Default::default(),
         };
@@ -579,8 +582,11 @@ impl<const N: usize, W: Storage> Recording<N, W> {
                 }
             }
         }
+        // A tick or two without a command is no story.
+        self.unheard = if row.command.is_some() { 0 } else { self.unheard + 1 };
         let situation = Situation::of(row);
-        if row.report.is_some() && self.situation != Some(situation) {
+        let told = row.command.is_some() && row.report.is_some() || self.unheard >= 5;
+        if told && self.situation != Some(situation) {
             self.situation = Some(situation);
             self.log(row.tick, entity::NOW, &TextDocument::from_markdown(situation.markdown()));
         }
@@ -911,13 +917,15 @@ struct Table {
     columns: Vec<Column>,
 }
 
-/// One signal's rows: values end to end, where each row ends, and which rows there are.
+/// One signal's rows: values end to end, and where each row ends. A row without its message is an empty list, not a null: no plot draws a
+/// line across it then.
 struct Column {
     signal: Signal,
     wide: Vec<f64>,
     narrow: Vec<f32>,
     ends: Vec<i32>,
-    present: Vec<bool>,
+    /// Whether there has been a value, in this chunk or before.
+    seen: bool,
 }
 
 impl Table {
@@ -940,7 +948,7 @@ impl Table {
         });
         for column in columns {
             let (end, before) = ((column.wide.len() + column.narrow.len()) as i32, column.ends.last().copied().unwrap_or(0));
-            column.present.push(end > before);
+            column.seen |= end > before;
             column.ends.push(end);
         }
     }
@@ -951,27 +959,29 @@ impl Table {
             return None;
         }
         let ticks = std::mem::take(&mut self.ticks);
-        let columns = self.columns.iter_mut().filter_map(|column| std::mem::replace(column, Column::new(column.signal)).build());
+        let columns = self.columns.iter_mut().filter_map(|column| {
+            let next = Column { seen: column.seen, ..Column::new(column.signal) };
+            std::mem::replace(column, next).build()
+        });
         Some((ticks, columns.collect()))
     }
 }
 
 impl Column {
     fn new(signal: Signal) -> Self {
-        Self { signal, wide: Vec::new(), narrow: Vec::new(), ends: vec![0], present: Vec::new() }
+        Self { signal, wide: Vec::new(), narrow: Vec::new(), ends: vec![0], seen: false }
     }
 
     fn build(self) -> Option<SerializedComponentColumn> {
-        if !self.present.contains(&true) {
+        if !self.seen {
             return None;
         }
         let values: ArrayRef = match self.signal.width() {
             Width::F64 => std::sync::Arc::new(Float64Array::from(self.wide)),
             Width::F32 => std::sync::Arc::new(Float32Array::from(self.narrow)),
         };
-        let missing = self.present.contains(&false).then(|| NullBuffer::from(self.present));
         let field = std::sync::Arc::new(Field::new_list_field(values.data_type().clone(), true));
-        let list = ListArray::new(field, OffsetBuffer::new(ScalarBuffer::from(self.ends)), values, missing);
+        let list = ListArray::new(field, OffsetBuffer::new(ScalarBuffer::from(self.ends)), values, None);
         Some(SerializedComponentColumn::new(list, custom(self.signal.name(), None)))
     }
 }

@@ -63,6 +63,8 @@ pub(crate) struct Situation {
     phase: Option<u32>,
     segment: u32,
     clipped: bool,
+    /// Of the drive, where no command has come.
+    undriven: Option<u32>,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -86,6 +88,8 @@ impl Situation {
             situation.phase = Some(command.phase);
             situation.segment = command.segment;
             situation.clipped = command.clipped == 1;
+        } else {
+            situation.undriven = Some(row.sensor.map_or(DRIVE_ACTIVE, |sensor| sensor.drive));
         }
         situation
     }
@@ -93,6 +97,15 @@ impl Situation {
     /// Markdown that says which singularity the arm is in, what it cannot do there, and what it does about it.
     pub(crate) fn markdown(&self) -> String {
         let mut text = String::new();
+        if let Some(drive) = self.undriven {
+            let _ = writeln!(
+                text,
+                "## No command reaches the arm\n\nA process is silent (see its lane), so no new torque comes. The last one holds for a few ticks; \
+                 then the drives stop the arm by themselves, brake, and go on when fresh torque comes. Now they are **{}**.\n",
+                name_of(DRIVES, drive)
+            );
+            return text;
+        }
         let inside: Vec<(usize, &Singular)> = self.singularities[..self.count].iter().enumerate().filter(|(_, one)| one.inside).collect();
         if inside.is_empty() {
             text.push_str("## Regular: the hand can move in every direction\n\n");

@@ -104,7 +104,7 @@ fn times(chunks: &[&Chunk], timeline: &'static str) -> Vec<i64> {
 fn rows<T: ArrowPrimitiveType>(chunks: &[&Chunk], component: &'static str) -> Vec<Option<Vec<T::Native>>> {
     let lists = |chunk: &&Chunk| match chunk.components().get(component.into()) {
         Some(column) => (0..column.list_array.len())
-            .map(|i| column.list_array.is_valid(i).then(|| column.list_array.value(i).as_primitive::<T>().values().to_vec()))
+            .map(|i| Some(column.list_array.value(i).as_primitive::<T>().values().to_vec()).filter(|row| !row.is_empty()))
             .collect::<Vec<_>>(),
         None => vec![None; chunk.num_rows()],
     };
