@@ -200,7 +200,7 @@ fn colour_name(class: u32) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::messages::{SingularityReport, TorqueCommand};
+    use shared_types::messages::{SensorSample, SingularityReport, TorqueCommand};
 
     #[test]
     fn words_name_the_singularity_and_what_is_lost() {
@@ -217,6 +217,14 @@ mod tests {
         }
         assert!(!words.contains("elbow"), "the arm is not in the elbow singularity");
         assert_eq!(Situation::of(&row), Situation::of(&row));
+    }
+
+    #[test]
+    fn without_a_command_the_words_say_what_the_drive_does() {
+        let report = SingularityReport { count: 1, ..SingularityReport::default() };
+        let sensor = SensorSample { drive: DRIVE_BRAKED, ..SensorSample::default() };
+        let words = Situation::of(&TickRow { report: Some(&report), sensor: Some(&sensor), ..TickRow::default() }).markdown();
+        assert!(words.contains("No command reaches the arm") && words.contains("**braked**") && !words.contains("plain"), "{words}");
     }
 
     #[test]
