@@ -52,6 +52,11 @@ pub(crate) fn glyph(name: &str) -> String {
     format!("/world/singularity/{name}/glyph")
 }
 
+/// Where the mark's ends pass as the arm enters the neighbourhood.
+pub(crate) fn edge(name: &str) -> String {
+    format!("/world/singularity/{name}/edge")
+}
+
 /// Where ζ has been.
 pub(crate) fn fan(name: &str) -> String {
     format!("/world/zeta/{name}")

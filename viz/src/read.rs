@@ -101,7 +101,7 @@ impl Rows {
             Width::F64 => into.extend(
                 lists.values().as_primitive_opt::<Float64Type>().into_iter().flat_map(|all| all.values()[from..to].iter().copied()),
             ),
-            Width::F32 => into.extend(
+            Width::F32 | Width::Share => into.extend(
                 lists
                     .values()
                     .as_primitive_opt::<Float32Type>()

@@ -28,7 +28,7 @@ use crate::arm::{Figure, placement, vec3};
 use crate::blueprint::{self, Eye, Subject};
 use crate::entity;
 use crate::scene::{self, Look, Mark, NullMotion, Presence, differs, glyph, rotation};
-use crate::signals::{Limits, Signal, TickRow, Width, sample};
+use crate::signals::{Limits, SHARES, Signal, TickRow, Width, sample};
 use crate::sink::{FileInfo, RecordError, Sink, Storage};
 use crate::solid::{Mesh, Placement, Rgba};
 use crate::story::{self, Situation, States};
@@ -61,7 +61,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { signal_chunk_s: 0.05, picture_chunk_s: 0.5, picture_hz: 50.0 }
+        Self { signal_chunk_s: 0.08, picture_chunk_s: 1.0, picture_hz: 50.0 }
     }
 }
 
@@ -111,6 +111,8 @@ pub struct Recording<const N: usize, W: Storage = File> {
     thresholds: Vec<(f64, f64)>,
     guides_due: u64,
     marks: [Look; MAX_SINGULARITIES],
+    /// Class of each singularity whose mark's meshes this part has, and whether it turns.
+    drawn: [Option<(u32, bool)>; MAX_SINGULARITIES],
     /// ζ and C of each singularity as last drawn into its fan.
     fans: [Option<Vec3>; MAX_SINGULARITIES],
     motion: NullMotion,
@@ -143,6 +145,10 @@ pub fn parts_in(folder: &Path) -> Vec<PathBuf> {
 
 /// Writers of the five messages.
 const PROCESSES: [&str; 4] = ["plant", "estimator", "analyzer", "controller"];
+
+/// A size that cannot be seen. Nothing else hides a mesh that is to come back: none would be its own size, and a cleared one had to be
+/// written again.
+const UNSEEN: f32 = 1e-6;
 
 /// What each lane of the state timeline says.
 #[derive(Debug, Default)]
@@ -262,6 +268,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             thresholds: Vec::new(),
             guides_due: 0,
             marks: Default::default(),
+            drawn: Default::default(),
             fans: Default::default(),
             motion: NullMotion::new(robot.length_m),
             ghosts: [0; N],
@@ -302,6 +309,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         self.blueprint_sent = false;
         self.guides_due = 0;
         self.marks = Default::default();
+        self.drawn = Default::default();
         self.fans = Default::default();
         self.situation = None;
         self.lanes = Lanes::default();
@@ -647,7 +655,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             let (name, fan) = (name.clone(), entity::fan(name));
             if self.marks[i] != mark.look {
                 self.marks[i] = mark.look;
-                self.write_look(tick, &name, mark, &story::label(one, i));
+                self.write_look(tick, &name, i, mark, &story::label(one, i));
             }
             let inside = mark.look.presence == Presence::Inside;
             let zeta = mark.zeta();
@@ -671,22 +679,31 @@ impl<const N: usize, W: Storage> Recording<N, W> {
     }
 
     /// The mark's solid, the rings where it is entered and, inside, the other axes of the singular frame and the words.
-    fn write_look(&mut self, tick: u64, name: &str, mark: &Mark, words: &str) {
+    fn write_look(&mut self, tick: u64, name: &str, i: usize, mark: &Mark, words: &str) {
         let path = entity::singularity(name);
-        let [solid, rings, axes, label] = [entity::glyph(name), format!("{path}/edge"), format!("{path}/axes"), entity::label(name)];
+        let [solid, rings, axes, label] = [entity::glyph(name), entity::edge(name), format!("{path}/axes"), entity::label(name)];
         let [r, g, b, _] = story::colour_of_type(mark.look.class);
         let unit = self.mark_size();
-        if mark.look.presence == Presence::Hidden {
-            self.log(tick, solid, &Clear::flat());
-            self.log(tick, rings, &Clear::flat());
-        } else {
-            let inside = mark.look.presence == Presence::Inside;
-            let opacity = if inside { 255 } else { 70 };
-            self.log(tick, solid, &mesh3d(&glyph(mark.look.angular, [r, g, b, 255]), Some([255, 255, 255, opacity])));
-            let rim = if inside { [255, 110, 110, 255] } else { [190, 195, 205, 255] };
-            self.log(tick, rings, &mesh3d(&scene::rings(mark.edge, unit, rim), None));
+        // Meshes are large: they are written once, later changes are their tint and their size.
+        let shape = (mark.look.class, mark.look.angular);
+        if self.drawn[i] != Some(shape) && mark.look.presence != Presence::Hidden {
+            self.drawn[i] = Some(shape);
+            self.log(tick, &*solid, &mesh3d(&glyph(mark.look.angular, [r, g, b, 255]), None));
+            self.log(tick, &*rings, &mesh3d(&scene::rings(mark.edge, unit, [255; 4]), None));
         }
-        if mark.look.presence == Presence::Inside {
+        let is_inside = mark.look.presence == Presence::Inside;
+        if mark.look.presence == Presence::Hidden {
+            for path in [solid, rings] {
+                self.log(tick, path, &Transform3D::update_fields().with_scale(UNSEEN));
+            }
+        } else {
+            let opacity = if is_inside { 255 } else { 70 };
+            let rim = if is_inside { [255, 110, 110, 255] } else { [190, 195, 205, 255] };
+            self.log(tick, solid, &tinted([255, 255, 255, opacity]));
+            self.log(tick, &*rings, &tinted(rim));
+            self.log(tick, rings, &Transform3D::update_fields().with_scale(1.0));
+        }
+        if is_inside {
             let frame = Arrows3D::from_vectors([[0.0, 0.5 * unit, 0.0], [0.0, 0.0, 0.5 * unit]]);
             self.log(tick, axes, &frame.with_colors([0xc8d0dcff_u32]).with_radii([0.012 * unit]));
             let point = Points3D::new([[0.0; 3]]).with_radii([Radius::new_ui_points(0.5)]).with_colors([Color::from_rgb(r, g, b)]);
@@ -713,7 +730,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             let poses = match places.is_empty() {
                 true if none_before && !all => continue,
                 // No instances would mean the mesh itself, at the origin: one too small to see instead.
-                true => poses.with_translations([[0.0; 3]]).with_scales([[1e-6; 3]]),
+                true => poses.with_translations([[0.0; 3]]).with_scales([[UNSEEN; 3]]),
                 false => poses
                     .with_translations(places.iter().map(|link| link.p.to_array()))
                     .with_quaternions(places.iter().map(|link| quaternion(link)))
@@ -885,9 +902,18 @@ fn mesh3d(mesh: &Mesh, tint: Option<Rgba>) -> Mesh3D {
         .with_vertex_colors(colours)
         .with_triangle_indices(mesh.triangles.iter().copied());
     match tint {
-        Some([r, g, b, a]) => made.with_albedo_factor(AlbedoFactor(re_sdk_types::datatypes::Rgba32::from_unmultiplied_rgba(r, g, b, a))),
+        Some(tint) => made.with_albedo_factor(albedo(tint)),
         None => made,
     }
+}
+
+/// Another tint for a mesh that has been written.
+fn tinted(tint: Rgba) -> Mesh3D {
+    Mesh3D::update_fields().with_albedo_factor(albedo(tint))
+}
+
+fn albedo([r, g, b, a]: Rgba) -> AlbedoFactor {
+    AlbedoFactor(re_sdk_types::datatypes::Rgba32::from_unmultiplied_rgba(r, g, b, a))
 }
 
 /// An eye that sees the arm from floor to hand, with room for a mark of that size at the hand: off to the side of the plane in which the arm
@@ -944,6 +970,7 @@ impl Table {
             match signal.width() {
                 Width::F64 => column.wide.extend(values),
                 Width::F32 => column.narrow.extend(values.map(|value| value as f32)),
+                Width::Share => column.narrow.extend(values.map(|value| (value * SHARES).round() as f32 / SHARES as f32)),
             }
         });
         for column in columns {
@@ -978,7 +1005,7 @@ impl Column {
         }
         let values: ArrayRef = match self.signal.width() {
             Width::F64 => std::sync::Arc::new(Float64Array::from(self.wide)),
-            Width::F32 => std::sync::Arc::new(Float32Array::from(self.narrow)),
+            Width::F32 | Width::Share => std::sync::Arc::new(Float32Array::from(self.narrow)),
         };
         let field = std::sync::Arc::new(Field::new_list_field(values.data_type().clone(), true));
         let list = ListArray::new(field, OffsetBuffer::new(ScalarBuffer::from(self.ends)), values, None);

@@ -58,7 +58,12 @@ impl TickRow<'_> {
 pub(crate) enum Width {
     F64,
     F32,
+    /// 32 bits, in steps of 1 / [`SHARES`]: what is only drawn, and follows from other signals, repeats itself from tick to tick and packs well.
+    Share,
 }
+
+/// Steps of a [`Width::Share`] to one.
+pub(crate) const SHARES: f64 = 2048.0;
 
 macro_rules! signals {
     ($( $(#[doc = $doc:literal])* $name:ident = $text:literal $width:ident ),* $(,)?) => {
@@ -95,20 +100,20 @@ macro_rules! signals {
 signals! {
     /// Joint positions; rad.
     Position = "joint:q" F64,
-    /// Joint positions between their limits: −1 lower, 1 upper; q/π for a joint without limits.
-    PositionInRange = "joint:q_in_range" F32,
+    /// Joint positions between their limits: −1 lower, 1 upper; q/π for a joint without limits; in steps of 1/2048.
+    PositionInRange = "joint:q_in_range" Share,
     /// Joint velocities; rad/s.
     Speed = "joint:qdot" F32,
-    /// Joint velocities over their limits.
-    SpeedRatio = "joint:qdot_ratio" F32,
+    /// Joint velocities over their limits; in steps of 1/2048.
+    SpeedRatio = "joint:qdot_ratio" Share,
     /// Torques that act at the end-effector, J_rᵀF_r and compensation; N·m.
     TorqueTask = "torque:task" F32,
     /// Torques that act in the null space, N_T Γ₀; N·m.
     TorqueNull = "torque:null" F32,
-    /// Torques that act at the end-effector over the joints' limits.
-    TorqueTaskRatio = "torque:task_ratio" F32,
-    /// Torques that act in the null space over the joints' limits.
-    TorqueNullRatio = "torque:null_ratio" F32,
+    /// Torques that act at the end-effector over the joints' limits; in steps of 1/2048.
+    TorqueTaskRatio = "torque:task_ratio" Share,
+    /// Torques that act in the null space over the joints' limits; in steps of 1/2048.
+    TorqueNullRatio = "torque:null_ratio" Share,
     /// s_i(q) of each singularity; dimensionless.
     Measure = "singularity:s" F32,
     /// Auxiliary coordinate of each singularity; rad.
