@@ -69,7 +69,7 @@ impl Run {
     fn json<T: serde::de::DeserializeOwned>(&self, name: &str) -> Result<T, Failure> {
         let path = self.folder.join(name);
         let text = std::fs::read(&path)
-            .map_err(|error| Failure::Input(format!("cannot read {}: {error}; was the run stopped before its end?", path.display())))?;
+            .map_err(|error| Failure::Input(format!("cannot read {}: {error}; name the folder of a run that has ended", path.display())))?;
         serde_json::from_slice(&text)
             .map_err(|error| Failure::Input(format!("{} is not what `armplane run` wrote: {error}", path.display())))
     }
