@@ -133,7 +133,7 @@ fn opened(format: ExportFormat, out: &Path) -> Result<Box<dyn Format>, Failure> 
         other => {
             let name = other.name();
             Err(Failure::Input(format!(
-                "this build has no {name}: build it with `cargo build --release --features {name}`, or use --format csv"
+                "this build has no {name}: build it with `cargo build --release --features {name}` (`parquet,mcap` for both), or use --format csv"
             )))
         }
     }

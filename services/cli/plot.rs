@@ -373,6 +373,8 @@ const NOTE: f64 = 17.0;
 /// Room above a panel for its title and legend, and below for labels; points.
 const HEAD: f64 = 44.0;
 const FOOT: f64 = 32.0;
+/// Line height of a legend that is too long for one line, points.
+const LEGEND_LINE: f64 = 15.0;
 /// Average width of a character at a font size of one.
 const CHARACTER: f64 = 0.53;
 
@@ -444,10 +446,12 @@ impl Page {
 impl Panel {
     fn paint<DB: DrawingBackend>(&self, pen: &Pen<'_, DB>, outer_x: Range<f64>, outer_y: Range<f64>) -> Result<(), String> {
         let (mut x, mut y) = self.data();
-        let y_ticks = self.y.ticks(&y, (outer_y.end - outer_y.start - HEAD - FOOT) / 34.0);
+        let legend = self.legend_places(outer_x.end - outer_x.start);
+        let head = HEAD + legend.last().map_or(0.0, |(_, down)| *down);
+        let y_ticks = self.y.ticks(&y, (outer_y.end - outer_y.start - head - FOOT) / 34.0);
         let labels = if self.y.hidden { 0.0 } else { y_ticks.iter().map(|(_, text)| text.chars().count()).max().unwrap_or(0) as f64 };
         let frame_x = outer_x.start + if labels > 0.0 { labels * 11.0 * CHARACTER + 12.0 } else { 0.0 }..outer_x.end;
-        let frame_y = outer_y.end - FOOT..outer_y.start + HEAD;
+        let frame_y = outer_y.end - FOOT..outer_y.start + head;
         let (width, height) = (frame_x.end - frame_x.start, frame_y.start - frame_y.end);
         if self.equal {
             // The axis with room to spare shows more.
@@ -529,18 +533,31 @@ impl Panel {
                 }
             }
         }
-        let mut left = outer_x.start;
-        for (name, color, dashed) in &self.legend {
-            let y = outer_y.start + 26.0;
+        for ((name, color, dashed), (right, down)) in self.legend.iter().zip(legend) {
+            let (left, y) = (outer_x.start + right, outer_y.start + 26.0 + down);
             if *dashed {
                 dashes(&[(left, y), (left + 14.0, y)]).iter().try_for_each(|dash| pen.line(dash, *color, 1.4))?;
             } else {
                 pen.line(&[(left, y), (left + 14.0, y)], *color, 3.0)?;
             }
             pen.text((left + 19.0, y), name, 11.0, false, INK, HPos::Left)?;
-            left += 33.0 + name.chars().count() as f64 * 11.0 * CHARACTER;
         }
         Ok(())
+    }
+
+    /// Where the names of the legend stand, to the right of and below its first, in as many lines as they need in a width; points.
+    fn legend_places(&self, width: f64) -> Vec<(f64, f64)> {
+        let (mut right, mut down) = (0.0, 0.0);
+        let place = |(name, ..): &(String, Color, bool)| {
+            let long = 19.0 + name.chars().count() as f64 * 11.0 * CHARACTER;
+            if right > 0.0 && right + long > width {
+                (right, down) = (0.0, down + LEGEND_LINE);
+            }
+            let at = (right, down);
+            right += long + 14.0;
+            at
+        };
+        self.legend.iter().map(place).collect()
     }
 }
 

@@ -65,16 +65,34 @@ struct Line {
     points: Vec<(f64, f64)>,
     stride: u64,
     gathered: u64,
+    /// The time of the last value, and how much later the next may be without a gap; s.
+    last_s: f64,
+    patience_s: f64,
     least: (f64, f64),
     largest: (f64, f64),
 }
 
 impl Line {
-    fn new(name: String, stride: u64) -> Self {
-        Self { name, points: Vec::new(), stride, gathered: 0, least: (0.0, f64::INFINITY), largest: (0.0, f64::NEG_INFINITY) }
+    fn new(name: String, stride: u64, patience_s: f64) -> Self {
+        Self {
+            name,
+            points: Vec::new(),
+            stride,
+            gathered: 0,
+            last_s: f64::INFINITY,
+            patience_s,
+            least: (0.0, f64::INFINITY),
+            largest: (0.0, f64::NEG_INFINITY),
+        }
     }
 
     fn push(&mut self, t_s: f64, value: f64) {
+        if t_s > self.last_s + self.patience_s {
+            // Nothing is drawn across what was lost.
+            self.flush();
+            self.points.push((t_s, f64::NAN));
+        }
+        self.last_s = t_s;
         if value < self.least.1 {
             self.least = (t_s, value);
         }
@@ -96,7 +114,7 @@ impl Line {
             }
         }
         let name = std::mem::take(&mut self.name);
-        *self = Self { points: std::mem::take(&mut self.points), ..Self::new(name, self.stride) };
+        *self = Self { points: std::mem::take(&mut self.points), last_s: self.last_s, ..Self::new(name, self.stride, self.patience_s) };
     }
 }
 
@@ -112,7 +130,11 @@ impl Recorded {
                     rate_hz = about.rate_hz();
                     for signal in Signal::ALL {
                         let lines = || {
-                            signal.elements(about.joints, &about.singularities).into_iter().map(|name| Line::new(name, stride)).collect()
+                            signal
+                                .elements(about.joints, &about.singularities)
+                                .into_iter()
+                                .map(|name| Line::new(name, stride, 2.5 / rate_hz))
+                                .collect()
                         };
                         recorded.lines.entry(signal.name()).or_insert_with(lines);
                     }
@@ -148,6 +170,17 @@ impl Recorded {
     fn draw(&self, panel: &mut Panel, signal: Signal, name: impl Fn(&str) -> String) {
         for (i, line) in self.lines.get(signal.name()).into_iter().flatten().enumerate() {
             panel.line(&name(&line.name), numbered(i), &line.points);
+        }
+    }
+
+    /// Signals over the joints' limits, with what their titles say; where the limits are infinite, hence all is 0, the signals themselves.
+    fn over_limit<const K: usize>(&self, ratios: [Signal; K], values: [Signal; K], unit: &str) -> ([Signal; K], String) {
+        let moves = |signal: &Signal| {
+            self.lines.get(signal.name()).into_iter().flatten().any(|line| line.points.iter().any(|(_, value)| *value != 0.0))
+        };
+        match values.iter().any(moves) && !ratios.iter().any(moves) {
+            true => (values, format!(", {unit}")),
+            false => (ratios, " / limit".to_owned()),
         }
     }
 
@@ -231,7 +264,8 @@ fn tables(page: &mut Html, summary: &Summary) {
         ],
     );
     let joints = &summary.joints;
-    let percent = |ratio: f64| format!("{:.1} %", 100.0 * ratio);
+    // Nothing of an infinite limit.
+    let percent = |ratio: f64| if ratio > 0.0 { format!("{:.1} %", 100.0 * ratio) } else { "–".to_owned() };
     page.table(
         &["joint load, of the robot's limit", "largest"],
         &[
@@ -261,7 +295,6 @@ fn plots(page: &mut Html, job: &Job, recorded: &Recorded, path: &Path) -> Result
     let rate_hz = f64::from(job.scenario.rate_hz.max(1));
     let own = |name: &str| name.to_owned();
     let joint = |name: &str| format!("q{name}");
-    let unnamed = |_: &str| String::new();
     page.heading("What happened");
 
     let mut measure = Panel::new("s_i(q): 0 is singular", recorded.time_axis(), Axis::default());
@@ -276,38 +309,37 @@ fn plots(page: &mut Html, job: &Job, recorded: &Recorded, path: &Path) -> Result
         measure.dashed(if i == 0 { "± η, entry" } else { "" }, RED, &[(0.0, level), (recorded.end_s, level)]);
     }
     recorded.draw(&mut measure, Signal::Measure, own);
-    page.figure(
+    page.broad_figure(
         path,
-        vec![Row::of(250.0, [measure])],
+        measure,
         "How near the arm is to each singularity. Within ± η it is treated as singular. Shaded: control there is not the regular one \
          (blending, tracking by null-space motion, reorienting, holding).",
     )?;
 
     let position = recorded.panel("position error, mm", Signal::PositionError, Axis::default(), |name| format!("{name} ζ"));
     let orientation = recorded.panel("orientation error, °", Signal::OrientationError, Axis::default(), |name| format!("{name} ζ"));
-    page.figure(
-        path,
-        vec![Row::of(210.0, [position, orientation])],
-        "Desired against true pose, split at the singular directions ζ that the arm is inside of.",
-    )?;
+    page.figure(path, [position, orientation], "Desired against true pose, split at the singular directions ζ that the arm is inside of.")?;
 
-    let task = recorded.panel("torque that acts at the hand / limit", Signal::TorqueTaskRatio, Axis::default(), joint);
-    let null = recorded.panel("torque in the null space / limit", Signal::TorqueNullRatio, Axis::default(), unnamed);
+    let (torque, of) =
+        recorded.over_limit([Signal::TorqueTaskRatio, Signal::TorqueNullRatio], [Signal::TorqueTask, Signal::TorqueNull], "N·m");
+    let task = recorded.panel(&format!("torque that acts at the hand{of}"), torque[0], Axis::default(), joint);
+    let null = recorded.panel(&format!("torque in the null space{of}"), torque[1], Axis::default(), joint);
     let range = recorded.panel("joints between their limits ±1", Signal::PositionInRange, Axis::default().within(-1.05..1.05), joint);
-    let speed = recorded.panel("joint speeds / limit", Signal::SpeedRatio, Axis::default(), unnamed);
-    page.figure(path, vec![Row::of(210.0, [task, null]), Row::of(210.0, [range, speed])], "The joints; colours are the same in all four.")?;
+    let ([speed], of) = recorded.over_limit([Signal::SpeedRatio], [Signal::Speed], "rad/s");
+    let speed = recorded.panel(&format!("joint speeds{of}"), speed, Axis::default(), joint);
+    page.figure(path, [task, null, range, speed], "The joints; colours are the same in all four.")?;
 
     let mut scale = Panel::new("β (1: hand, 0: null space) and governor", recorded.time_axis(), Axis::default().within(-0.05..1.05));
     recorded.draw(&mut scale, Signal::Beta, |name| format!("β {name}"));
     for (i, line) in recorded.lines.get(Signal::Scale.name()).into_iter().flatten().enumerate() {
         scale.dashed(&line.name, numbered(i + 4), &line.points);
     }
-    let latency = recorded.panel("time per hop, µs", Signal::Latency, Axis::default().logarithmic(), unnamed);
+    let latency = recorded.panel("time per hop, µs", Signal::Latency, Axis::default().logarithmic(), own);
     page.figure(
         path,
-        vec![Row::of(210.0, [scale, latency])],
-        "Left: who controls what, and how fast path time, task torque and null-space torque are let through. Right: the hops of each tick, \
-         the whole chain among them; in lockstep they say how fast the machine is, not how punctual.",
+        [scale, latency],
+        "Who controls what, and how fast path time, task torque and null-space torque are let through; and the hops of each tick, the \
+         whole chain among them: in lockstep they say how fast the machine is, not how punctual.",
     )
 }
 
@@ -415,11 +447,32 @@ impl Html {
         }
     }
 
-    fn figure(&mut self, path: &Path, rows: Vec<Row>, caption: &str) -> Result<(), Failure> {
-        let svg = Page { rows, ..Page::default() }.svg(path).map_err(Failure::work)?;
-        self.add(format_args!("<figure>{}<figcaption>{}</figcaption></figure>", svg.trim_start_matches(|c| c != '<'), escaped(caption)));
+    /// Panels side by side, or below one another where the page is narrow.
+    fn figure(&mut self, path: &Path, panels: impl IntoIterator<Item = Panel>, caption: &str) -> Result<(), Failure> {
+        let panels: Vec<String> = panels.into_iter().map(|panel| picture(path, panel, [440.0, 210.0])).collect::<Result<_, _>>()?;
+        self.add(format_args!(
+            "<figure><div class=\"panels\">{}</div><figcaption>{}</figcaption></figure>",
+            panels.concat(),
+            escaped(caption)
+        ));
         Ok(())
     }
+
+    /// One panel as wide as the page, drawn anew for a narrow one.
+    fn broad_figure(&mut self, path: &Path, panel: Panel, caption: &str) -> Result<(), Failure> {
+        let (broad, slim) = (picture(path, panel.clone(), [900.0, 250.0])?, picture(path, panel, [440.0, 230.0])?);
+        self.add(format_args!(
+            "<figure><div class=\"broad\">{broad}</div><div class=\"slim\">{slim}</div><figcaption>{}</figcaption></figure>",
+            escaped(caption)
+        ));
+        Ok(())
+    }
+}
+
+/// A panel as an SVG element of a width and height; points.
+fn picture(path: &Path, panel: Panel, [width, height]: [f64; 2]) -> Result<String, Failure> {
+    let svg = Page { rows: vec![Row::of(height, [panel])], width, ..Page::default() }.svg(path).map_err(Failure::work)?;
+    Ok(svg.trim_start_matches(|c| c != '<').to_owned())
 }
 
 fn escaped(text: &str) -> String {
@@ -432,14 +485,16 @@ mod tests {
 
     #[test]
     fn lines_keep_their_extremes_however_long_they_are() {
-        let mut line = Line::new("x".to_owned(), 100);
+        let mut line = Line::new("x".to_owned(), 100, 2.5);
         (0..1000).for_each(|k| line.push(f64::from(k), if k == 555 { 9.0 } else { f64::from(k % 7) * 0.1 }));
         line.flush();
         assert!(line.points.len() <= 20 && line.points.contains(&(555.0, 9.0)), "{:?}", line.points);
         assert!(line.points.windows(2).all(|pair| pair[0].0 < pair[1].0));
-        let mut whole = Line::new("x".to_owned(), 1);
+        let mut whole = Line::new("x".to_owned(), 1, 2.5);
         (0..5).for_each(|k| whole.push(f64::from(k), 1.0));
         assert_eq!(whole.points.len(), 5);
+        whole.push(9.0, 1.0);
+        assert!(whole.points[5].1.is_nan() && whole.points[6] == (9.0, 1.0), "a gap is not drawn across: {:?}", whole.points);
     }
 
     #[test]

@@ -20,6 +20,10 @@ pub(crate) struct Run {
 impl Run {
     /// The run that is meant: a folder, a file in it, the name of a folder under `runs`, or the latest of those.
     pub(crate) fn find(wanted: Option<&Path>) -> Result<Self, Failure> {
+        if let Some(path) = wanted.filter(|path| path.is_file() && is_loose_recording(path)) {
+            let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+            return Ok(Self { folder: folder.to_owned(), parts: vec![path.to_owned()] });
+        }
         let folder = match wanted {
             None => latest()?,
             Some(path) if path.is_dir() => path.to_owned(),
@@ -65,10 +69,17 @@ impl Run {
     fn json<T: serde::de::DeserializeOwned>(&self, name: &str) -> Result<T, Failure> {
         let path = self.folder.join(name);
         let text = std::fs::read(&path)
-            .map_err(|error| Failure::Input(format!("cannot read {}: {error}; was the run stopped before its end?", path.display())))?;
+            .map_err(|error| Failure::Input(format!("cannot read {}: {error}; name the folder of a run that has ended", path.display())))?;
         serde_json::from_slice(&text)
             .map_err(|error| Failure::Input(format!("{} is not what `armplane run` wrote: {error}", path.display())))
     }
+}
+
+/// Whether a file is a recording that has been given a name of its own.
+fn is_loose_recording(path: &Path) -> bool {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    path.extension().is_some_and(|extension| extension == "rrd")
+        && !viz::parts_in(folder).iter().any(|part| part.file_name() == path.file_name())
 }
 
 /// The run under `runs` whose recording or summary was written last.

@@ -3,6 +3,7 @@
 use std::ffi::OsStr;
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
+use std::net::{Ipv4Addr, SocketAddr, TcpStream};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, ExitCode, Stdio};
 use std::sync::Arc;
@@ -19,6 +20,10 @@ use super::runs::Run;
 /// The viewer's command; another one through the environment variable of that name.
 const VIEWER: &str = "rerun";
 const VIEWER_VARIABLE: &str = "ARMPLANE_RERUN";
+/// Where a viewer that is running listens, by Rerun's convention.
+const VIEWER_PORT: u16 = 9876;
+/// The oldest viewer that shows everything: whose format and blueprints the recordings are in.
+const VIEWER_VERSION: (u32, u32) = (0, 36);
 
 pub(crate) fn view(args: &ViewArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let run = Run::find(args.run.as_deref())?;
@@ -34,24 +39,86 @@ pub(crate) fn view(args: &ViewArgs, as_json: bool) -> Result<ExitCode, Failure> 
     let mut child = start(&files, Stdio::inherit(), Stdio::inherit)?;
     // The viewer's own window is the user's: it may outlive this command, whose end it is when the viewer ends first.
     let status = child.wait().map_err(|error| Failure::Work(format!("the viewer was lost: {error}")))?;
-    if status.success() { Ok(ExitCode::SUCCESS) } else { Err(Failure::Work(format!("the viewer `{}` ended with {status}", viewer()))) }
+    if status.success() {
+        Ok(ExitCode::SUCCESS)
+    } else {
+        Err(Failure::Work(format!("the viewer `{}` ended with {status}; what it said is above", viewer())))
+    }
+}
+
+fn named_viewer() -> Option<String> {
+    std::env::var(VIEWER_VARIABLE).ok().filter(|command| !command.is_empty())
 }
 
 fn viewer() -> String {
-    std::env::var(VIEWER_VARIABLE).ok().filter(|command| !command.is_empty()).unwrap_or_else(|| VIEWER.to_owned())
+    named_viewer().unwrap_or_else(|| VIEWER.to_owned())
 }
 
 /// Starts the viewer, or hands the files to the one that is running.
 fn start(arguments: &[impl AsRef<OsStr>], input: Stdio, output: fn() -> Stdio) -> Result<Child, Failure> {
     let viewer = viewer();
-    Command::new(&viewer).args(arguments).stdin(input).stdout(output()).stderr(output()).spawn().map_err(|error| {
+    let cannot = |error: std::io::Error| {
         Failure::Work(match error.kind() {
             ErrorKind::NotFound => format!(
                 "there is no Rerun viewer `{viewer}` on this machine: install it with `pip install rerun-sdk==0.36.3` or `cargo install rerun-cli@0.36.3 --locked`, or name it in {VIEWER_VARIABLE}"
             ),
             _ => format!("the viewer `{viewer}` cannot be started: {error}"),
         })
-    })
+    };
+    if let Some((major, minor)) = version(&viewer).map_err(cannot)?.filter(|version| *version < VIEWER_VERSION) {
+        eprintln!(
+            "armplane: the viewer `{viewer}` is {major}.{minor}: one older than 0.36 may show the recording without its layout, or not at all; \
+             get a newer one with `pip install rerun-sdk==0.36.3`"
+        );
+    }
+    if named_viewer().is_none() && !has_screen() && !is_running() {
+        return Err(Failure::Work(format!(
+            "no Rerun viewer listens on 127.0.0.1:{VIEWER_PORT}, and there is no screen here to open one on: start `{VIEWER} --serve-web` \
+             and open the address it prints in a browser, then do this again; or, from a machine with a screen and an open viewer, come \
+             with `ssh -R {VIEWER_PORT}:localhost:{VIEWER_PORT}`"
+        )));
+    }
+    // A viewer that is started here listens to this machine only.
+    let command = &mut Command::new(&viewer);
+    command.args(arguments).args(["--bind", "127.0.0.1"]).stdin(input).stdout(output()).stderr(output()).spawn().map_err(cannot)
+}
+
+/// Whether a window can be opened: on Linux by what the desktop sets.
+fn has_screen() -> bool {
+    !cfg!(target_os = "linux")
+        || ["DISPLAY", "WAYLAND_DISPLAY"].iter().any(|name| std::env::var_os(name).is_some_and(|value| !value.is_empty()))
+}
+
+/// Whether a viewer is open, which then shows what it is handed.
+fn is_running() -> bool {
+    TcpStream::connect_timeout(&SocketAddr::from((Ipv4Addr::LOCALHOST, VIEWER_PORT)), Duration::from_millis(300)).is_ok()
+}
+
+/// The viewer's version as it says itself; `None` if it does not, or not soon.
+fn version(viewer: &str) -> std::io::Result<Option<(u32, u32)>> {
+    let command = &mut Command::new(viewer);
+    let mut child = command.arg("--version").stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn()?;
+    let began = Instant::now();
+    while child.try_wait()?.is_none() {
+        if began.elapsed() > Duration::from_secs(3) {
+            child.kill()?;
+            child.wait()?;
+            return Ok(None);
+        }
+        std::thread::sleep(LOOK);
+    }
+    let mut said = String::new();
+    if let Some(output) = child.stdout.take() {
+        // What is not text is no version.
+        let _ = output.take(4096).read_to_string(&mut said);
+    }
+    Ok(said.split_whitespace().find_map(numbers))
+}
+
+/// Major and minor of `0.36.3`.
+fn numbers(word: &str) -> Option<(u32, u32)> {
+    let mut parts = word.split('.');
+    Some((parts.next()?.parse().ok()?, parts.next()?.parse().ok()?))
 }
 
 /// A running run in the viewer: what the recorder writes into its files is passed on to `rerun -`.
@@ -157,5 +224,18 @@ impl Feed {
             }
             std::thread::sleep(LOOK);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::numbers;
+
+    #[test]
+    fn a_viewers_version_is_found_in_what_it_says() {
+        let find = |said: &str| said.split_whitespace().find_map(numbers);
+        assert_eq!(find("rerun-cli 0.36.3 (base native_viewer) [rustc 1.95.0 (59807616e)]"), Some((0, 36)));
+        assert_eq!(find("rerun_py 0.26.2-rc.1"), Some((0, 26)));
+        assert_eq!(find("no such option: --version"), None);
     }
 }

@@ -172,6 +172,7 @@ fn rod(length: f64, mass: f64) -> Robot {
         joint: Some(0),
         X_LS: model::Pose::translation(Vector3::new(length, 0.0, 0.0)),
         geometry: model::Geometry::Sphere { radius: 0.05 },
+        colour: None,
     }];
     let joint = &mut robot.joints[0];
     joint.axis = -Vector3::y();

@@ -22,9 +22,11 @@ pub(crate) struct Ellipsoid {
 }
 
 impl Ellipsoid {
-    /// {J q̇ : |q̇_i| bounded in the ellipsoidal norm of the joints' speed limits}: half axes √λ(J diag(q̇_max²) Jᵀ).
+    /// {J q̇ : |q̇_i| bounded in the ellipsoidal norm of the joints' speed limits}: half axes √λ(J diag(q̇_max²) Jᵀ). Where a joint has no limit,
+    /// all count as equally fast.
     pub(crate) fn velocity<const N: usize>(J: &SMatrix<f64, 6, N>, qdot_max: &SVector<f64, N>, half: Half) -> Self {
-        let scaled = SMatrix::<f64, 6, N>::from_fn(|row, column| J[(row, column)] * qdot_max[column]);
+        let limited = qdot_max.iter().all(|limit| limit.is_finite());
+        let scaled = SMatrix::<f64, 6, N>::from_fn(|row, column| J[(row, column)] * if limited { qdot_max[column] } else { 1.0 });
         Self::of(&block(&(scaled * scaled.transpose()), half), f64::sqrt)
     }
 
@@ -111,6 +113,17 @@ mod tests {
         for half in [Half::Linear, Half::Angular] {
             assert!(Ellipsoid::velocity(&J, arm.velocity(), half).half_axes.min_element() > 0.05);
         }
+    }
+
+    #[test]
+    fn joints_without_speed_limits_count_as_equally_fast() {
+        let robot = Robot::builtin("planar3r").expect("built in");
+        let arm = Model::<3>::new(&robot, None).expect("three joints");
+        let J = arm.jacobian(&SVector::<f64, 3>::from([0.5, 0.9, 0.7]));
+        assert!(arm.velocity().iter().all(|limit| limit.is_infinite()));
+        let unlimited = Ellipsoid::velocity(&J, arm.velocity(), Half::Linear);
+        assert_eq!(unlimited, Ellipsoid::velocity(&J, &SVector::<f64, 3>::repeat(1.0), Half::Linear));
+        assert!(unlimited.axes.is_finite() && unlimited.half_axes.is_finite(), "{unlimited:?}");
     }
 
     #[test]

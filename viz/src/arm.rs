@@ -1,7 +1,7 @@
 //! What an arm looks like: one mesh per link, in the link's frame. PURE.
 
 use glam::{Mat3, Vec3};
-use model::{Factors, Geometry, Joint, Pose, Robot};
+use model::{Factors, Geometry, Joint, JointKind, Pose, Robot};
 use nalgebra::Vector3;
 
 use crate::solid::{Mesh, Placement, Rgba, disc};
@@ -16,8 +16,34 @@ const METAL: Rgba = [168, 174, 182, 255];
 pub(crate) struct Figure {
     pub(crate) base: Mesh,
     pub(crate) links: Vec<Mesh>,
+    /// Where turning about each joint's axis is shown; none for a joint that slides.
+    pub(crate) rings: Vec<Option<Ring>>,
     /// Sum of the links' lengths, for framing the view and scaling marks; m.
     pub(crate) reach: f32,
+}
+
+/// A circle about a joint's axis, in the link's frame; m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Ring {
+    pub(crate) axis: Vec3,
+    pub(crate) centre: Vec3,
+    /// From the centre to where there is least of the link: unit, across the axis.
+    pub(crate) out: Vec3,
+    pub(crate) radius: f32,
+}
+
+impl Ring {
+    /// About the middle of what the link's figure has along its axis: joints whose frames coincide keep apart.
+    fn of(joint: &Joint, mesh: &Mesh, radius: f32) -> Option<Self> {
+        let axis = vec3(&joint.axis).normalize_or(Vec3::Z);
+        let along = mesh.positions.iter().map(|p| Vec3::from_array(*p).dot(axis));
+        let (low, high) = along.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), z| (low.min(z), high.max(z)));
+        let middle = if low.is_finite() { (low + high) / 2.0 } else { 0.0 };
+        let body = mesh.positions.iter().map(|p| Vec3::from_array(*p).reject_from_normalized(axis)).sum::<Vec3>();
+        let body = (body / mesh.positions.len().max(1) as f32).clamp_length_max(1.0);
+        let out = if body.length() > 0.1 * radius { axis.cross(body).normalize() } else { axis.any_orthonormal_vector() };
+        (joint.kind != JointKind::Prismatic).then_some(Self { axis, centre: axis * middle, out, radius })
+    }
 }
 
 impl Figure {
@@ -29,15 +55,16 @@ impl Figure {
         let (base, links) = match robot.factors {
             Factors::Puma { .. } => puma(robot, floor_m),
             Factors::Numeric if !robot.shapes.is_empty() => {
-                let (mut base, links) = shapes(robot);
+                let (mut base, links) = shapes(robot, reach);
                 if robot.task.0[2] && floor_m < -0.05 {
-                    pedestal(&mut base, floor_m, 0.09 * reach);
+                    pedestal(&mut base, floor_m, 0.075 * reach);
                 }
                 (base, links)
             }
             Factors::Numeric => capsules(robot, reach),
         };
-        Self { base, links, reach }
+        let rings = robot.joints.iter().zip(&links).map(|(joint, mesh)| Ring::of(joint, mesh, 0.13 * reach)).collect();
+        Self { base, links, rings, reach }
     }
 }
 
@@ -126,11 +153,7 @@ fn puma(robot: &Robot, floor: f32) -> (Mesh, Vec<Mesh>) {
     hub.add_extrusion(across(-Vec3::Y), &[disc(0.0, 0.0, 0.022)], 0.0, 0.036, 0.002, DARK);
     let mut flange = Mesh::default();
     flange.add_extrusion(upright, &[disc(0.0, 0.0, 0.034)], 0.036, 0.05625, 0.003, METAL);
-    // A two-finger hand, drawn only: it shows how the flange is turned.
-    flange.add_box(Placement { p: Vec3::new(0.0, 0.0, 0.07), ..upright }, Vec3::new(0.085, 0.034, 0.028), DARK);
-    for side in [-1.0, 1.0] {
-        flange.add_box(Placement { p: Vec3::new(side * 0.032, 0.0, 0.108), ..upright }, Vec3::new(0.012, 0.024, 0.055), METAL);
-    }
+    hand(&mut flange, Placement { p: Vec3::Z * 0.05625, ..upright });
     (base, vec![shoulder, upper, fore, fork, hub, flange])
 }
 
@@ -141,8 +164,8 @@ fn pedestal(base: &mut Mesh, floor: f32, radius: f32) {
     base.add_extrusion(Placement::IDENTITY, &[disc(0.0, 0.0, 1.35 * radius)], -0.025, -0.001, 0.004, DARK);
 }
 
-/// The robot's own visual geometry.
-fn shapes(robot: &Robot) -> (Mesh, Vec<Mesh>) {
+/// The robot's own visual geometry; a capsule for a link that has none, and a hand where the arm ends in a flange.
+fn shapes(robot: &Robot, reach: f32) -> (Mesh, Vec<Mesh>) {
     let mut base = Mesh::default();
     let mut links = vec![Mesh::default(); robot.joints.len()];
     for shape in &robot.shapes {
@@ -150,46 +173,63 @@ fn shapes(robot: &Robot) -> (Mesh, Vec<Mesh>) {
             None => (&mut base, DARK),
             Some(i) => (&mut links[i], if i % 2 == 0 { SHELL } else { METAL }),
         };
+        let colour = shape.colour.map_or(colour, |rgba| rgba.map(|part| (255.0 * part).round() as u8));
         let at = placement(&shape.X_LS);
         match shape.geometry {
             Geometry::Box { size } => mesh.add_box(at, vec3(&size), colour),
             Geometry::Cylinder { radius, length } => {
                 let (radius, half) = (radius as f32, length as f32 / 2.0);
-                mesh.add_extrusion(at, &[disc(0.0, 0.0, radius)], -half, half, 0.05 * radius.min(half), colour);
+                mesh.add_extrusion(at, &[disc(0.0, 0.0, radius)], -half, half, (0.16 * radius).min(0.5 * half), colour);
             }
             Geometry::Sphere { radius } => mesh.add_sphere(at, radius as f32, colour),
             Geometry::Capsule { radius, length } => mesh.add_capsule(at, radius as f32, length as f32, colour),
         }
     }
+    for (i, link) in links.iter_mut().enumerate().filter(|(_, link)| link.positions.is_empty()) {
+        capsule(link, robot, i, 0.035 * reach);
+    }
+    if let (Some(frame), Some(last)) = (robot.frame(&robot.default_frame), links.last_mut())
+        && robot.task.0[2]
+        && frame.joint.is_some_and(|joint| joint + 1 == robot.joints.len())
+    {
+        let E = placement(&frame.X_LF);
+        let beyond = |p: &[f32; 3]| (Vec3::from_array(*p) - E.p).dot(E.R.z_axis);
+        if last.positions.iter().all(|p| beyond(p) < 0.02) {
+            hand(last, E);
+        }
+    }
     (base, links)
 }
 
-/// A capsule from each joint to the next, a drum on each joint's axis, and a hand at the end-effector frame.
+/// A two-finger hand on a flange, drawn only: it shows how the flange is turned.
+fn hand(mesh: &mut Mesh, flange: Placement) {
+    let at = |x: f32, z: f32| Placement { R: flange.R, p: flange.R * Vec3::new(x, 0.0, z) + flange.p };
+    mesh.add_box(at(0.0, 0.014), Vec3::new(0.085, 0.034, 0.028), DARK);
+    for side in [-1.0, 1.0] {
+        mesh.add_box(at(side * 0.032, 0.052), Vec3::new(0.012, 0.024, 0.055), METAL);
+    }
+}
+
+/// A capsule from each joint to the next, and a drum on each joint's axis.
 fn capsules(robot: &Robot, reach: f32) -> (Mesh, Vec<Mesh>) {
     let radius = 0.035 * reach;
     let mut base = Mesh::default();
     base.add_extrusion(Placement::IDENTITY, &[disc(0.0, 0.0, 2.2 * radius)], -1.5 * radius, -0.9 * radius, 0.1 * radius, DARK);
+    let links = (0..robot.joints.len()).map(|i| {
+        let mut mesh = Mesh::default();
+        capsule(&mut mesh, robot, i, radius);
+        mesh
+    });
+    (base, links.collect())
+}
+
+/// The link of joint `i` as a drum on its axis and a capsule to the next joint, or to the end-effector frame.
+fn capsule(mesh: &mut Mesh, robot: &Robot, i: usize, radius: f32) {
     let tip = robot.frame(&robot.default_frame).map_or(Vec3::ZERO, |frame| vec3(&frame.X_LF.p));
-    let links = robot
-        .joints
-        .iter()
-        .enumerate()
-        .map(|(i, joint): (usize, &Joint)| {
-            let mut mesh = Mesh::default();
-            let end = robot.joints.get(i + 1).map_or(tip, |next| vec3(&next.X_PJ.p));
-            mesh.add_extrusion(
-                Placement::along(Vec3::ZERO, vec3(&joint.axis), Vec3::X),
-                &[disc(0.0, 0.0, 1.3 * radius)],
-                -1.25 * radius,
-                1.25 * radius,
-                0.15 * radius,
-                JOINT,
-            );
-            if end.length() > radius {
-                mesh.add_capsule(Placement::along(end / 2.0, end, Vec3::X), radius, end.length(), SHELL);
-            }
-            mesh
-        })
-        .collect();
-    (base, links)
+    let end = robot.joints.get(i + 1).map_or(tip, |next| vec3(&next.X_PJ.p));
+    let axis = Placement::along(Vec3::ZERO, vec3(&robot.joints[i].axis), Vec3::X);
+    mesh.add_extrusion(axis, &[disc(0.0, 0.0, 1.3 * radius)], -1.25 * radius, 1.25 * radius, 0.15 * radius, JOINT);
+    if end.length() > radius {
+        mesh.add_capsule(Placement::along(end / 2.0, end, Vec3::X), radius, end.length(), SHELL);
+    }
 }

@@ -50,6 +50,12 @@ pub(crate) struct Subject {
     pub(crate) singularities: Vec<(String, Rgba)>,
     /// Distinct thresholds (η_in, η_out).
     pub(crate) bands: usize,
+    /// The largest η_out; 0 where none is known.
+    pub(crate) widest: f64,
+    /// Torque over a limit says nothing: some joint has none.
+    pub(crate) unlimited_torque: bool,
+    /// The same for speeds.
+    pub(crate) unlimited_speed: bool,
     pub(crate) eye: Eye,
     pub(crate) floor_m: f32,
 }
@@ -119,7 +125,8 @@ impl Sheet {
         (id, path)
     }
 
-    fn container(&mut self, kind: ContainerKind, cells: Vec<Cell>) -> EntityPath {
+    /// `name` is what its tab says, where it is in one.
+    fn container(&mut self, kind: ContainerKind, name: &str, cells: Vec<Cell>) -> EntityPath {
         let path = EntityPath::from(format!("container/{}", self.id()));
         let shares: Vec<f32> = cells.iter().map(|(share, _)| *share).collect();
         let mut container =
@@ -134,20 +141,23 @@ impl Sheet {
             }
             ContainerKind::Grid => {}
         }
+        if !name.is_empty() {
+            container = container.with_display_name(Name(name.into()));
+        }
         self.log(path.clone(), &container);
         path
     }
 
-    fn row(&mut self, cells: Vec<Cell>) -> EntityPath {
-        self.container(ContainerKind::Horizontal, cells)
+    fn row(&mut self, name: &str, cells: Vec<Cell>) -> EntityPath {
+        self.container(ContainerKind::Horizontal, name, cells)
     }
 
     fn column(&mut self, cells: Vec<Cell>) -> EntityPath {
-        self.container(ContainerKind::Vertical, cells)
+        self.container(ContainerKind::Vertical, "", cells)
     }
 
     fn tabs(&mut self, paths: Vec<EntityPath>) -> EntityPath {
-        self.container(ContainerKind::Tabs, paths.into_iter().map(|path| (1.0, path)).collect())
+        self.container(ContainerKind::Tabs, "", paths.into_iter().map(|path| (1.0, path)).collect())
     }
 
     /// A plot of lines over the shared time axis; `range`: fixed y range.
@@ -250,6 +260,7 @@ fn layout(subject: &Subject, layout: Layout) -> Vec<ChunkResult<Chunk>> {
     for panel in ["blueprint_panel", "selection_panel"] {
         sheet.log(panel, &PanelBlueprint::new().with_state(PanelState::Hidden));
     }
+    // No loop: the viewer would not follow a live run then.
     let time = TimePanelBlueprint::new().with_state(PanelState::Collapsed).with_timeline(TimelineName("t".into()));
     sheet.log("time_panel", &time);
     sheet.chunks
@@ -260,30 +271,30 @@ fn arrange(sheet: &mut Sheet, subject: &Subject, layout: Layout) {
     match layout {
         Layout::Control => {
             let left = [(3.2, desk.world()), (1.0, desk.now())];
-            let errors = desk.errors();
             let torques = desk.torques();
-            let joints = desk.joints();
-            let more = [desk.modes(), desk.log(), desk.governor(), desk.auxiliary(), desk.singular_values(), desk.latency()];
+            let more = [desk.errors(), desk.joints(), desk.governor(), desk.auxiliary(), desk.singular_values(), desk.latency()];
             let more = desk.sheet.tabs(more.into());
-            let right = [(1.3, desk.measure()), (0.85, errors), (0.9, torques), (1.35, joints), (1.3, more)];
+            let modes = [desk.modes(), desk.log()];
+            let modes = desk.sheet.tabs(modes.into());
+            let right = [(1.35, desk.measure()), (1.1, torques), (1.1, more), (1.15, modes)];
             let cells = vec![(1.0, desk.sheet.column(left.into())), (1.0, desk.sheet.column(right.into()))];
-            desk.sheet.row(cells);
+            desk.sheet.row("", cells);
         }
         Layout::Timing => {
             let upper = [(2.2, desk.latency()), (1.0, desk.world())];
             let middle = [(1.0, desk.lives()), (1.0, desk.modes()), (1.0, desk.log())];
             let lower = [(1.0, desk.errors()), (1.0, desk.governor())];
-            let cells =
-                vec![(2.0, desk.sheet.row(upper.into())), (1.3, desk.sheet.row(middle.into())), (1.0, desk.sheet.row(lower.into()))];
-            desk.sheet.column(cells);
+            let rows = [(2.0, upper.to_vec()), (1.3, middle.to_vec()), (1.0, lower.to_vec())];
+            let cells = rows.map(|(share, row)| (share, desk.sheet.row("", row)));
+            desk.sheet.column(cells.into());
         }
         Layout::Faults => {
-            let left = [(1.7, desk.world()), (0.6, desk.now()), (1.0, desk.log())];
-            let tail = [desk.modes(), desk.measure(), desk.latency(), desk.governor()];
-            let tail = desk.sheet.tabs(tail.into());
-            let right = [(1.5, desk.lives()), (0.9, desk.torques()), (1.25, desk.joints()), (0.8, desk.errors()), (1.25, tail)];
+            let left = [(1.6, desk.world()), (0.85, desk.now()), (1.05, desk.log())];
+            let more = [desk.errors(), desk.joints(), desk.measure(), desk.governor(), desk.latency()];
+            let more = desk.sheet.tabs(more.into());
+            let right = [(1.5, desk.lives()), (1.0, desk.torques()), (1.1, more), (1.25, desk.modes())];
             let cells = vec![(1.0, desk.sheet.column(left.into())), (1.2, desk.sheet.column(right.into()))];
-            desk.sheet.row(cells);
+            desk.sheet.row("", cells);
         }
     }
 }
@@ -325,17 +336,18 @@ impl Desk<'_> {
         self.sheet.states("Processes and drive", &["process/**", "drive"])
     }
 
-    /// s_i(q) between its thresholds.
+    /// s_i(q) between its thresholds, near enough to see them: what is far away matters less.
     fn measure(&mut self) -> EntityPath {
-        let inner = Lines::guide("guide:eta_in", "η in", 2 * self.subject.bands, [255, 110, 110, 200]);
-        let outer = Lines::guide("guide:eta_out", "η out", 2 * self.subject.bands, [170, 175, 185, 110]);
+        let inner = Lines::guide("guide:eta_in", "± η in", 2 * self.subject.bands, [255, 64, 84, 255]);
+        let outer = Lines::guide("guide:eta_out", "± η out", 2 * self.subject.bands, [190, 195, 205, 150]);
         let mut measures = self.per_singularity(Signal::Measure, "");
         measures.width = 2.5;
+        let range = (self.subject.widest > 0.0).then(|| [-5.2 * self.subject.widest, 5.2 * self.subject.widest]);
         self.sheet.plot(
-            "How near: s_i(q); 0 is singular, within ± η it is treated so",
+            "How near: s_i(q). 0 is singular, within ± η it is treated so",
             vec![inner, outer, measures],
-            None,
-            Some(Corner2D::RightTop),
+            range,
+            Some(Corner2D::RightBottom),
         )
     }
 
@@ -344,22 +356,30 @@ impl Desk<'_> {
             let names = vec![format!("across ζ, {unit}"), format!("along ζ, {unit}")];
             sheet.plot(name, vec![Lines::of(signal, names, [ACROSS, ALONG])], None, Some(Corner2D::RightTop))
         };
-        let position = pane(self.sheet, "Position error", Signal::PositionError, "mm");
-        let orientation = pane(self.sheet, "Orientation error", Signal::OrientationError, "°");
-        self.sheet.row(vec![(1.0, position), (1.0, orientation)])
+        let position = pane(self.sheet, "Position error, mm", Signal::PositionError, "mm");
+        let orientation = pane(self.sheet, "Orientation error, °", Signal::OrientationError, "°");
+        self.sheet.row("Task errors", vec![(1.0, position), (1.0, orientation)])
     }
 
     fn torques(&mut self) -> EntityPath {
-        let task = self.sheet.plot("Torque on the hand / limit", self.per_joint(Signal::TorqueTaskRatio), None, None);
-        let null = self.sheet.plot("Torque in the null space / limit", self.per_joint(Signal::TorqueNullRatio), None, None);
-        self.sheet.row(vec![(1.0, task), (1.0, null)])
+        let (task, null, of) = match self.subject.unlimited_torque {
+            true => (Signal::TorqueTask, Signal::TorqueNull, ", N·m"),
+            false => (Signal::TorqueTaskRatio, Signal::TorqueNullRatio, " / limit"),
+        };
+        let task = self.sheet.plot(&format!("Torque on the hand{of}"), self.per_joint(task), None, Some(Corner2D::LeftBottom));
+        let null = self.sheet.plot(&format!("Torque in the null space{of}"), self.per_joint(null), None, None);
+        self.sheet.row("Torques", vec![(1.0, task), (1.0, null)])
     }
 
     fn joints(&mut self) -> EntityPath {
         let range = self.per_joint(Signal::PositionInRange);
         let range = self.sheet.plot("Joints between limits ±1", range, LIMITS, Some(Corner2D::LeftBottom));
-        let speed = self.sheet.plot("Joint speeds / limit", self.per_joint(Signal::SpeedRatio), None, None);
-        self.sheet.row(vec![(1.0, range), (1.0, speed)])
+        let (speed, of) = match self.subject.unlimited_speed {
+            true => (Signal::Speed, ", rad/s"),
+            false => (Signal::SpeedRatio, " / limit"),
+        };
+        let speed = self.sheet.plot(&format!("Joint speeds{of}"), self.per_joint(speed), None, None);
+        self.sheet.row("Joints", vec![(1.0, range), (1.0, speed)])
     }
 
     /// Who controls what, and how fast.
@@ -367,7 +387,7 @@ impl Desk<'_> {
         let names = ["time", "task torque", "null torque"].map(str::to_owned).to_vec();
         let scales = Lines::of(Signal::Scale, names, [[120, 190, 250, 255], [110, 215, 150, 255], [200, 200, 120, 255]]);
         let beta = self.per_singularity(Signal::Beta, "β ");
-        self.sheet.plot("β (1: hand, 0: null space) and governor", vec![scales, beta], Some([-0.05, 1.05]), Some(Corner2D::RightBottom))
+        self.sheet.plot("β (1 hand, 0 null space), governor", vec![scales, beta], Some([-0.05, 1.05]), Some(Corner2D::RightBottom))
     }
 
     fn auxiliary(&mut self) -> EntityPath {

@@ -29,6 +29,9 @@ pub(crate) const MOBILITY: &str = "/world/ability/mobility";
 /// The ways of the joints in null-space motion.
 pub(crate) const TRAIL: &str = "/world/null_motion/trail";
 
+/// How far the joints have turned in it.
+pub(crate) const TURNED: &str = "/world/null_motion/turned";
+
 /// A link's figure.
 pub(crate) fn link(index: usize) -> String {
     format!("/world/arm/link{}", index + 1)

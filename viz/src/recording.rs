@@ -7,7 +7,7 @@ use glam::Vec3;
 use model::{Model, Robot};
 use nalgebra::SVector;
 use re_chunk::external::arrow::array::{Array, ArrayRef, Float32Array, Float64Array, ListArray};
-use re_chunk::external::arrow::buffer::{NullBuffer, OffsetBuffer, ScalarBuffer};
+use re_chunk::external::arrow::buffer::{OffsetBuffer, ScalarBuffer};
 use re_chunk::external::arrow::datatypes::Field;
 use re_chunk::{Chunk, ChunkComponents, ChunkId, EntityPath, RowId, TimeColumn, TimePoint, Timeline};
 use re_log_types::{ApplicationId, StoreId, StoreKind, TimeCell};
@@ -131,6 +131,8 @@ pub struct Recording<const N: usize, W: Storage = File> {
     /// How many ghosts each link has.
     ghosts: [usize; N],
     situation: Option<Situation>,
+    /// Ticks since the last command.
+    unheard: u64,
     lanes: Lanes,
     incarnations: [u32; PROCESSES.len()],
 }
@@ -247,7 +249,14 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         let figure = Figure::new(robot, floor_m);
         let rate = f64::from(scenario.rate_hz);
         let every = |seconds: f64| (seconds * rate).round().max(1.0);
-        let subject = Subject { joints: robot.joints.len(), floor_m, ..Subject::default() };
+        let unlimited = |limits: fn(&model::Joint) -> f64| robot.joints.iter().any(|joint| !limits(joint).is_finite());
+        let subject = Subject {
+            joints: robot.joints.len(),
+            floor_m,
+            unlimited_torque: unlimited(|joint| joint.effort),
+            unlimited_speed: unlimited(|joint| joint.velocity),
+            ..Subject::default()
+        };
         let mut recording = Self {
             sink: Sink::new(storage)?,
             store: StoreId::recording(application(robot), run.run),
@@ -277,6 +286,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             motion: NullMotion::new(robot.length_m),
             ghosts: [0; N],
             situation: None,
+            unheard: 0,
             lanes: Lanes::default(),
             incarnations: Default::default(),
         };
@@ -329,6 +339,10 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         }
         if self.part_ticks == 0 {
             self.write_ghosts(row.tick, true);
+            if let (Some(q), Some(turned)) = (row.q(), self.motion.turned(true)) {
+                let links = self.arm.link_poses(&SVector::from_column_slice(&q[..N])).map(|X| placement(&X));
+                self.write_turned(row.tick, &links, &turned);
+            }
         }
         self.part_ticks += 1;
         self.last = Some(row.tick);
@@ -522,6 +536,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             }
         }
         self.subject.bands = self.thresholds.len();
+        self.subject.widest = self.thresholds.iter().map(|(_, eta_out)| *eta_out).fold(0.0, f64::max);
         let places = row.q().map(|q| self.arm.link_poses(&SVector::from_column_slice(&q[..N])).map(|X| vec3(&X.p)));
         self.subject.eye = eye(places.as_ref().map_or(&[Vec3::X], |places| &places[..]), self.mark_size(), &self.subject, self.planar);
     }
@@ -605,8 +620,11 @@ impl<const N: usize, W: Storage> Recording<N, W> {
                 }
             }
         }
+        // A tick or two without a command is no story.
+        self.unheard = if row.command.is_some() { 0 } else { self.unheard + 1 };
         let situation = Situation::of(row);
-        if row.report.is_some() && self.situation != Some(situation) {
+        let told = row.command.is_some() && row.report.is_some() || self.unheard >= 5;
+        if told && self.situation != Some(situation) {
             self.situation = Some(situation);
             self.log(row.tick, entity::NOW, &TextDocument::from_markdown(situation.markdown()));
         }
@@ -631,6 +649,9 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         self.write_marks(row.tick, row.singularities(), &marks);
         if self.motion.update(row) {
             self.write_ghosts(row.tick, false);
+        }
+        if let Some(turned) = self.motion.turned(false) {
+            self.write_turned(row.tick, &links, &turned);
         }
         let unit = self.mark_size();
         self.picture.push(row.tick, &links, &hand, desired.as_ref(), &marks, unit);
@@ -668,18 +689,20 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             }
             let inside = mark.look.presence == Presence::Inside;
             let zeta = mark.zeta();
-            let turned = self.fans[i].is_none_or(|last| last.dot(zeta).abs() < 0.9976);
+            // Where ζ was on entry, then every 6°: null-space motion that turns it sweeps a fan, and what stays has none.
+            let turned = self.fans[i].is_some_and(|last| last.dot(zeta).abs() < 0.9945);
             if !inside {
                 self.fans[i] = None;
-            } else if turned {
-                // Every 4° a line where ζ is: null-space motion that turns it sweeps a fan.
+            } else if self.fans[i].is_none() {
                 self.fans[i] = Some(zeta);
-                let reach = zeta * self.mark_size();
+            } else if turned {
+                let last = self.fans[i].replace(zeta).unwrap_or(zeta);
+                let reach = last * (0.9 * self.mark_size());
                 let (from, to) = (mark.X_BS.p - reach, mark.X_BS.p + reach);
                 let [r, g, b, _] = story::colour_of_type(mark.look.class);
                 let line = LineStrips3D::new([[from.to_array(), to.to_array()]])
-                    .with_colors([Color::from_unmultiplied_rgba(r, g, b, 150)])
-                    .with_radii([0.002 * self.figure.reach]);
+                    .with_colors([Color::from_unmultiplied_rgba(r, g, b, 110)])
+                    .with_radii([0.0014 * self.figure.reach]);
                 self.log(tick, fan, &line);
             }
         }
@@ -755,6 +778,27 @@ impl<const N: usize, W: Storage> Recording<N, W> {
                 .with_colors([Color::from_unmultiplied_rgba(150, 205, 255, 160)])
                 .with_radii([0.002 * self.figure.reach]),
         );
+    }
+
+    /// How far each joint has turned in the present null-space motion, in the colours that the plots have for them.
+    fn write_turned(&mut self, tick: u64, links: &[Placement], turned: &[f64]) {
+        let most = turned.iter().fold(0.0f64, |most, angle| most.max(angle.abs()));
+        let joints = self.figure.rings.iter().zip(links).zip(turned).zip(blueprint::JOINTS).enumerate();
+        let arcs = joints.filter_map(|(i, (((ring, X_BL), angle), [r, g, b, _]))| {
+            let ring = ring.as_ref().filter(|_| angle.abs() > 0.06)?;
+            // Words at those that move most.
+            let words = if angle.abs() > 0.6 * most { format!("q{} {:+.0}°", i + 1, angle.to_degrees()) } else { String::new() };
+            Some((scene::turning(ring, X_BL, *angle as f32), Color::from_rgb(r, g, b), words))
+        });
+        let (mut strips, mut colours, mut words) = (Vec::new(), Vec::new(), Vec::new());
+        for (strip, colour, word) in arcs {
+            strips.push(strip);
+            colours.push(colour);
+            words.push(word);
+        }
+        let radius = 0.004 * self.figure.reach;
+        let arcs = LineStrips3D::new(strips).with_colors(colours).with_radii([radius]).with_labels(words).with_show_labels(true);
+        self.log(tick, entity::TURNED, &arcs);
     }
 
     fn write_picture(&mut self) {
@@ -906,11 +950,12 @@ fn albedo([r, g, b, a]: Rgba) -> AlbedoFactor {
 /// An eye that sees the arm from floor to hand, with room for a mark of that size at the hand: off to the side of the plane in which the arm
 /// reaches out, a little above; a planar arm from above.
 fn eye(places: &[Vec3], mark: f32, subject: &Subject, planar: bool) -> Eye {
-    // Half of Rerun's field of view, and a little air.
-    let distance = |radius: f32| 1.06 * radius / 27.5f32.to_radians().sin();
+    // Half of Rerun's field of view; the sphere is roomier than the arm in it.
+    let distance = |radius: f32| 0.88 * radius / 27.5f32.to_radians().sin();
     let hand = places.last().copied().unwrap_or(Vec3::X);
     let foot = if planar { Vec3::ZERO } else { Vec3::Z * subject.floor_m.min(0.0) };
-    let room = [hand + Vec3::splat(mark), hand - Vec3::splat(mark), foot];
+    // Above the mark are its words.
+    let room = [hand + Vec3::splat(mark), hand - Vec3::splat(mark), hand + Vec3::Z * (1.5 * mark), foot];
     let (low, high) = places.iter().chain(&room).fold((Vec3::ZERO, Vec3::ZERO), |(low, high), p| (low.min(*p), high.max(*p)));
     let (look_at, radius) = ((low + high) / 2.0, (high - low).length() / 2.0);
     if planar {
@@ -929,13 +974,15 @@ struct Table {
     columns: Vec<Column>,
 }
 
-/// One signal's rows: values end to end, where each row ends, and which rows there are.
+/// One signal's rows: values end to end, and where each row ends. A row without its message is an empty list, not a null: no plot draws a
+/// line across it then.
 struct Column {
     signal: Signal,
     wide: Vec<f64>,
     narrow: Vec<f32>,
     ends: Vec<i32>,
-    present: Vec<bool>,
+    /// Whether there has been a value, in this chunk or before.
+    seen: bool,
 }
 
 impl Table {
@@ -959,7 +1006,7 @@ impl Table {
         });
         for column in columns {
             let (end, before) = ((column.wide.len() + column.narrow.len()) as i32, column.ends.last().copied().unwrap_or(0));
-            column.present.push(end > before);
+            column.seen |= end > before;
             column.ends.push(end);
         }
     }
@@ -970,27 +1017,29 @@ impl Table {
             return None;
         }
         let ticks = std::mem::take(&mut self.ticks);
-        let columns = self.columns.iter_mut().filter_map(|column| std::mem::replace(column, Column::new(column.signal)).build());
+        let columns = self.columns.iter_mut().filter_map(|column| {
+            let next = Column { seen: column.seen, ..Column::new(column.signal) };
+            std::mem::replace(column, next).build()
+        });
         Some((ticks, columns.collect()))
     }
 }
 
 impl Column {
     fn new(signal: Signal) -> Self {
-        Self { signal, wide: Vec::new(), narrow: Vec::new(), ends: vec![0], present: Vec::new() }
+        Self { signal, wide: Vec::new(), narrow: Vec::new(), ends: vec![0], seen: false }
     }
 
     fn build(self) -> Option<SerializedComponentColumn> {
-        if !self.present.contains(&true) {
+        if !self.seen {
             return None;
         }
         let values: ArrayRef = match self.signal.width() {
             Width::F64 => std::sync::Arc::new(Float64Array::from(self.wide)),
             Width::F32 | Width::Share => std::sync::Arc::new(Float32Array::from(self.narrow)),
         };
-        let missing = self.present.contains(&false).then(|| NullBuffer::from(self.present));
         let field = std::sync::Arc::new(Field::new_list_field(values.data_type().clone(), true));
-        let list = ListArray::new(field, OffsetBuffer::new(ScalarBuffer::from(self.ends)), values, missing);
+        let list = ListArray::new(field, OffsetBuffer::new(ScalarBuffer::from(self.ends)), values, None);
         Some(SerializedComponentColumn::new(list, custom(self.signal.name(), None)))
     }
 }

@@ -3,9 +3,10 @@
 use glam::{Mat3, Quat, Vec3};
 use nalgebra::{Matrix3, Rotation3, Vector3, Vector6};
 use shared_types::MAX_DOF;
+use shared_types::codes::{MODE_TRACK, TYPE_1};
 use shared_types::messages::SingularityState;
 
-use crate::arm::vec3;
+use crate::arm::{Ring, vec3};
 use crate::signals::TickRow;
 use crate::solid::{Mesh, Placement, Rgba, disc};
 
@@ -115,49 +116,63 @@ pub(crate) fn rings(edge: f32, size: f32, colour: Rgba) -> Mesh {
     mesh
 }
 
-/// Follows null-space motion: joints that move while the hand stays.
+/// Follows null-space motion: joints that move while the hand stays, or while they take it along a direction it has lost.
 #[derive(Clone, Debug)]
 pub(crate) struct NullMotion {
     /// Makes metres and radians comparable; m.
     length_m: f64,
     /// Postures gone through, oldest first, at even steps.
     pub(crate) postures: Vec<[f64; MAX_DOF]>,
-    /// The hand where it began: position, rotation in the base.
-    hand: Option<(Vector3<f64>, Matrix3<f64>)>,
+    /// Where it began: the hand's position and rotation in the base, and the joints.
+    start: Option<(Vector3<f64>, Matrix3<f64>, [f64; MAX_DOF])>,
+    /// How far the joints have moved since.
+    turned: [f64; MAX_DOF],
+    /// The same when it was last asked for.
+    asked: [f64; MAX_DOF],
 }
 
 /// Joint-space distance between two ghosts; rad.
-const GHOST_STEP: f64 = 0.4;
+const GHOST_STEP: f64 = 0.3;
 /// Most ghosts at once.
 const GHOSTS: usize = 8;
+/// Joint motion that is worth drawing anew; rad.
+const TURN_STEP: f64 = 0.04;
 
 impl NullMotion {
     pub(crate) fn new(length_m: f64) -> Self {
-        Self { length_m, postures: Vec::with_capacity(GHOSTS), hand: None }
+        let still = [0.0; MAX_DOF];
+        Self { length_m, postures: Vec::with_capacity(GHOSTS), start: None, turned: still, asked: still }
     }
 
     /// Takes a tick in; says whether the postures changed.
     ///
-    /// Motion counts as null-space motion where |V_E|, with lengths over L, is below a twentieth of |q̇|.
+    /// Motion counts as null-space motion where |V_E|, with lengths over L, is below a twentieth of |q̇|, and where the null space is what
+    /// tracks the path along a Type 1 singularity's ζ.
     pub(crate) fn update(&mut self, row: &TickRow) -> bool {
         let Some(state) = row.plant_state else { return false };
         let speed = state.qdot.iter().map(|rate| rate * rate).sum::<f64>().sqrt();
         let V = Vector6::from(state.V_BE);
         let hand_speed =
             (V.fixed_rows::<3>(0).norm_squared() / (self.length_m * self.length_m) + V.fixed_rows::<3>(3).norm_squared()).sqrt();
-        let hand = (Vector3::from(state.p_BE), Matrix3::from_column_slice(&state.R_BE));
-        if let Some((p, R)) = self.hand {
-            let turned = Rotation3::from_matrix_unchecked(hand.1 * R.transpose()).angle();
-            if (hand.0 - p).norm() / self.length_m + turned > 0.15 {
-                self.hand = None;
+        let (p, R) = (Vector3::from(state.p_BE), Matrix3::from_column_slice(&state.R_BE));
+        if let Some((p_0, R_0, _)) = self.start {
+            let turned = Rotation3::from_matrix_unchecked(R * R_0.transpose()).angle();
+            if (p - p_0).norm() / self.length_m + turned > 0.15 {
+                self.start = None;
+                self.turned = [0.0; MAX_DOF];
                 self.postures.clear();
                 return true;
             }
         }
-        if speed < 0.03 || hand_speed > 0.05 * speed {
+        let tracks = row.command.is_some_and(|command| {
+            let of = |(one, mode): (&SingularityState, &u32)| one.inside == 1 && one.class == TYPE_1 && *mode == MODE_TRACK;
+            row.singularities().iter().zip(&command.mode).any(of)
+        });
+        if speed < 0.03 || (hand_speed > 0.05 * speed && !tracks) {
             return false;
         }
-        self.hand.get_or_insert(hand);
+        let (_, _, q_0) = self.start.get_or_insert((p, R, state.q));
+        self.turned = std::array::from_fn(|i| state.q[i] - q_0[i]);
         let far = |from: &[f64; MAX_DOF]| from.iter().zip(&state.q).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt() > GHOST_STEP;
         if self.postures.last().is_none_or(far) {
             if self.postures.len() == GHOSTS {
@@ -168,6 +183,29 @@ impl NullMotion {
         }
         false
     }
+
+    /// How far each joint has moved in the present null-space motion, where that has changed enough to be drawn; rad.
+    pub(crate) fn turned(&mut self, anyhow: bool) -> Option<[f64; MAX_DOF]> {
+        let changed = self.turned.iter().zip(&self.asked).any(|(now, before)| (now - before).abs() > TURN_STEP);
+        let ended = self.start.is_none() && self.asked != [0.0; MAX_DOF];
+        (changed || ended || anyhow).then(|| {
+            self.asked = self.turned;
+            self.turned
+        })
+    }
+}
+
+/// How far a joint has turned, as an arc with a barbed end about its axis, on the upper side of the link; `X_BL` is its link now, `angle` in rad.
+pub(crate) fn turning(ring: &Ring, X_BL: &Placement, angle: f32) -> Vec<[f32; 3]> {
+    let angle = angle.clamp(-6.0, 6.0);
+    let turn = |angle: f32| Quat::from_axis_angle(ring.axis, angle);
+    let out = if (X_BL.R * (turn(-angle) * ring.out)).z < 0.0 { -ring.out } else { ring.out };
+    let point = |angle: f32, radius: f32| X_BL.R * (ring.centre + turn(angle) * out * radius) + X_BL.p;
+    let steps = (angle.abs() / 0.15).ceil().max(1.0);
+    let barb = (0.3f32).min(0.6 * angle.abs()).copysign(angle);
+    let (tip, r) = (point(0.0, ring.radius), ring.radius);
+    let arc = (0..=steps as usize).map(|k| point(-angle * (1.0 - k as f32 / steps), r));
+    arc.chain([point(-barb, 0.84 * r), tip, point(-barb, 1.16 * r)]).map(|p| p.to_array()).collect()
 }
 
 /// A ghost link is drawn only where it does not lie in the real one: further than this, m or rad.
@@ -184,7 +222,7 @@ pub(crate) fn rotation(at: &Placement) -> Quat {
 mod tests {
     use super::*;
     use shared_types::codes::TYPE_2;
-    use shared_types::messages::PlantState;
+    use shared_types::messages::{PlantState, SingularityReport, TorqueCommand};
 
     fn wrist(s: f64, inside: u32) -> SingularityState {
         SingularityState {
@@ -232,7 +270,10 @@ mod tests {
             (state.q[3], state.q[5]) = (0.01 * f64::from(k), -0.01 * f64::from(k));
             update(&mut motion, &state);
         }
-        assert_eq!(motion.postures.len(), 4, "1.4 rad of motion at 0.4 rad a ghost");
+        assert_eq!(motion.postures.len(), 5, "1.4 rad of motion at 0.3 rad a ghost");
+        let turned = motion.turned(false).expect("they have turned");
+        assert!((turned[3] - 0.99).abs() < 1e-9 && (turned[5] + 0.99).abs() < 1e-9 && turned[0] == 0.0, "{turned:?}");
+        assert_eq!(motion.turned(false), None, "nothing new to draw");
         // The same speeds with the hand moving are no null-space motion.
         state.V_BE[0] = 0.2;
         state.q[3] = 2.0;
@@ -240,5 +281,34 @@ mod tests {
         // The hand has left: the ghosts go.
         state.p_BE[0] = 0.1;
         assert!(update(&mut motion, &state) && motion.postures.is_empty());
+        assert_eq!(motion.turned(false), Some([0.0; MAX_DOF]), "the arcs go too");
+        assert_eq!(motion.turned(false), None);
+    }
+
+    #[test]
+    fn the_null_space_takes_the_hand_out_of_a_type_1_lock() {
+        let mut motion = NullMotion::new(0.43);
+        let mut report = SingularityReport { count: 1, ..SingularityReport::default() };
+        report.singularities[0] = SingularityState { class: TYPE_1, inside: 1, ..SingularityState::default() };
+        let mut state = PlantState { R_BE: [1., 0., 0., 0., 1., 0., 0., 0., 1.], ..PlantState::default() };
+        (state.qdot[2], state.V_BE[0]) = (1.0, 0.1);
+        let mut command = TorqueCommand::default();
+        let mut update = |command: &TorqueCommand| {
+            motion.update(&TickRow { plant_state: Some(&state), report: Some(&report), command: Some(command), ..TickRow::default() })
+        };
+        assert!(!update(&command), "the hand moves, and not by the null space");
+        command.mode[0] = MODE_TRACK;
+        assert!(update(&command));
+    }
+
+    #[test]
+    fn an_arc_begins_where_the_joint_was_and_ends_where_it_is() {
+        let ring = Ring { axis: Vec3::Z, centre: Vec3::new(0.0, 0.0, 0.2), out: Vec3::Y, radius: 0.1 };
+        let X_BL = Placement { R: Mat3::from_rotation_z(0.8), p: Vec3::X };
+        let arc = turning(&ring, &X_BL, 0.8);
+        let (first, tip) = (Vec3::from_array(arc[0]), Vec3::from_array(arc[arc.len() - 2]));
+        let out = Vec3::Y * 0.1;
+        assert!((first - (Vec3::new(1.0, 0.0, 0.2) + out)).length() < 1e-6, "{first}");
+        assert!((tip - (Vec3::new(1.0, 0.0, 0.2) + X_BL.R * out)).length() < 1e-6, "{tip}");
     }
 }

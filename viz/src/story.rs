@@ -63,6 +63,8 @@ pub(crate) struct Situation {
     phase: Option<u32>,
     segment: u32,
     clipped: bool,
+    /// Of the drive, where no command has come.
+    undriven: Option<u32>,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -86,6 +88,8 @@ impl Situation {
             situation.phase = Some(command.phase);
             situation.segment = command.segment;
             situation.clipped = command.clipped == 1;
+        } else {
+            situation.undriven = Some(row.sensor.map_or(DRIVE_ACTIVE, |sensor| sensor.drive));
         }
         situation
     }
@@ -93,6 +97,15 @@ impl Situation {
     /// Markdown that says which singularity the arm is in, what it cannot do there, and what it does about it.
     pub(crate) fn markdown(&self) -> String {
         let mut text = String::new();
+        if let Some(drive) = self.undriven {
+            let _ = writeln!(
+                text,
+                "## No command reaches the arm\n\nA process is silent (see its lane), so no new torque comes. The last one holds for a few ticks; \
+                 then the drives stop the arm by themselves, brake, and go on when fresh torque comes. Now they are **{}**.\n",
+                name_of(DRIVES, drive)
+            );
+            return text;
+        }
         let inside: Vec<(usize, &Singular)> = self.singularities[..self.count].iter().enumerate().filter(|(_, one)| one.inside).collect();
         if inside.is_empty() {
             text.push_str("## Regular: the hand can move in every direction\n\n");
@@ -138,7 +151,7 @@ impl Situation {
 
 /// The label at the mark, as short as can be.
 pub(crate) fn label(one: &SingularityState, index: usize) -> String {
-    let verb = if one.angular == 1 { "no rotation about ζ" } else { "no motion along ζ" };
+    let verb = if one.angular == 1 { "cannot turn about ζ" } else { "cannot move along ζ" };
     format!("{} ({}): {verb}", singularity_name(one.kind, index), name_of(TYPES, one.class))
 }
 
@@ -187,7 +200,7 @@ fn colour_name(class: u32) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::messages::{SingularityReport, TorqueCommand};
+    use shared_types::messages::{SensorSample, SingularityReport, TorqueCommand};
 
     #[test]
     fn words_name_the_singularity_and_what_is_lost() {
@@ -204,6 +217,14 @@ mod tests {
         }
         assert!(!words.contains("elbow"), "the arm is not in the elbow singularity");
         assert_eq!(Situation::of(&row), Situation::of(&row));
+    }
+
+    #[test]
+    fn without_a_command_the_words_say_what_the_drive_does() {
+        let report = SingularityReport { count: 1, ..SingularityReport::default() };
+        let sensor = SensorSample { drive: DRIVE_BRAKED, ..SensorSample::default() };
+        let words = Situation::of(&TickRow { report: Some(&report), sensor: Some(&sensor), ..TickRow::default() }).markdown();
+        assert!(words.contains("No command reaches the arm") && words.contains("**braked**") && !words.contains("plain"), "{words}");
     }
 
     #[test]

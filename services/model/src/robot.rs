@@ -106,6 +106,8 @@ pub struct Shape {
     pub X_LS: Pose,
     /// What it looks like.
     pub geometry: Geometry,
+    /// Red, green, blue, opacity in 0..=1, where the URDF gives the material a colour.
+    pub colour: Option<[f64; 4]>,
 }
 
 /// An analytic factorisation of det J, if one holds.

@@ -26,6 +26,8 @@ pub(crate) fn read(robot: &str, text: &str, end: Option<&str>) -> Result<Chain, 
 struct Tree<'a> {
     robot: &'a str,
     links: BTreeMap<&'a str, &'a urdf_rs::Link>,
+    /// Materials that links refer to by name.
+    materials: &'a [urdf_rs::Material],
     /// The joints out of each link, in file order.
     children: BTreeMap<&'a str, Vec<&'a urdf_rs::Joint>>,
     /// The joint into each link.
@@ -66,7 +68,7 @@ impl<'a> Tree<'a> {
                 return refuse(format!("links {} have no parent joint, and one base is needed", list(roots)));
             }
         };
-        let tree = Self { robot, links, children, parent, root };
+        let tree = Self { robot, links, materials: &urdf.materials, children, parent, root };
         let reached = tree.below(root).len();
         if reached != tree.links.len() {
             return refuse(format!("only {reached} of {} links hang on the base '{root}': the others form a loop", tree.links.len()));
@@ -203,11 +205,23 @@ impl<'a> Tree<'a> {
             }
             chain.frames.push(Frame { name: name.to_owned(), joint, X_LF });
             let link = self.links[name];
+            let before = chain.shapes.len();
             for visual in &link.visual {
                 match geometry(&visual.geometry) {
-                    Ok(geometry) => chain.shapes.push(Shape { joint, X_LS: X_LF * pose(&visual.origin), geometry }),
+                    Ok(geometry) => {
+                        let colour = self.colour(visual.material.as_ref());
+                        chain.shapes.push(Shape { joint, X_LS: X_LF * pose(&visual.origin), geometry, colour });
+                    }
                     Err(file) => chain.notes.push(format!("the mesh '{file}' of link '{name}' is not shown: meshes are not read")),
                 }
+            }
+            if chain.shapes.len() == before {
+                // What stands for the link in collisions is often simpler.
+                let shapes = link.collision.iter().filter_map(|collision| {
+                    let geometry = geometry(&collision.geometry).ok()?;
+                    Some(Shape { joint, X_LS: X_LF * pose(&collision.origin), geometry, colour: None })
+                });
+                chain.shapes.extend(shapes);
             }
             for child in self.joints_of(name) {
                 let is_held = rigid.iter().any(|(link, _)| *link == child.child.link);
@@ -220,6 +234,13 @@ impl<'a> Tree<'a> {
             }
         }
         Ok(())
+    }
+
+    /// A material's colour: its own, or that of the one it names.
+    fn colour(&self, material: Option<&urdf_rs::Material>) -> Option<[f64; 4]> {
+        let material = material?;
+        let named = || self.materials.iter().find(|known| known.name == material.name)?.color.as_ref();
+        material.color.as_ref().or_else(named).map(|color| color.rgba.0).filter(|rgba| rgba.iter().all(|part| (0.0..=1.0).contains(part)))
     }
 
     fn joint(&self, joint: &urdf_rs::Joint, X_PM: Pose, rigid: &[(&'a str, Pose)]) -> Result<Joint, RobotError> {

@@ -148,6 +148,29 @@ fn shapes_are_read_and_meshes_noted() {
 }
 
 #[test]
+fn shapes_have_their_materials_colours() {
+    let visual =
+        |material: &str| format!(r#"<link name="a">{BODY}<visual><geometry><sphere radius="1"/></geometry>{material}</visual></link>"#);
+    let arm = |material: &str| {
+        let shared = r#"<material name="blue"><color rgba="0 0 1 1"/></material>"#.to_owned();
+        load(&robot(&[shared, link("base"), visual(material), joint("revolute", "base", "a", LIMIT)]), "").unwrap().shapes[0].colour
+    };
+    assert_eq!(arm(r#"<material name="x"><color rgba="1 0.5 0 1"/></material>"#), Some([1.0, 0.5, 0.0, 1.0]));
+    assert_eq!(arm(r#"<material name="blue"/>"#), Some([0.0, 0.0, 1.0, 1.0]));
+    assert_eq!([arm(""), arm(r#"<material name="unknown"/>"#), arm(r#"<material name="x"><color rgba="7 0 0 1"/></material>"#)], [None; 3]);
+}
+
+#[test]
+fn what_is_drawn_as_a_mesh_is_shown_as_what_it_collides_as() {
+    let body = r#"<visual><geometry><mesh filename="a.dae"/></geometry></visual><collision><origin xyz="0 0 1"/><geometry><capsule radius="0.1" length="0.4"/></geometry></collision>"#;
+    let link_a = format!(r#"<link name="a">{BODY}{body}</link>"#);
+    let arm = load(&robot(&[link("base"), link_a, joint("revolute", "base", "a", LIMIT)]), "").unwrap();
+    assert_eq!(arm.shapes.len(), 1);
+    assert_eq!((arm.shapes[0].geometry, arm.shapes[0].X_LS.p), (Geometry::Capsule { radius: 0.1, length: 0.4 }, Vector3::z()));
+    assert_says(&arm.notes[0], &["a.dae"]);
+}
+
+#[test]
 fn impossible_urdfs_are_refused() {
     assert_says(&refusal("not xml", ""), &["not a readable URDF"]);
     assert_says(&refusal(&robot(&[link("base")]), ""), &["no movable joint"]);
