@@ -172,7 +172,7 @@ pub(crate) fn save_blueprint(run: &Run, layout: Layout, path: &Path) -> Result<(
     let job = run.job()?;
     let source = RobotSource { name: job.robot.name.clone(), description: job.robot.description.clone(), urdf: job.robot.urdf.clone() };
     let robot = Robot::from_source(&source).map_err(Failure::input)?;
-    let first = chain::Chain::new(&robot, &job.scenario).map_err(Failure::input)?.step();
+    let first = chain::Chain::new(&robot, &chain::without_faults(&job.scenario)).map_err(Failure::input)?.step();
     let info = RunInfo { scenario: &job.scenario, robot: &robot, run: &job.run, version: &job.version, seed: job.scenario.seed };
     let row = TickRow {
         tick: 0,

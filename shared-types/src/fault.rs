@@ -348,7 +348,7 @@ impl Strike {
             way,
             at_tick: Some(self.at),
             at_s: None,
-            for_ticks: (self.until != u64::MAX).then(|| self.until - self.at),
+            for_ticks: (self.until != u64::MAX).then(|| self.until.saturating_sub(self.at)),
             for_s: None,
             probability: rule.has_probability.then_some(self.probability),
             delay_ticks: (kind == Kind::Delay).then_some(self.amount as u64),
@@ -564,7 +564,7 @@ impl std::fmt::Display for Fault {
         if let Some(delay) = self.delay_ticks {
             write!(f, " by {delay}")?;
             if let Some(jitter) = self.jitter_ticks {
-                write!(f, " to {}", delay + jitter)?;
+                write!(f, " to {}", delay.saturating_add(jitter))?;
             }
             write!(f, " ticks")?;
         }

@@ -93,6 +93,31 @@ proptest! {
     fn no_command_makes_the_drive_unsafe(bytes in bytes(1500)) {
         properties::drive(&bytes);
     }
+
+    #[test]
+    fn no_finger_in_the_chain_makes_it_unsafe(bytes in prop::collection::vec(any::<u8>(), 0..1500)) {
+        properties::fingers(&bytes);
+    }
+
+    #[test]
+    fn kept_messages_are_read_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
+        properties::kept(&bytes);
+    }
+
+    #[test]
+    fn no_control_page_leads_astray(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
+        properties::board(&bytes);
+    }
+
+    #[test]
+    fn manifests_are_valid_or_refused(text in broken(vec![properties::MANIFEST.to_owned()])) {
+        properties::manifest(text.as_bytes());
+    }
+
+    #[test]
+    fn jobs_are_valid_or_refused(text in broken(vec![properties::job()])) {
+        properties::results(text.as_bytes());
+    }
 }
 
 #[test]

@@ -509,7 +509,7 @@ impl Launcher {
             if struck_ns == 0 || restored_ns != 0 || strike.way() != Some(Way::Paused) || strike.kind() != Some(Kind::Hang) {
                 continue;
             }
-            let passed_ns = (strike.until - strike.at).saturating_mul(1_000_000_000 / u64::from(self.plan.rate_hz.max(1)));
+            let passed_ns = strike.until.saturating_sub(strike.at).saturating_mul(1_000_000_000 / u64::from(self.plan.rate_hz.max(1)));
             if (self.ticks() >= strike.until || now_ns() >= struck_ns.saturating_add(passed_ns))
                 && let Some(child) = self.nursery.0.get(strike.process as usize).and_then(|slot| slot.child.as_ref())
             {

@@ -100,8 +100,13 @@ impl Shared {
         }
         self.learn();
         let (fates, done) = (self.fates.borrow(), self.line().ticks());
-        let down = |strike: &Strike| strike.process as usize == self.me && strike.at <= done && strike.kind().is_some_and(Kind::takes_down);
-        fates.strikes().iter().filter(|(_, strike)| down(strike)).map(|(_, strike)| strike.until).max().unwrap_or(0)
+        // A death between sending and saying so is one tick later than what the dead one has closed: then it is the ledger that tells of it.
+        let has_struck = |place| self.board.ledger().account(place).is_some_and(|account| account.struck_ns != 0);
+        let down = |(place, strike): &&(usize, Strike)| {
+            let is_past = strike.at <= done || has_struck(*place);
+            strike.process as usize == self.me && is_past && strike.kind().is_some_and(Kind::takes_down)
+        };
+        fates.strikes().iter().filter(down).map(|(_, strike)| strike.until).max().unwrap_or(0)
     }
 
     /// Carries out what concerns the process itself at a tick, with the tick's first input in hand. Returns the tick at which it goes on:

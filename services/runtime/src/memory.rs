@@ -53,7 +53,7 @@ impl<M: Message> Memory<M> {
         // SAFETY: the index is 0 or 1; only the topic's one living writer writes, and who reads waits for its death.
         unsafe { (&raw mut (*self.slots.as_ptr()).slots).cast::<M>().add((count % 2) as usize).write(*message) };
         fence(Ordering::Release);
-        self.count().store(count + 1, Ordering::Relaxed);
+        self.count().store(count.wrapping_add(1), Ordering::Relaxed);
     }
 
     /// The last message kept.
