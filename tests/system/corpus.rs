@@ -1,9 +1,5 @@
-//! Gives every fuzz target something to begin with: `cargo run --manifest-path tests/fuzz/Cargo.toml --example seed`.
-//!
-//! Built-in scenarios, the graph and the robots as they are; messages and kept messages of a run on one thread; in `corpus/TARGET`, which git ignores.
-
-#[path = "../system/properties.rs"]
-mod properties;
+//! Gives every fuzz target something to begin with, in `tests/fuzz/corpus/TARGET`, which git ignores: built-in scenarios, the graph and the robots
+//! as they are; messages and kept messages of a run on one thread.
 
 use std::path::{Path, PathBuf};
 
@@ -13,10 +9,12 @@ use runtime::{Keep, Manifest};
 use shared_types::scenario::Scenario;
 use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
 
+use crate::properties;
+
 type Done = Result<(), Box<dyn std::error::Error>>;
 
 fn corpus(target: &str) -> std::io::Result<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus").join(target);
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fuzz/corpus").join(target);
     std::fs::create_dir_all(&folder)?;
     Ok(folder)
 }
@@ -35,27 +33,22 @@ fn ticks(name: &str) -> Result<Vec<Tick>, Box<dyn std::error::Error>> {
 
 /// A file of kept messages as the target takes it: a choice, then the file.
 fn kept<M: Message>(choice: u8, messages: impl Iterator<Item = M>) -> Done {
-    let folder = tempfolder()?;
-    let mut keep = Keep::<M>::create(&folder)?;
+    let folder = tempfile::tempdir()?;
+    let mut keep = Keep::<M>::create(folder.path())?;
     for message in messages {
         keep.add(&message)?;
     }
     keep.finish()?;
-    let file = std::fs::read(folder.join(format!("{}.kept", M::TOPIC)))?;
-    std::fs::remove_dir_all(&folder)?;
+    let file = std::fs::read(folder.path().join(format!("{}.kept", M::TOPIC)))?;
     // Whole; and behind the head that the target puts before it.
     seed("kept", &format!("{}-whole", M::TOPIC), &[&[choice], &file[..]].concat())?;
     let with_head = (8..16).chain(24..32).find(|with_head| with_head % 5 == choice).ok_or("one of eight leaves any rest")?;
     seed("kept", &format!("{}-blocks", M::TOPIC), &[&[with_head], &file[24..]].concat())
 }
 
-fn tempfolder() -> std::io::Result<PathBuf> {
-    let folder = std::env::temp_dir().join(format!("armplane-seed-{}", std::process::id()));
-    std::fs::create_dir_all(&folder)?;
-    Ok(folder)
-}
-
-fn main() -> Done {
+#[test]
+#[ignore = "it writes tests/fuzz/corpus, for the fuzz targets"]
+fn every_fuzz_target_has_something_to_begin_with() -> Done {
     for (place, name) in sim::scenarios::names().enumerate() {
         let text = sim::scenarios::text(name).unwrap_or_default();
         seed("scenario", name, text.as_bytes())?;
@@ -75,7 +68,7 @@ fn main() -> Done {
         seed("drive", name, &[&[place], &each(|tick| bytes_of(&tick.command).to_vec())[..]].concat())?;
     }
     seed("graph", "graph", include_bytes!("../../services/graph.toml"))?;
-    let robots = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../services/model/robots");
+    let robots = Path::new(env!("CARGO_MANIFEST_DIR")).join("services/model/robots");
     for entry in std::fs::read_dir(robots)?.flatten().filter(|entry| entry.path().extension().is_some_and(|is| is == "urdf")) {
         seed("urdf", &entry.file_name().to_string_lossy(), &std::fs::read(entry.path())?)?;
     }
@@ -102,6 +95,5 @@ fn main() -> Done {
     seed("results", "job", properties::job().as_bytes())?;
     let summary = serde_json::to_vec(&shared_types::summary::Summary::default())?;
     seed("results", "summary", &summary)?;
-    println!("{}", corpus("")?.display());
     Ok(())
 }
