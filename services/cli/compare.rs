@@ -50,7 +50,10 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
         let left_out = loaded.scenario.fault.len();
         loaded.scenario = chain::without_faults(&loaded.scenario);
         if left_out > 0 && !as_json {
-            say!("{}: without its planned faults ({left_out}): laws are compared on one thread, and faults happen to processes", loaded.scenario.name);
+            say!(
+                "{}: without its planned faults ({left_out}): laws are compared on one thread, and faults happen to processes",
+                loaded.scenario.name
+            );
         }
         if loaded.scenario.name == SWEEP {
             let sweep = sweep::Sweep::run(loaded, &laws, args)?;

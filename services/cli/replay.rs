@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use indicatif::ProgressBar;
-use model::{Refused, Robot, RobotSource};
+use model::{Refused, Robot};
 use runtime::{Difference, Differences, FieldDifference, KeepError, Kept, first_difference, leaves_as};
 use serde_json::json;
 use shared_types::codes::{DRIVE_ABSENT, DRIVE_STALE};
@@ -19,7 +19,7 @@ use super::failure::Failure;
 use super::out::say;
 use super::process::JOB;
 use super::table::{digits, number, table};
-use super::{ReplayArgs, Replayable, run};
+use super::{ReplayArgs, Replayable, load, run};
 
 /// What the replayed process said on one topic, beside what the run recorded.
 struct Topic {
@@ -48,8 +48,7 @@ impl Replayed {
 
 pub(crate) fn replay(args: &ReplayArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let job = job(&args.run)?;
-    let source = RobotSource { name: job.robot.name.clone(), description: job.robot.description.clone(), urdf: job.robot.urdf.clone() };
-    let robot = Robot::from_source(&source).map_err(Failure::input)?;
+    let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
     let scenario = with_settings(&job.scenario, &args.set)?;
     let ticks = (scenario.duration_s() * f64::from(scenario.rate_hz)).round() as u64;
     let tape = Tape {

@@ -319,7 +319,8 @@ fn first_place(reference: &Path, messages: &Path, run: usize) -> Result<Option<P
 /// Where two series of kept messages of one topic first differ: the tick, and in what. Either may lack what the other has.
 fn first_in<M: Message>(reference: &Path, messages: &Path) -> Result<Option<(u64, Difference)>, Failure> {
     let (mut expected, mut found) = (Kept::<M>::open(reference).map_err(Failure::work)?, Kept::<M>::open(messages).map_err(Failure::work)?);
-    let whole = |expected: &str, found: &str| Difference { field: "the message".to_owned(), expected: expected.into(), found: found.into() };
+    let whole =
+        |expected: &str, found: &str| Difference { field: "the message".to_owned(), expected: expected.into(), found: found.into() };
     loop {
         let pair = (expected.next_message().map_err(Failure::work)?, found.next_message().map_err(Failure::work)?);
         let tick = |message: &M| message.header().tick;
@@ -366,7 +367,8 @@ impl Folder {
 }
 
 /// Why the first run is the reference, where it is.
-const WHY: &str = "the scenario plans faults, and one thread has no processes that they could happen to: run 1 is the reference of the others";
+const WHY: &str =
+    "the scenario plans faults, and one thread has no processes that they could happen to: run 1 is the reference of the others";
 
 fn tell(scenario: &Scenario, reference: &Reference, runs: &[Ran], place: Option<&Place>, is_identical: bool) {
     let headings = [&["", "condition", "ticks/s"], &TOPICS[..]].concat();

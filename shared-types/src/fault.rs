@@ -186,7 +186,7 @@ const RULES: [Rule; 15] = [
         ..rule(Kind::Sensor, PLANT, 0.5)
     },
     Rule { ways: &[(Way::Lost, 0.0), (Way::Stuck, 0.0), (Way::Saturated, 0.1), (Way::Friction, 0.05)], ..rule(Kind::Drive, PLANT, 0.5) },
-    Rule { ways: &[(Way::Jump, 5.0), (Way::Skew, 0.01)], ..rule(Kind::Clock, ALL, 0.5) },
+    Rule { ways: &[(Way::Jump, 5.0), (Way::Skew, 0.01)], ..rule(Kind::Clock, SENDERS, 0.5) },
     rule(Kind::Starve, ALL, 0.2),
     rule(Kind::DiskFull, RECORDER, f64::INFINITY),
     rule(Kind::SlowDisk, RECORDER, 0.5),

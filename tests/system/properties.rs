@@ -234,9 +234,53 @@ impl Hand<'_> {
     }
 }
 
+/// Numbers within what a fault's amount may be: what is larger no process need have an answer to.
+fn is_sane<M: Message>(message: &M) -> bool {
+    let bytes = bytemuck::bytes_of(message);
+    numbers::<M>().into_iter().all(|at| bytemuck::pod_read_unaligned::<f64>(&bytes[at..at + 8]).abs() <= 1e12)
+}
+
+/// What a process of the chain says, and what a run would do about it: a number that is not finite ends it, and its replacement goes on from what
+/// was said last.
+struct Life<M> {
+    last: Option<M>,
+    /// It has been told nothing since its beginning that it need not have an answer to.
+    sane: bool,
+    /// The edge refuses what is not finite.
+    guarded: bool,
+}
+
+impl<M: Message> Life<M> {
+    fn new(guarded: bool) -> Self {
+        Self { last: None, sane: true, guarded }
+    }
+
+    /// The message as it leaves; `None`: the process has died of it, and is to be begun anew.
+    fn say(&mut self, message: M) -> Option<M> {
+        if message.is_finite() || !self.guarded {
+            self.last = Some(message);
+            return Some(message);
+        }
+        assert!(!self.sane, "nothing out of range has been said to it: {message:?}");
+        // With its replacement, all is well again.
+        self.sane = true;
+        None
+    }
+
+    /// It is started again from a last message that somebody may have changed.
+    fn tampered(&mut self, hand: &mut Hand<'_>) -> Option<M> {
+        let mut last = self.last?;
+        hand.spoil(&mut last);
+        let is_possible = last.is_finite() || !self.guarded;
+        self.sane = if is_possible { is_sane(&last) } else { self.sane };
+        is_possible.then_some(last)
+    }
+}
+
 /// The whole chain with somebody's fingers in it: of every message any number may be replaced on its way, messages are lost, processes start again
-/// from a last message that was tampered with. What acts on the arm stays finite and within the limits; where the edge refuses what is not finite,
-/// as it does in a run, no process has anything to say that is not finite either.
+/// from a last message that was tampered with. What acts on the arm stays finite and within the limits. Where the edge refuses what is not finite,
+/// as it does in a run, no process has anything to say that is not finite, unless it was told what is out of all range; and then its replacement,
+/// which goes on from what was said last, is cured.
 pub fn fingers(bytes: &[u8]) {
     let mut hand = Hand(bytes);
     let (scenario, law, how) = (hand.byte(), hand.byte(), hand.byte());
@@ -245,11 +289,11 @@ pub fn fingers(bytes: &[u8]) {
     let is_guarded = how & 2 != 0;
     let fit = "it was accepted before";
     let mut plant = plant::cycle(robot, scenario).expect(fit);
-    let mut estimator = estimator::cycle(robot, scenario).expect(fit);
-    let mut analyzer = analyzer::cycle(robot, scenario).expect(fit);
-    let mut controller = controller::cycle(robot, scenario).expect(fit);
-    // Whether all that a process has ever been told was finite.
-    let mut clean = [true; 3];
+    let estimators = || estimator::cycle(robot, scenario).expect(fit);
+    let analyzers = || analyzer::cycle(robot, scenario).expect(fit);
+    let controllers = || controller::cycle(robot, scenario).expect(fit);
+    let (mut estimator, mut analyzer, mut controller) = (estimators(), analyzers(), controllers());
+    let (mut estimating, mut analyzing, mut controlling) = (Life::new(is_guarded), Life::new(is_guarded), Life::new(is_guarded));
     for tick in 0..48 {
         if hand.0.is_empty() && tick > 8 || plant.is_over() {
             break;
@@ -258,63 +302,62 @@ pub fn fingers(bytes: &[u8]) {
         let (mut sample, truth) = plant.sample(tick);
         assert!(sample.is_finite() && truth.is_finite(), "{sample:?} {truth:?}");
         is_safe(&sample.tau_drive, robot, "drive");
-        if touched & 1 != 0 {
-            hand.spoil(&mut sample);
-        }
         let command = 'chain: {
+            if touched & 1 != 0 {
+                hand.spoil(&mut sample);
+            }
+            if fate & 16 != 0
+                && let Some(last) = estimating.tampered(&mut hand)
+            {
+                estimator = estimators();
+                estimator.resume(&last);
+            }
             if fate & 1 != 0 || is_guarded && !sample.is_finite() {
                 break 'chain None;
             }
-            clean[0] &= sample.is_finite();
-            let mut estimate = estimator.step(&sample);
-            assert!(!clean[0] || estimate.is_finite(), "{sample:?} {estimate:?}");
-            if fate & 16 != 0 {
-                let mut last = estimate;
-                hand.spoil(&mut last);
-                if last.is_finite() || !is_guarded {
-                    estimator = estimator::cycle(robot, scenario).expect(fit);
-                    estimator.resume(&last);
-                    clean[0] = last.is_finite();
-                }
-            }
+            let estimate = estimator.step(&sample);
+            assert!(estimate.is_finite() || !sample.is_finite(), "the estimator has an answer to everything: {sample:?} {estimate:?}");
+            let Some(mut estimate) = estimating.say(estimate) else { break 'chain None };
             if touched & 2 != 0 {
                 hand.spoil(&mut estimate);
+            }
+            if fate & 32 != 0
+                && let Some(last) = analyzing.tampered(&mut hand)
+            {
+                analyzer = analyzers();
+                analyzer.resume(&last);
             }
             if fate & 2 != 0 || is_guarded && !estimate.is_finite() {
                 break 'chain None;
             }
-            clean[1] &= estimate.is_finite();
-            let mut report = analyzer.step(&estimate);
-            assert!(!clean[1] || report.is_finite(), "{estimate:?} {report:?}");
-            if fate & 32 != 0 {
-                let mut last = report;
-                hand.spoil(&mut last);
-                if last.is_finite() || !is_guarded {
-                    analyzer = analyzer::cycle(robot, scenario).expect(fit);
-                    analyzer.resume(&last);
-                    clean[1] = last.is_finite();
-                }
-            }
+            analyzing.sane &= is_sane(&estimate);
+            let report = analyzer.step(&estimate);
+            let Some(mut report) = analyzing.say(report) else {
+                analyzer = analyzers();
+                analyzing.last.iter().for_each(|last| analyzer.resume(last));
+                break 'chain None;
+            };
             if touched & 4 != 0 {
                 hand.spoil(&mut report);
+            }
+            if fate & 64 != 0
+                && let Some(last) = controlling.tampered(&mut hand)
+            {
+                controller = controllers();
+                controller.resume(&last);
             }
             if fate & 4 != 0 || is_guarded && !report.is_finite() {
                 break 'chain None;
             }
-            clean[2] &= estimate.is_finite() && report.is_finite();
-            let mut command = controller.step(&estimate, &report);
+            controlling.sane &= is_sane(&estimate) && is_sane(&report);
+            let command = controller.step(&estimate, &report);
             is_safe(&command.tau, robot, "controller");
             assert_eq!(command.header.tick, estimate.header.tick);
-            assert!(!clean[2] || command.is_finite(), "{estimate:?} {report:?} {command:?}");
-            if fate & 64 != 0 {
-                let mut last = command;
-                hand.spoil(&mut last);
-                if last.is_finite() || !is_guarded {
-                    controller = controller::cycle(robot, scenario).expect(fit);
-                    controller.resume(&last);
-                    clean[2] = last.is_finite();
-                }
-            }
+            let Some(mut command) = controlling.say(command) else {
+                controller = controllers();
+                controlling.last.iter().for_each(|last| controller.resume(last));
+                break 'chain None;
+            };
             if touched & 8 != 0 {
                 hand.spoil(&mut command);
                 command.phase %= 3;

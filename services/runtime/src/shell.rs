@@ -531,6 +531,7 @@ impl Shell {
         // Read before the round: everything of these ticks is in the buffers now.
         let last = shared.is_stopping();
         shared.trouble_volume(shared.line().ticks(), last);
+        shared.starve(shared.line().ticks());
         let ticks = Cell::new(0);
         self.each_other(|line| ticks.set(ticks.get().max(line.ticks())));
         self.round.set(if last { Round::Last } else { Round::From(ticks.get()) });
