@@ -134,7 +134,8 @@ fn placements(count: usize) -> Vec<(&'static str, Vec<Option<usize>>)> {
 }
 
 pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure> {
-    let chosen = |bench: Bench| args.what.contains(&bench) || args.what.is_empty() && !matches!(bench, Bench::Realtime | Bench::Hour | Bench::Soak);
+    let chosen =
+        |bench: Bench| args.what.contains(&bench) || args.what.is_empty() && !matches!(bench, Bench::Realtime | Bench::Hour | Bench::Soak);
     let load::Loaded { scenario, robot } = load::scenario(load::DEFAULT_SCENARIO, &[], None)?;
     let out = args.out.as_deref().map(folder).transpose()?;
     let (mut rows, mut record, mut realtime, mut hour) = (Vec::new(), None, Vec::new(), None);

@@ -10,14 +10,14 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use model::{Robot, RobotSource, with_dof};
+use model::with_dof;
 use shared_types::scenario::Layout;
 use viz::{About, Piece, ReadError, Rows, RunInfo, Signal, TickRow};
 
 use super::failure::Failure;
 use super::out::say;
 use super::runs::Run;
-use super::{ExportArgs, ExportFormat};
+use super::{ExportArgs, ExportFormat, load};
 
 /// Why an export failed: reading, writing, or the format's own crate.
 #[derive(Debug, thiserror::Error)]
@@ -170,9 +170,8 @@ fn write(parts: &[PathBuf], mut format: Box<dyn Format>) -> Result<Vec<PathBuf>,
 /// The layout of a run as a `.rbl`: the first tick is computed again, which names the singularities and places the eye.
 pub(crate) fn save_blueprint(run: &Run, layout: Layout, path: &Path) -> Result<(), Failure> {
     let job = run.job()?;
-    let source = RobotSource { name: job.robot.name.clone(), description: job.robot.description.clone(), urdf: job.robot.urdf.clone() };
-    let robot = Robot::from_source(&source).map_err(Failure::input)?;
-    let first = chain::Chain::new(&robot, &job.scenario).map_err(Failure::input)?.step();
+    let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
+    let first = chain::Chain::new(&robot, &chain::without_faults(&job.scenario)).map_err(Failure::input)?.step();
     let info = RunInfo { scenario: &job.scenario, robot: &robot, run: &job.run, version: &job.version, seed: job.scenario.seed };
     let row = TickRow {
         tick: 0,

@@ -7,11 +7,13 @@ use std::time::{Duration, Instant};
 use runtime::{Board, Manifest, RunDir, SHM, random};
 use serde_json::json;
 use shared_types::fault::{Fault, Kind, Way};
+use shared_types::job::Job;
 
 use super::failure::Failure;
 use super::out::say;
+use super::process::JOB;
 use super::table::table;
-use super::{FaultArgs, top};
+use super::{FaultArgs, load, top};
 
 /// How long to wait for the next tick of a run.
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -69,6 +71,12 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure
         let known: Vec<_> = manifest.processes.iter().map(|process| process.name.as_str()).collect();
         return Err(Failure::Input(format!("the run has no process `{process}`; it has {}", known.join(", "))));
     };
+    if let (Some(joint), Some(dof)) = (args.joint, joints(&run))
+        && joint as usize > dof
+    {
+        // What the arm does not have the run could not be repeated with.
+        return Err(Failure::Input(format!("joint: there is no joint {joint}: the arm of {name} has {dof} (joints count from 1)")));
+    }
     // Any seed will do: the run records it with the fault.
     let seed = random(runtime::now_ns(), u64::from(std::process::id()));
     let strike = fault.strike(index as u32, manifest.rate_hz, seed).map_err(|complaint| Failure::Input(complaint.to_string()))?;
@@ -92,6 +100,12 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure
         say!("{in_force} ({name})");
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// How many joints the arm of a run has; `None` for a graph without an arm (a bench).
+fn joints(run: &RunDir) -> Option<usize> {
+    let job: Job = serde_json::from_slice(&std::fs::read(run.path().join(JOB)).ok()?).ok()?;
+    load::robot_of(&job.robot).ok().map(|robot| robot.dof())
 }
 
 /// The unit of a way's amount.

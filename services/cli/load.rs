@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use model::{Robot, RobotSource};
+use model::{Robot, RobotError, RobotSource};
 use shared_types::file::Complaint;
 use shared_types::graph::Graph;
 use shared_types::job::RobotText;
@@ -77,6 +77,12 @@ pub(crate) fn robot(name: &str, folder: Option<&Path>) -> Result<Robot, Failure>
 pub(crate) fn robot_text(robot: &Robot) -> RobotText {
     let RobotSource { name, description, urdf } = robot.source.clone();
     RobotText { name, description, urdf }
+}
+
+/// The robot that a job's texts make.
+pub(crate) fn robot_of(text: &RobotText) -> Result<Robot, RobotError> {
+    let RobotText { name, description, urdf } = text.clone();
+    Robot::from_source(&RobotSource { name, description, urdf })
 }
 
 /// The process graph: the user's, or the built-in one.

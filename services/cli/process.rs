@@ -4,11 +4,11 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, Subcommand};
-use model::{Robot, RobotSource};
 use runtime::{ProcessError, Shell};
 use shared_types::job::Job;
 
 use super::failure::Failure;
+use super::load;
 
 /// Name of the job in the run's directory.
 pub(crate) const JOB: &str = "job.json";
@@ -57,8 +57,7 @@ fn work(name: &str, args: &JobArgs) -> Result<(), ProcessError> {
     let path = args.run.join(JOB);
     let text = std::fs::read(&path).map_err(|error| ProcessError::setup(format!("cannot read {}: {error}", path.display())))?;
     let job: Job = serde_json::from_slice(&text).map_err(|error| ProcessError::setup(format!("{}: {error}", path.display())))?;
-    let source = RobotSource { name: job.robot.name.clone(), description: job.robot.description.clone(), urdf: job.robot.urdf.clone() };
-    let robot = Robot::from_source(&source).map_err(ProcessError::setup)?;
+    let robot = load::robot_of(&job.robot).map_err(ProcessError::setup)?;
     let shell = Shell::open(&args.run, name)?;
     match name {
         "plant" => plant::run(&shell, &robot, &job.scenario),

@@ -1,23 +1,25 @@
 //! `armplane replay`: the recorded inputs of a run, fed to one process's step; where its outputs first differ from the recorded ones.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::ExitCode;
 
 use indicatif::ProgressBar;
-use model::{Refused, Robot, RobotSource};
-use runtime::{Difference, Differences, FieldDifference, KeepError, Kept, first_difference};
+use model::{Refused, Robot};
+use runtime::{Difference, Differences, FieldDifference, KeepError, Kept, first_difference, leaves_as};
 use serde_json::json;
 use shared_types::codes::{DRIVE_ABSENT, DRIVE_STALE};
-use shared_types::fault::{Kind, Strike};
+use shared_types::fault::{Fault, Kind, MOST_DELAY_TICKS, Strike};
 use shared_types::job::Job;
 use shared_types::scenario::Scenario;
+use shared_types::summary::Summary;
 use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
 
 use super::failure::Failure;
 use super::out::say;
 use super::process::JOB;
 use super::table::{digits, number, table};
-use super::{ReplayArgs, Replayable, run};
+use super::{ReplayArgs, Replayable, load, run};
 
 /// What the replayed process said on one topic, beside what the run recorded.
 struct Topic {
@@ -46,40 +48,36 @@ impl Replayed {
 
 pub(crate) fn replay(args: &ReplayArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let job = job(&args.run)?;
-    let source = RobotSource { name: job.robot.name.clone(), description: job.robot.description.clone(), urdf: job.robot.urdf.clone() };
-    let robot = Robot::from_source(&source).map_err(Failure::input)?;
+    let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
     let scenario = with_settings(&job.scenario, &args.set)?;
     let ticks = (scenario.duration_s() * f64::from(scenario.rate_hz)).round() as u64;
-    let tape = Tape { folder: args.run.join(recorder::MESSAGES), run: &args.run, bar: run::progress_bar(ticks, &job) };
+    let tape = Tape {
+        folder: args.run.join(recorder::MESSAGES),
+        run: &args.run,
+        bar: run::progress_bar(ticks, &job),
+        process: args.process.name(),
+        strikes: strikes(&args.run, &job, args.process.name())?,
+    };
     let refused = |error: Refused| Failure::input(error);
     let replayed = match args.process {
-        Replayable::Estimator => {
-            let mut samples = tape.open::<SensorSample>()?;
-            tape.step::<_, _, StateEstimate>(
-                |tick| samples.at(tick),
-                || estimator::cycle(&robot, &scenario).map_err(refused),
-                |cycle, sample| cycle.step(sample),
-                |cycle, last| cycle.resume(last),
-            )
-        }
-        Replayable::Analyzer => {
-            let mut estimates = tape.open::<StateEstimate>()?;
-            tape.step::<_, _, SingularityReport>(
-                |tick| estimates.at(tick),
-                || analyzer::cycle(&robot, &scenario).map_err(refused),
-                |cycle, estimate| cycle.step(estimate),
-                |cycle, last| cycle.resume(last),
-            )
-        }
-        Replayable::Controller => {
-            let (mut estimates, mut reports) = (tape.open::<StateEstimate>()?, tape.open::<SingularityReport>()?);
-            tape.step::<_, _, TorqueCommand>(
-                |tick| Ok(estimates.at(tick)?.zip(reports.at(tick)?)),
-                || controller::cycle(&robot, &scenario).map_err(refused),
-                |cycle, (estimate, report)| cycle.step(estimate, report),
-                |cycle, last| cycle.resume(last),
-            )
-        }
+        Replayable::Estimator => tape.step::<_, _, StateEstimate>(
+            tape.open::<SensorSample>()?,
+            || estimator::cycle(&robot, &scenario).map_err(refused),
+            |cycle, sample| cycle.step(&sample),
+            |cycle, last| cycle.resume(last),
+        ),
+        Replayable::Analyzer => tape.step::<_, _, SingularityReport>(
+            tape.open::<StateEstimate>()?,
+            || analyzer::cycle(&robot, &scenario).map_err(refused),
+            |cycle, estimate| cycle.step(&estimate),
+            |cycle, last| cycle.resume(last),
+        ),
+        Replayable::Controller => tape.step::<_, _, TorqueCommand>(
+            (tape.open::<SingularityReport>()?, tape.open::<StateEstimate>()?),
+            || controller::cycle(&robot, &scenario).map_err(refused),
+            |cycle, (report, estimate)| cycle.step(&estimate, &report),
+            |cycle, last| cycle.resume(last),
+        ),
         Replayable::Plant => tape.plant(&robot, &scenario),
     }?;
     tape.bar.finish_and_clear();
@@ -97,9 +95,21 @@ fn job(run: &Path) -> Result<Job, Failure> {
     let text = std::fs::read(&path).map_err(|error| {
         Failure::Input(format!("{} is not the results folder of a run: cannot read {}: {error}", run.display(), path.display()))
     })?;
-    serde_json::from_slice(&text).map_err(|error| {
+    let job: Job = serde_json::from_slice(&text).map_err(|error| {
         Failure::Input(format!("{} was not written by this version of armplane: {error}; run the scenario again", path.display()))
-    })
+    })?;
+    job.check().map_err(|complaint| Failure::Input(format!("{}: {complaint}", path.display())))?;
+    Ok(job)
+}
+
+/// The faults that happened to a process, planned or not: the summary knows of all, and without one (the run was stopped) the plan counts.
+fn strikes(run: &Path, job: &Job, process: &str) -> Result<Vec<Strike>, Failure> {
+    let summary = std::fs::read(run.join("summary.json")).ok().and_then(|text| serde_json::from_slice::<Summary>(&text).ok());
+    let happened = |summary: Summary| summary.faults.into_iter().filter_map(|fault| fault.fault).collect::<Vec<Fault>>();
+    let faults = summary.map_or_else(|| job.scenario.fault.clone(), happened);
+    let scenario = Scenario { fault: faults, ..job.scenario.clone() };
+    let all = scenario.strikes(|name| Some(u32::from(name != process))).map_err(|complaint| Failure::Input(complaint.to_string()))?;
+    Ok(all.into_iter().filter(|strike| strike.process == 0).collect())
 }
 
 /// The recorded scenario with other values laid over it. The arm stays: its inputs are in the record.
@@ -120,6 +130,10 @@ struct Tape<'a> {
     folder: std::path::PathBuf,
     run: &'a Path,
     bar: ProgressBar,
+    /// Who is computed again ...
+    process: &'a str,
+    /// ... and what happened to it.
+    strikes: Vec<Strike>,
 }
 
 impl Tape<'_> {
@@ -136,44 +150,71 @@ impl Tape<'_> {
         }
     }
 
+    fn in_order<M: Message>(&self) -> Result<InOrder<M>, Failure> {
+        Ok(InOrder { kept: self.open::<M>()?.kept, ahead: BTreeMap::new(), next: 0 })
+    }
+
     /// Computes every recorded output again from the inputs of its tick. A process that was started again in the run is so here: a fresh
-    /// step that takes up what its predecessor said last.
-    fn step<Step, In, Out: Message>(
+    /// step that takes up what its predecessor said last. What the process computed and a fault kept from leaving is computed too: its state
+    /// goes on from it.
+    fn step<Step, In: Inputs, Out: Message>(
         &self,
-        mut input_at: impl FnMut(u64) -> Result<Option<In>, KeepError>,
+        mut inputs: In,
         fresh: impl Fn() -> Result<Step, Failure>,
-        compute: impl Fn(&mut Step, &In) -> Out,
+        compute: impl Fn(&mut Step, In::Of) -> Out,
         resume: impl Fn(&mut Step, &Out),
     ) -> Result<Replayed, Failure> {
-        let mut outputs = self.open::<Out>()?;
+        let mut outputs = self.in_order::<Out>()?;
         let (mut step, mut comparison) = (fresh()?, Comparison::<Out>::default());
-        let (mut last, mut without_input) = (None::<Out>, 0);
+        let (mut last, mut incarnation, mut without_input) = (None::<Out>, 1, 0);
         while let Some(recorded) = outputs.next_message().map_err(Failure::work)? {
             let header = *recorded.header();
-            if let Some(last) = &last
-                && last.header().incarnation != header.incarnation
-            {
-                step = fresh()?;
-                resume(&mut step, last);
+            while let Some(tick) = inputs.next_tick().map_err(Failure::work)?.filter(|tick| *tick < header.tick) {
+                let input = inputs.at(tick).map_err(Failure::work)?;
+                if let Some(input) = input.filter(|_| self.was_withheld(tick)) {
+                    last = Some(compute(&mut step, input));
+                }
             }
-            match input_at(header.tick).map_err(Failure::work)? {
-                Some(input) => comparison.take(&recorded, compute(&mut step, &input)),
-                None => without_input += 1,
+            if incarnation != header.incarnation {
+                (step, incarnation) = (fresh()?, header.incarnation);
+                if let Some(last) = &last {
+                    resume(&mut step, last);
+                }
             }
-            last = Some(recorded);
+            match inputs.at(header.tick).map_err(Failure::work)? {
+                Some(input) => {
+                    let computed = compute(&mut step, input);
+                    let mut sent = computed;
+                    leaves_as(&mut sent, &self.strikes, self.process);
+                    comparison.take(&recorded, sent);
+                    last = Some(if self.was_shaped(header.tick) { computed } else { recorded });
+                }
+                None => {
+                    without_input += 1;
+                    last = Some(recorded);
+                }
+            }
             self.bar.set_position(header.tick);
         }
         Ok(Replayed { topics: vec![comparison.topic()], without_input, ended: String::new() })
     }
 
-    /// The plant answers its own last state: it must be fed without a gap. The faults of its sensors and drives are the scenario's.
+    fn was_shaped(&self, tick: u64) -> bool {
+        self.strikes.iter().any(|strike| strike.concerns(tick) && strike.kind().is_some_and(Kind::shapes_messages))
+    }
+
+    /// Whether the process worked at a tick of which nothing of it is in the record.
+    fn was_withheld(&self, tick: u64) -> bool {
+        let was_down = self.strikes.iter().any(|strike| strike.concerns(tick) && strike.kind().is_some_and(Kind::takes_down));
+        self.was_shaped(tick) && !was_down
+    }
+
+    /// The plant answers its own last state: it must be fed without a gap. What was wrong with its sensors and drives is so again.
     fn plant(&self, robot: &Robot, scenario: &Scenario) -> Result<Replayed, Failure> {
-        let (mut samples, mut truths, mut commands) = (self.open::<SensorSample>()?, self.open()?, self.open::<TorqueCommand>()?);
+        let (mut samples, mut truths, mut commands) = (self.in_order::<SensorSample>()?, self.open()?, self.open::<TorqueCommand>()?);
         let mut cycle = plant::cycle(robot, scenario).map_err(Failure::input)?;
-        let faults =
-            scenario.strikes(|process| Some(u32::from(process != "plant"))).map_err(|complaint| Failure::Input(complaint.message))?;
-        let faults: Vec<Strike> =
-            faults.into_iter().filter(|strike| strike.process == 0 && matches!(strike.kind(), Some(Kind::Sensor | Kind::Drive))).collect();
+        let of_physics = |strike: &&Strike| matches!(strike.kind(), Some(Kind::Sensor | Kind::Drive));
+        let faults: Vec<Strike> = self.strikes.iter().filter(of_physics).copied().collect();
         let (mut sensor, mut state) = (Comparison::<SensorSample>::default(), Comparison::<PlantState>::default());
         let mut ended = String::new();
         let mut truth: Option<PlantState> = truths.next_message().map_err(Failure::work)?;
@@ -191,7 +232,8 @@ impl Tape<'_> {
             if was_struck || !strikes.is_empty() {
                 cycle.afflict(tick, &strikes);
             }
-            let (sampled, moved) = cycle.sample(tick);
+            let (mut sampled, moved) = cycle.sample(tick);
+            leaves_as(&mut sampled, &self.strikes, self.process);
             sensor.take(&recorded, sampled);
             if let Some(truth) = &truth {
                 state.take(truth, moved);
@@ -209,6 +251,64 @@ impl Tape<'_> {
             self.bar.set_position(tick);
         }
         Ok(Replayed { topics: vec![sensor.topic(), state.topic()], without_input: 0, ended })
+    }
+}
+
+/// What a step takes, tick by tick.
+trait Inputs {
+    /// All of one tick.
+    type Of;
+    /// The next tick that there is something of.
+    fn next_tick(&mut self) -> Result<Option<u64>, KeepError>;
+    /// All of a tick; nothing where something is missing.
+    fn at(&mut self, tick: u64) -> Result<Option<Self::Of>, KeepError>;
+}
+
+impl<M: Message> Inputs for Cursor<M> {
+    type Of = M;
+    fn next_tick(&mut self) -> Result<Option<u64>, KeepError> {
+        self.ahead = self.next_message()?;
+        Ok(self.ahead.as_ref().map(|message| message.header().tick))
+    }
+    fn at(&mut self, tick: u64) -> Result<Option<M>, KeepError> {
+        self.at(tick)
+    }
+}
+
+impl<A: Message, B: Message> Inputs for (Cursor<A>, Cursor<B>) {
+    type Of = (A, B);
+    fn next_tick(&mut self) -> Result<Option<u64>, KeepError> {
+        self.0.next_tick()
+    }
+    fn at(&mut self, tick: u64) -> Result<Option<(A, B)>, KeepError> {
+        Ok(self.0.at(tick)?.zip(self.1.at(tick)?))
+    }
+}
+
+/// Kept messages in the order of their ticks, each tick once: faults make them late, old, or two.
+struct InOrder<M> {
+    kept: Kept<M>,
+    ahead: BTreeMap<u64, M>,
+    /// The first tick that has not been handed out.
+    next: u64,
+}
+
+impl<M: Message> InOrder<M> {
+    /// More than a fault can hold a message back; messages.
+    const AHEAD: usize = 2 * MOST_DELAY_TICKS as usize + 4;
+
+    fn next_message(&mut self) -> Result<Option<M>, KeepError> {
+        while self.ahead.len() < Self::AHEAD
+            && let Some(message) = self.kept.next_message()?
+        {
+            let tick = message.header().tick;
+            if tick >= self.next {
+                self.ahead.entry(tick).or_insert(message);
+            }
+        }
+        let first = self.ahead.pop_first();
+        self.next = first.as_ref().map_or(self.next, |(tick, _)| tick.saturating_add(1));
+        Ok(first.map(|(_, message)| message))
     }
 }
 

@@ -24,6 +24,10 @@ const SUMMARY: &str = "summary.json";
 const SCENARIO: &str = "scenario.toml";
 const ROBOT_URDF: &str = "robot.urdf";
 const ROBOT_TOML: &str = "robot.toml";
+/// In the results folder while the run goes on; gone at its end.
+const RESERVE: &str = ".armplane";
+/// More than a summary takes, faults included; bytes.
+const SUMMARY_BYTES: usize = 128 * 1024;
 
 pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let load::Loaded { scenario, robot } = load::scenario(&args.scenario, &args.set, args.seed)?;
@@ -42,6 +46,7 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
         scenario,
         graph,
     };
+    results.reserve(&job)?;
     for old in viz::parts_in(&results.folder) {
         std::fs::remove_file(&old).map_err(|error| Failure::Input(format!("cannot replace {}: {error}", old.display())))?;
     }
@@ -276,13 +281,28 @@ impl Results {
         std::fs::create_dir_all(&folder).map_err(|error| cannot(&folder, error))?;
         let folder = folder.canonicalize().map_err(|error| cannot(&folder, error))?;
         let results = Self { folder, made };
-        let probe = results.folder.join(".armplane");
+        let probe = results.folder.join(RESERVE);
         std::fs::write(&probe, b"").and_then(|()| std::fs::remove_file(&probe)).map_err(|error| cannot(&results.folder, error))?;
         Ok(results)
     }
 
+    /// Takes the room that the run's account will need: a recording that fills the disk shall not be the end of the summary too.
+    fn reserve(&self, job: &Job) -> Result<(), Failure> {
+        let size = 2 * serde_json::to_vec_pretty(job).map_err(Failure::work)?.len() + SUMMARY_BYTES;
+        let path = self.folder.join(RESERVE);
+        std::fs::write(&path, vec![0; size]).map_err(|error| {
+            let _ = std::fs::remove_file(&path);
+            Failure::Input(format!("cannot write results to {}: {error}; choose another folder with --out", self.folder.display()))
+        })
+    }
+
+    fn release(&self) {
+        let _ = std::fs::remove_file(self.folder.join(RESERVE));
+    }
+
     /// Writes what makes the run repeatable and readable: the summary, the job, and the scenario with every fault planned that came to pass.
     fn keep(&self, job: &Job, summary: &Summary) -> Result<(), Failure> {
+        self.release();
         keep(&self.folder, job, summary)
     }
 }
@@ -307,6 +327,7 @@ pub(crate) fn keep(folder: &Path, job: &Job, summary: &Summary) -> Result<(), Fa
 
 impl Drop for Results {
     fn drop(&mut self) {
+        self.release();
         if self.made {
             // Fails, as it should, where there is something in it.
             let _ = std::fs::remove_dir(&self.folder);

@@ -6,6 +6,7 @@ use shared_types::job::Job;
 use shared_types::summary::Summary;
 
 use super::failure::Failure;
+use super::process::JOB;
 
 /// Where runs go unless `--out` says otherwise.
 pub(crate) const RUNS: &str = "runs";
@@ -63,7 +64,9 @@ impl Run {
     }
 
     pub(crate) fn job(&self) -> Result<Job, Failure> {
-        self.json("job.json")
+        let job: Job = self.json(JOB)?;
+        job.check().map_err(|complaint| Failure::Input(format!("{}: {complaint}", self.folder.join(JOB).display())))?;
+        Ok(job)
     }
 
     fn json<T: serde::de::DeserializeOwned>(&self, name: &str) -> Result<T, Failure> {

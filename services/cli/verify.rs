@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use chain::{Chain, Tick};
-use launcher::{End, Plan};
+use chain::Tick;
+use launcher::{End, Exit, Failure as Mishap, Plan};
 use model::Robot;
-use runtime::{Difference, Disturbance, Kept, TopicHash, first_difference, random, realtime};
+use runtime::{Difference, Disturbance, Keep, KeepError, Kept, TopicHash, first_difference, random, realtime};
 use serde_json::json;
 use shared_types::graph::TOPICS;
 use shared_types::job::{Job, Mode};
@@ -108,9 +108,32 @@ struct Ran {
     topics: [TopicSummary; 5],
     /// Why it did not come to its end; empty when it did.
     failure: String,
+    /// The process that ended it before its time, and how.
+    fallen: Option<(String, Exit)>,
 }
 
-/// The first place where a run is not what one thread computes.
+/// What the runs are compared with.
+struct Reference {
+    ran: Ran,
+    /// Where its messages are; nowhere yet while nobody needs them.
+    messages: Option<PathBuf>,
+    /// Whether it is the first of the runs, because of the scenario's faults: they happen to processes, which one thread does not have.
+    is_run: bool,
+}
+
+impl Reference {
+    /// Whether a run gave the same bytes and ended the same way.
+    fn is_like(&self, ran: &Ran) -> bool {
+        ran.topics == self.ran.topics && ran.fallen == self.ran.fallen && ran.failure.is_empty() == self.ran.failure.is_empty()
+    }
+
+    /// A planned fault may be the end of every run (the death of the plant is); nothing else may.
+    fn is_sound(&self) -> bool {
+        self.ran.failure.is_empty() || (self.is_run && self.ran.fallen.is_some())
+    }
+}
+
+/// The first place where a run is not the reference.
 struct Place {
     run: usize,
     tick: u64,
@@ -122,8 +145,14 @@ pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<ExitCode, Failu
     let load::Loaded { scenario, robot } = load::scenario(&args.scenario, &args.set, args.seed)?;
     let graph = load::graph(args.graph.as_deref())?;
     chain::try_first_tick(&robot, &scenario).map_err(|error| Failure::Input(format!("{}: {error}", args.scenario)))?;
+    let has_faults = !scenario.fault.is_empty();
+    if has_faults && args.runs < 2 {
+        let sentence = "plans faults, which one thread cannot have: its runs are compared with each other, so take at least --runs 2";
+        return Err(Failure::Input(format!("{} {sentence}", scenario.name)));
+    }
     let folder = Folder::create(args.out.as_deref())?;
-    let reference = on_one_thread(&robot, &scenario)?;
+    let one_thread = || on_one_thread(&robot, &scenario, None).map(|ran| Reference { ran, messages: None, is_run: false });
+    let mut reference = if has_faults { None } else { Some(one_thread()?) };
     let (mut runs, mut place) = (Vec::new(), None);
     for index in 0..args.runs as usize {
         let condition = CONDITIONS[index % CONDITIONS.len()];
@@ -140,10 +169,23 @@ pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<ExitCode, Failu
             scenario: scenario.clone(),
             graph: graph.clone(),
         };
-        let ran = in_processes(&job, condition, random(scenario.seed, index as u64), args.unordered, reference.ticks)?;
+        let planned_ticks = (scenario.duration_s() * f64::from(scenario.rate_hz)).round() as u64;
+        let ran = in_processes(&job, condition, random(scenario.seed, index as u64), args.unordered, planned_ticks)?;
         let messages = job.out.join(recorder::MESSAGES);
-        if ran.topics != reference.topics && place.is_none() {
-            place = first_place(&robot, &scenario, &messages, index)?;
+        let Some(reference) = &mut reference else {
+            reference = Some(Reference { ran, messages: Some(messages), is_run: true });
+            continue;
+        };
+        if ran.topics != reference.ran.topics && place.is_none() {
+            let expected = match &reference.messages {
+                Some(messages) => messages,
+                None => {
+                    let messages = folder.path().join("one-thread");
+                    on_one_thread(&robot, &scenario, Some(&messages))?;
+                    reference.messages.insert(messages)
+                }
+            };
+            place = first_place(expected, &messages, index)?;
         }
         if args.out.is_none() {
             // What is left of it goes with the whole folder.
@@ -151,7 +193,9 @@ pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<ExitCode, Failu
         }
         runs.push(ran);
     }
-    let is_identical = runs.iter().all(|ran| ran.topics == reference.topics && ran.failure.is_empty());
+    // There is at least one run.
+    let Some(reference) = reference else { return Err(Failure::work("nothing was run")) };
+    let is_identical = reference.is_sound() && runs.iter().all(|ran| reference.is_like(ran));
     if as_json {
         tell_machine(&scenario, &reference, &runs, place.as_ref(), is_identical);
     } else {
@@ -160,24 +204,77 @@ pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<ExitCode, Failu
     Ok(if is_identical { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
-/// The reference: no process, no shared memory, no clock.
-fn on_one_thread(robot: &Robot, scenario: &Scenario) -> Result<Ran, Failure> {
+/// The topics of one thread: their fingerprints, and their messages in a folder where they are wanted.
+struct Topics {
+    sensor: Topic<SensorSample>,
+    truth: Topic<PlantState>,
+    estimate: Topic<StateEstimate>,
+    report: Topic<SingularityReport>,
+    command: Topic<TorqueCommand>,
+}
+
+struct Topic<M: Message> {
+    hash: TopicHash,
+    keep: Option<Keep<M>>,
+}
+
+impl<M: Message> Topic<M> {
+    fn create(folder: Option<&Path>) -> Result<Self, KeepError> {
+        Ok(Self { hash: TopicHash::default(), keep: folder.map(Keep::create).transpose()? })
+    }
+
+    fn add(&mut self, message: &M) -> Result<(), KeepError> {
+        self.hash.add(message);
+        self.keep.as_mut().map_or(Ok(()), |keep| keep.add(message))
+    }
+
+    fn finish(self) -> Result<TopicSummary, KeepError> {
+        self.keep.map(Keep::finish).transpose()?;
+        Ok(TopicSummary { count: self.hash.count(), hash: format!("{:016x}", self.hash.digest()) })
+    }
+}
+
+impl Topics {
+    fn create(folder: Option<&Path>) -> Result<Self, KeepError> {
+        Ok(Self {
+            sensor: Topic::create(folder)?,
+            truth: Topic::create(folder)?,
+            estimate: Topic::create(folder)?,
+            report: Topic::create(folder)?,
+            command: Topic::create(folder)?,
+        })
+    }
+
+    fn add(&mut self, tick: &Tick) -> Result<(), KeepError> {
+        self.sensor.add(&tick.sensor)?;
+        self.truth.add(&tick.truth)?;
+        self.estimate.add(&tick.estimate)?;
+        self.report.add(&tick.report)?;
+        self.command.add(&tick.command)
+    }
+
+    /// In the order of [`TOPICS`].
+    fn finish(self) -> Result<[TopicSummary; 5], KeepError> {
+        Ok([self.sensor.finish()?, self.truth.finish()?, self.estimate.finish()?, self.report.finish()?, self.command.finish()?])
+    }
+}
+
+/// The reference of a scenario in which nothing goes wrong: no process, no shared memory, no clock.
+fn on_one_thread(robot: &Robot, scenario: &Scenario, messages: Option<&Path>) -> Result<Ran, Failure> {
     let began = Instant::now();
-    let (mut sensor, mut truth, mut estimate) = <(TopicHash, TopicHash, TopicHash)>::default();
-    let (mut report, mut command) = <(TopicHash, TopicHash)>::default();
-    let each = |tick: &Tick| {
-        sensor.add(&tick.sensor);
-        truth.add(&tick.truth);
-        estimate.add(&tick.estimate);
-        report.add(&tick.report);
-        command.add(&tick.command);
-    };
-    chain::run(robot, scenario, each).map_err(Failure::input)?;
-    let topics = [sensor, truth, estimate, report, command]
-        .map(|hash| TopicSummary { count: hash.count(), hash: format!("{:016x}", hash.digest()) });
+    let mut topics = Topics::create(messages).map_err(Failure::work)?;
+    let mut kept = Ok(());
+    chain::run(robot, scenario, |tick| {
+        if kept.is_ok() {
+            kept = topics.add(tick);
+        }
+    })
+    .map_err(Failure::input)?;
+    let topics = kept.and_then(|()| topics.finish()).map_err(Failure::work)?;
     let ticks = topics[0].count;
     let ticks_per_s = ticks as f64 / began.elapsed().as_secs_f64().max(1e-9);
-    Ok(Ran { condition: "one thread, no shared memory".to_owned(), ticks, ticks_per_s, topics, failure: String::new() })
+    let condition = "one thread, no shared memory".to_owned();
+    Ok(Ran { condition, ticks, ticks_per_s, topics, failure: String::new(), fallen: None })
 }
 
 fn in_processes(job: &Job, condition: Condition, seed: u64, unordered: bool, ticks: u64) -> Result<Ran, Failure> {
@@ -186,49 +283,59 @@ fn in_processes(job: &Job, condition: Condition, seed: u64, unordered: bool, tic
     let hogs = condition.hogs.then(Hogs::start);
     let (outcome, account) = run::launch(job, plan, ticks)?;
     drop(hogs);
-    let failure = match &outcome.end {
-        End::Completed => String::new(),
+    let (failure, fallen) = match outcome.end {
+        End::Completed => (String::new(), None),
         End::Interrupted { signal } => return Err(Failure::Work(format!("stopped by {signal}"))),
-        End::Failed(failure) => failure.to_string(),
+        End::Failed(mishap) => (mishap.to_string(), fallen(mishap)),
     };
     // Without an account there is no topic either, and that is a difference.
     let mut account = account.unwrap_or_default();
     let topics = TOPICS.map(|topic| account.topics.remove(topic).unwrap_or_default());
-    Ok(Ran { condition: condition.to_string(), ticks: outcome.ticks, ticks_per_s: account.ticks_per_s, topics, failure })
+    Ok(Ran { condition: condition.to_string(), ticks: outcome.ticks, ticks_per_s: account.ticks_per_s, topics, failure, fallen })
 }
 
-/// Computes the reference again, beside the messages that a run kept, up to the first difference.
-fn first_place(robot: &Robot, scenario: &Scenario, messages: &Path, run: usize) -> Result<Option<Place>, Failure> {
-    let mut sensor = Kept::<SensorSample>::open(messages).map_err(Failure::work)?;
-    let mut truth = Kept::<PlantState>::open(messages).map_err(Failure::work)?;
-    let mut estimate = Kept::<StateEstimate>::open(messages).map_err(Failure::work)?;
-    let mut report = Kept::<SingularityReport>::open(messages).map_err(Failure::work)?;
-    let mut command = Kept::<TorqueCommand>::open(messages).map_err(Failure::work)?;
-    let mut chain = Chain::new(robot, scenario).map_err(Failure::input)?;
-    while !chain.is_over() {
-        let expected = chain.step();
-        // In the order of the data: the first one is the cause, the others follow from it.
-        let differences = [
-            compare(&expected.sensor, &mut sensor)?,
-            compare(&expected.truth, &mut truth)?,
-            compare(&expected.estimate, &mut estimate)?,
-            compare(&expected.report, &mut report)?,
-            compare(&expected.command, &mut command)?,
-        ];
-        let found = TOPICS.into_iter().zip(differences).find_map(|(topic, difference)| Some((topic, difference?)));
-        if let Some((topic, difference)) = found {
-            return Ok(Some(Place { run, tick: expected.sensor.header.tick, topic, difference }));
-        }
+fn fallen(mishap: Mishap) -> Option<(String, Exit)> {
+    match mishap {
+        Mishap::Died { process, exit, .. } => Some((process, exit)),
+        Mishap::Slow { .. } | Mishap::DidNotStop { .. } => None,
     }
-    Ok(None)
 }
 
-fn compare<M: Message>(expected: &M, kept: &mut Kept<M>) -> Result<Option<Difference>, Failure> {
-    let absent = || Difference { field: "the message".to_owned(), expected: "one".to_owned(), found: "none".to_owned() };
-    Ok(match kept.next_message().map_err(Failure::work)? {
-        Some(found) => first_difference(expected, &found),
-        None => Some(absent()),
-    })
+/// Reads what two runs kept, side by side, up to the first difference.
+fn first_place(reference: &Path, messages: &Path, run: usize) -> Result<Option<Place>, Failure> {
+    let differences = [
+        first_in::<SensorSample>(reference, messages)?,
+        first_in::<PlantState>(reference, messages)?,
+        first_in::<StateEstimate>(reference, messages)?,
+        first_in::<SingularityReport>(reference, messages)?,
+        first_in::<TorqueCommand>(reference, messages)?,
+    ];
+    // The earliest; of one tick the first in the order of the data: it is the cause, the others follow from it.
+    let found = TOPICS.into_iter().zip(differences).filter_map(|(topic, difference)| Some((topic, difference?)));
+    let first = found.min_by_key(|(_, (tick, _))| *tick);
+    Ok(first.map(|(topic, (tick, difference))| Place { run, tick, topic, difference }))
+}
+
+/// Where two series of kept messages of one topic first differ: the tick, and in what. Either may lack what the other has.
+fn first_in<M: Message>(reference: &Path, messages: &Path) -> Result<Option<(u64, Difference)>, Failure> {
+    let (mut expected, mut found) = (Kept::<M>::open(reference).map_err(Failure::work)?, Kept::<M>::open(messages).map_err(Failure::work)?);
+    let whole =
+        |expected: &str, found: &str| Difference { field: "the message".to_owned(), expected: expected.into(), found: found.into() };
+    loop {
+        let pair = (expected.next_message().map_err(Failure::work)?, found.next_message().map_err(Failure::work)?);
+        let tick = |message: &M| message.header().tick;
+        return Ok(match pair {
+            (None, None) => None,
+            (Some(expected), None) => Some((tick(&expected), whole("one", "none"))),
+            (None, Some(found)) => Some((tick(&found), whole("none", "one"))),
+            (Some(expected), Some(found)) if tick(&expected) < tick(&found) => Some((tick(&expected), whole("one", "none"))),
+            (Some(expected), Some(found)) if tick(&expected) > tick(&found) => Some((tick(&found), whole("none", "one"))),
+            (Some(expected), Some(found)) => match first_difference(&expected, &found) {
+                Some(difference) => Some((tick(&expected), difference)),
+                None => continue,
+            },
+        });
+    }
 }
 
 /// Where the runs leave their messages: the user's folder, or one that is gone at the end.
@@ -267,36 +374,46 @@ impl Folder {
     }
 }
 
-fn tell(scenario: &Scenario, reference: &Ran, runs: &[Ran], place: Option<&Place>, is_identical: bool) {
+/// Why the first run is the reference, where it is.
+const WHY: &str =
+    "the scenario plans faults, and one thread has no processes that they could happen to: run 1 is the reference of the others";
+
+fn tell(scenario: &Scenario, reference: &Reference, runs: &[Ran], place: Option<&Place>, is_identical: bool) {
     let headings = [&["", "condition", "ticks/s"], &TOPICS[..]].concat();
     let mut rows = table(&headings);
     let row = |name: String, ran: &Ran, marks: [String; 5]| {
         let head = [name.into(), ran.condition.clone().into(), number(format!("{:.0}", ran.ticks_per_s))];
         head.into_iter().chain(marks.map(Into::into)).collect::<Vec<comfy_table::Cell>>()
     };
-    rows.add_row(row("reference".to_owned(), reference, reference.topics.clone().map(|topic| topic.hash)));
-    for (index, ran) in runs.iter().enumerate() {
-        let mut wanted = reference.topics.iter();
+    let (name, first) = if reference.is_run { ("run 1, reference", 2) } else { ("reference", 1) };
+    rows.add_row(row(name.to_owned(), &reference.ran, reference.ran.topics.clone().map(|topic| topic.hash)));
+    for (number, ran) in (first..).zip(runs) {
+        let mut wanted = reference.ran.topics.iter();
         let marks =
             ran.topics.clone().map(|topic| if wanted.next() == Some(&topic) { "equal".to_owned() } else { format!("≠ {}", topic.hash) });
-        rows.add_row(row(format!("run {}", index + 1), ran, marks));
+        rows.add_row(row(format!("run {number}"), ran, marks));
     }
     say!("{rows}");
-    for (index, ran) in runs.iter().enumerate().filter(|(_, ran)| !ran.failure.is_empty()) {
-        say!("run {} did not come to its end: {}", index + 1, ran.failure);
+    let all = reference.is_run.then_some(&reference.ran).into_iter().chain(runs);
+    for (number, ran) in (1..).zip(all).filter(|(_, ran)| !ran.failure.is_empty()) {
+        say!("run {number} did not come to its end: {}", ran.failure);
     }
     if let Some(Place { run, tick, topic, difference: Difference { field, expected, found } }) = place {
         say!("run {} first differs at tick {tick}, topic {topic}, field {field}: {found} instead of {expected}", run + 1);
     }
+    if reference.is_run {
+        say!("{WHY}");
+    }
     let verdict = if is_identical { "the same bytes everywhere" } else { "NOT the same bytes" };
-    say!("{}, seed {}, {} ticks, {} runs: {verdict}", scenario.name, scenario.seed, reference.ticks, runs.len());
+    let count = runs.len() + usize::from(reference.is_run);
+    say!("{}, seed {}, {} ticks, {count} runs: {verdict}", scenario.name, scenario.seed, reference.ran.ticks);
 }
 
-fn tell_machine(scenario: &Scenario, reference: &Ran, runs: &[Ran], place: Option<&Place>, is_identical: bool) {
+fn tell_machine(scenario: &Scenario, reference: &Reference, runs: &[Ran], place: Option<&Place>, is_identical: bool) {
     let of = |ran: &Ran| {
         let topic = |(index, name): (usize, &str)| {
             let topic = &ran.topics[index];
-            (name.to_owned(), json!({"count": topic.count, "hash": topic.hash, "equal": *topic == reference.topics[index]}))
+            (name.to_owned(), json!({"count": topic.count, "hash": topic.hash, "equal": *topic == reference.ran.topics[index]}))
         };
         let topics: serde_json::Map<_, _> = TOPICS.into_iter().enumerate().map(topic).collect();
         json!({"condition": ran.condition, "ticks": ran.ticks, "ticks_per_s": ran.ticks_per_s, "failure": ran.failure, "topics": topics})
@@ -305,9 +422,11 @@ fn tell_machine(scenario: &Scenario, reference: &Ran, runs: &[Ran], place: Optio
         let Difference { field, expected, found } = &place.difference;
         json!({"run": place.run + 1, "tick": place.tick, "topic": place.topic, "field": field, "expected": expected, "found": found})
     });
+    let all = reference.is_run.then_some(&reference.ran).into_iter().chain(runs);
     let whole = json!({
-        "scenario": scenario.name, "seed": scenario.seed, "identical": is_identical,
-        "reference": of(reference), "runs": runs.iter().map(of).collect::<Vec<_>>(), "difference": difference,
+        "scenario": scenario.name, "seed": scenario.seed, "identical": is_identical, "faults": scenario.fault.len(),
+        "reference_run": reference.is_run.then_some(1), "reference": of(&reference.ran), "runs": all.map(of).collect::<Vec<_>>(),
+        "difference": difference,
     });
     say!("{whole}");
 }

@@ -186,7 +186,7 @@ const RULES: [Rule; 15] = [
         ..rule(Kind::Sensor, PLANT, 0.5)
     },
     Rule { ways: &[(Way::Lost, 0.0), (Way::Stuck, 0.0), (Way::Saturated, 0.1), (Way::Friction, 0.05)], ..rule(Kind::Drive, PLANT, 0.5) },
-    Rule { ways: &[(Way::Jump, 5.0), (Way::Skew, 0.01)], ..rule(Kind::Clock, ALL, 0.5) },
+    Rule { ways: &[(Way::Jump, 5.0), (Way::Skew, 0.01)], ..rule(Kind::Clock, SENDERS, 0.5) },
     rule(Kind::Starve, ALL, 0.2),
     rule(Kind::DiskFull, RECORDER, f64::INFINITY),
     rule(Kind::SlowDisk, RECORDER, 0.5),
@@ -348,7 +348,7 @@ impl Strike {
             way,
             at_tick: Some(self.at),
             at_s: None,
-            for_ticks: (self.until != u64::MAX).then(|| self.until - self.at),
+            for_ticks: (self.until != u64::MAX).then(|| self.until.saturating_sub(self.at)),
             for_s: None,
             probability: rule.has_probability.then_some(self.probability),
             delay_ticks: (kind == Kind::Delay).then_some(self.amount as u64),
@@ -564,7 +564,7 @@ impl std::fmt::Display for Fault {
         if let Some(delay) = self.delay_ticks {
             write!(f, " by {delay}")?;
             if let Some(jitter) = self.jitter_ticks {
-                write!(f, " to {}", delay + jitter)?;
+                write!(f, " to {}", delay.saturating_add(jitter))?;
             }
             write!(f, " ticks")?;
         }

@@ -100,7 +100,7 @@ impl Graph {
         self.process.iter().filter(move |process| process.reads.iter().chain(&process.feedback).any(|name| name == topic))
     }
 
-    fn check(&self) -> Result<(), Complaint> {
+    pub(crate) fn check(&self) -> Result<(), Complaint> {
         for (i, process) in self.process.iter().enumerate() {
             let at = |key: &str| format!("process.{i}.{key}");
             let Some(known) = KNOWN.iter().find(|known| known.name == process.name) else {

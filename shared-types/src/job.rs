@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
+use crate::file::Complaint;
 use crate::graph::Graph;
 use crate::scenario::Scenario;
 
@@ -62,4 +63,15 @@ pub struct Job {
     pub robot: RobotText,
     /// In which processes.
     pub graph: Graph,
+}
+
+impl Job {
+    /// What a scenario and a graph are checked for when they are read as people write them: a job may come from anywhere too.
+    ///
+    /// # Errors
+    /// [`Complaint`], its path relative to the job.
+    pub fn check(&self) -> Result<(), Complaint> {
+        self.scenario.check().map_err(|complaint| complaint.within("scenario"))?;
+        self.graph.check().map_err(|complaint| complaint.within("graph"))
+    }
 }

@@ -517,7 +517,7 @@ impl Scenario {
     }
 
     /// What can be said without knowing the robot.
-    fn check(&self) -> Result<(), Complaint> {
+    pub(crate) fn check(&self) -> Result<(), Complaint> {
         let positive = |path: &str, value: f64| {
             if value.is_finite() && value > 0.0 {
                 Ok(())

@@ -59,7 +59,7 @@ pub struct Field {
 pub trait Message: Part + Pod + Send + Sync + std::fmt::Debug {
     /// The topic it travels on; a topic has one type and one writer.
     const TOPIC: &'static str;
-    /// The versioned type name that other languages see too.
+    /// The versioned type name that other languages see too: a layout that changes takes the next version (a test holds to that).
     const TYPE_NAME: &'static str;
     /// The layout, in order.
     const FIELDS: &'static [Field];
@@ -114,7 +114,15 @@ impl Part for Header {
     fn is_finite(&self) -> bool {
         true
     }
+    fn hash_parts(hash: &mut Fnv) {
+        let stamps = [("received_ns", "[u64; 4]"), ("sent_ns", "[u64; 4]"), ("due_ns", "u64")];
+        for (name, type_name) in stamps.into_iter().chain([("tick", "u64"), ("incarnation", "u32"), ("flags", "u32")]) {
+            hash.text(name);
+            hash.text(type_name);
+        }
+    }
 }
+const _: () = assert!(std::mem::offset_of!(Header, tick) == 72 && std::mem::offset_of!(Header, flags) == 84 && size_of::<Header>() == 88);
 impl<T: Part, const N: usize> Part for [T; N] {
     fn is_finite(&self) -> bool {
         // Without an early exit, so that the compiler makes vectors of it: this runs for every message.

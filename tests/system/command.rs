@@ -74,6 +74,11 @@ pub(crate) fn in_shared_memory(launcher: u32) -> Vec<String> {
     names.filter(|name| name.starts_with("armplane-") && name.contains(&marker)).collect()
 }
 
+/// The name of the run that a launcher has made, which is its directory in shared memory.
+pub(crate) fn run_of(launcher: u32) -> Option<String> {
+    in_shared_memory(launcher).into_iter().find(|name| !name.contains('.'))
+}
+
 /// No file of the run in shared memory, no child of the launcher alive.
 pub(crate) fn assert_nothing_left(launcher: u32) {
     assert_eq!(in_shared_memory(launcher), Vec::<String>::new(), "left in shared memory");

@@ -49,6 +49,26 @@ fn the_papers_figures_are_drawn_with_their_numbers() {
 }
 
 #[test]
+fn what_one_thread_cannot_do_is_left_out_and_that_is_said_or_it_is_refused() {
+    let desk = Desk::new();
+    let fault = "\n[[fault]]\nprocess = \"controller\"\nkind = \"kill\"\nat_tick = 100\n";
+    desk.file("faulty.toml", &[sim::scenarios::text("fig5-wrist-rotation").unwrap(), fault].concat());
+    let compare = |scenario: &str, more: &[&str]| {
+        let said = desk.armplane(&[&["compare", scenario, "--law", "blended", "--out", "out"], more].concat());
+        assert_eq!(said.code, 0, "{}", said.err);
+        said.out
+    };
+    let [told, whole] = ["faulty.toml", "fig5-wrist-rotation"].map(|scenario| -> Value {
+        let told: Value = serde_json::from_str(&compare(scenario, &["--json"])).unwrap();
+        told["scenarios"][0].clone()
+    });
+    assert_eq!((&told["faults_left_out"], &whole["faults_left_out"], &told["laws"]), (&1.into(), &0.into(), &whole["laws"]), "{told}");
+    assert!(compare("faulty.toml", &[]).contains("without its planned faults (1)"));
+    let said = desk.armplane(&["figures", "--set", "fault=[{process=\"controller\",kind=\"kill\",at_tick=100}]", "--out", "f"]);
+    assert!(said.code == 2 && said.err.contains("plans faults, and they happen to processes"), "{}", said.err);
+}
+
+#[test]
 fn wrong_input_is_said() {
     let desk = Desk::new();
     let cases: [(&[&str], &str); 6] = [

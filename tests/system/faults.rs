@@ -80,7 +80,11 @@ fn a_recorder_killed_from_outside_loses_nothing_either() {
     assert_eq!(said.code, 0, "{}", said.err);
     let killed: Value = serde_json::from_str(&said.out).unwrap();
     assert_eq!(topics(&whole), topics(&killed), "every message, in order");
-    assert_eq!((&whole["task"], &whole["joints"], &whole["modes"]), (&killed["task"], &killed["joints"], &killed["modes"]), "and the figures");
+    assert_eq!(
+        (&whole["task"], &whole["joints"], &whole["modes"]),
+        (&killed["task"], &killed["joints"], &killed["modes"]),
+        "and the figures"
+    );
     assert_eq!((&killed["faults"][0]["origin"], &killed["recorder"]["parts"]), (&"noticed".into(), &2.into()));
     let mut ticks = Vec::new();
     let collect = |piece: viz::Piece| {

@@ -1,12 +1,14 @@
 //! Hostile input: random and broken files, messages of any bits; and who may look into a run's memory.
 
 use std::os::unix::fs::MetadataExt;
+use std::os::unix::process::CommandExt;
 use std::path::Path;
+use std::process::Command;
 
 use proptest::prelude::*;
 use serde_json::Value;
 
-use crate::command::{Desk, assert_nothing_left, children_of_run, finish, in_shared_memory, until};
+use crate::command::{Desk, assert_nothing_left, children_of_run, finish, in_shared_memory, run_of, until};
 use crate::properties;
 
 /// A valid text with pieces cut out, doubled, moved and replaced.
@@ -93,6 +95,31 @@ proptest! {
     fn no_command_makes_the_drive_unsafe(bytes in bytes(1500)) {
         properties::drive(&bytes);
     }
+
+    #[test]
+    fn no_finger_in_the_chain_makes_it_unsafe(bytes in prop::collection::vec(any::<u8>(), 0..1500)) {
+        properties::fingers(&bytes);
+    }
+
+    #[test]
+    fn kept_messages_are_read_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
+        properties::kept(&bytes);
+    }
+
+    #[test]
+    fn no_control_page_leads_astray(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
+        properties::board(&bytes);
+    }
+
+    #[test]
+    fn manifests_are_valid_or_refused(text in broken(vec![properties::MANIFEST.to_owned()])) {
+        properties::manifest(text.as_bytes());
+    }
+
+    #[test]
+    fn jobs_are_valid_or_refused(text in broken(vec![properties::job()])) {
+        properties::results(text.as_bytes());
+    }
 }
 
 #[test]
@@ -113,6 +140,20 @@ fn a_runs_memory_is_its_users_alone() {
     for secret in ["board", "manifest.json", "job.json"] {
         assert!(Path::new("/dev/shm").join(&inside).join(secret).exists(), "behind a door that only the user opens: {secret}");
     }
+    let is_root = std::fs::metadata("/proc/self").is_ok_and(|own| own.uid() == 0);
+    if is_root {
+        // Only root can be somebody else.
+        let paths = names().into_iter().map(|name| format!("/dev/shm/{name}"));
+        let insides = ["", "/board", "/job.json", "/nodes"].map(|name| format!("/dev/shm/{inside}{name}"));
+        for path in paths.chain(insides).filter(|path| Path::new(path).exists()) {
+            for attempt in ["cat \"$1\"", "ls \"$1/\"", "echo x >> \"$1\"", "touch \"$1/x\"", "rm -rf \"$1\"", "mv \"$1\" /dev/shm/mine"] {
+                let mut somebody = Command::new("sh");
+                let said = somebody.args(["-c", attempt, "sh", &path]).uid(65534).gid(65534).current_dir("/").output().unwrap();
+                assert!(!said.status.success() && said.stdout.is_empty(), "{attempt}: {path}: {said:?}");
+            }
+            assert!(Path::new(&path).exists(), "{path}");
+        }
+    }
     // SAFETY: a plain signal to a child of ours.
     unsafe { libc::kill(run.id().cast_signed(), libc::SIGINT) };
     assert_nothing_left(finish(run).launcher);
@@ -129,4 +170,97 @@ fn two_graphs_side_by_side_are_both_bit_identical() {
         assert_eq!((&told["identical"], told["runs"].as_array().map(Vec::len)), (&true.into(), Some(3)), "{told}");
         assert_nothing_left(said.launcher);
     }
+}
+
+#[test]
+fn a_results_folder_that_was_tampered_with_is_one_sentence() {
+    let desk = Desk::new();
+    desk.run(&["fig2-dynamically-consistent", "--out", "run"]);
+    let run = desk.path().join("run");
+    let commands = [
+        &["report", "run", "--out", "page.html"][..],
+        &["export", "run", "--out", "out"],
+        &["export", "run", "--format", "rbl", "--out", "out"],
+        &["replay", "run"],
+    ];
+    for command in commands {
+        assert_eq!(desk.armplane(command).code, 0, "{command:?}");
+    }
+    for (k, name) in ["job.json", "summary.json", "run.rrd", "messages/torque.kept", "messages/estimate.kept"].into_iter().enumerate() {
+        let path = run.join(name);
+        let whole = std::fs::read(&path).unwrap();
+        let flipped = |place: usize| {
+            let mut bytes = whole.clone();
+            bytes[place] ^= 0x41;
+            bytes
+        };
+        let n = whole.len();
+        let damaged = [
+            Vec::new(),
+            whole[..n / 2].to_vec(),
+            whole[..n - 1].to_vec(),
+            vec![b'{'; n.min(100_000)],
+            flipped(n / 3),
+            flipped(17),
+            flipped(n - 9 - k),
+        ];
+        for (which, bytes) in damaged.into_iter().enumerate() {
+            std::fs::write(&path, bytes).unwrap();
+            for command in commands {
+                let said = desk.armplane(command);
+                let text = [&said.out[..], &said.err[..]].concat();
+                assert!(
+                    (0..=2).contains(&said.code) && !text.contains("panicked"),
+                    "{name}, damage {which}, {command:?}: {}: {text}",
+                    said.code
+                );
+                assert!(said.code != 2 || said.err.starts_with("armplane: "), "{name}, damage {which}, {command:?}: {text}");
+            }
+        }
+        std::fs::write(&path, whole).unwrap();
+    }
+    let job = std::fs::read_to_string(run.join("job.json")).unwrap();
+    std::fs::write(run.join("job.json"), job.replace("\"rate_hz\": 1000", "\"rate_hz\": 0")).unwrap();
+    let said = desk.armplane(&["replay", "run"]);
+    assert!(said.code == 2 && said.err.contains("rate 0 Hz is out of range"), "{}", said.err);
+}
+
+#[test]
+fn a_full_volume_ends_the_recording_and_nothing_else() {
+    let desk = Desk::new();
+    // A mount of our own, where the machine lets us have one.
+    let script = "mkdir small && mount -t tmpfs -o size=3m none small && touch mounted || exit 0
+        \"$1\" run --set segment.1.duration_s=6 --json --out small/run > said.json && ls -A small/run > left && cp small/run/*.json . && \"$1\" export small/run --out out";
+    let said = Command::new("unshare")
+        .args(["--map-root-user", "--mount", "sh", "-c", script, "sh", env!("CARGO_BIN_EXE_armplane")])
+        .current_dir(desk.path())
+        .output();
+    let Ok(said) = said.map_err(|error| eprintln!("no small volume to try: {error}")) else { return };
+    if !desk.path().join("mounted").exists() {
+        eprintln!("no small volume to try: {}", String::from_utf8_lossy(&said.stderr));
+        return;
+    }
+    assert!(said.status.success(), "{said:?}");
+    let read = |name: &str| std::fs::read_to_string(desk.path().join(name)).unwrap();
+    let summary: Value = serde_json::from_str(&read("said.json")).unwrap();
+    assert_eq!((&summary["outcome"], &summary["recorder"]["lost"]), (&"goal reached".into(), &0.into()), "{summary}");
+    assert!(summary["recorder"]["error"].as_str().unwrap().contains("No space left on device"), "{}", summary["recorder"]);
+    assert_eq!(serde_json::from_str::<Value>(&read("summary.json")).unwrap(), summary);
+    assert!(read("left").contains("job.json") && !read("left").contains(".armplane"), "{}", read("left"));
+    assert!(read("out/signals.csv").lines().count() > 100, "what came before the end is readable");
+}
+
+#[test]
+fn a_live_fault_of_a_joint_that_the_arm_does_not_have_is_refused() {
+    let desk = Desk::new();
+    let run = desk.start(&["run", "--set", "segment.1.duration_s=500", "--no-record", "--json"]);
+    until("five processes", || children_of_run(run.id()).len() == 5);
+    let name = run_of(run.id()).unwrap();
+    let fault = |joint: &str| desk.armplane(&["fault", "plant", "sensor", "--joint", joint, "--run", &name]);
+    let said = fault("7");
+    assert!(said.code == 2 && said.err.contains("the arm of") && said.err.contains("has 6"), "{}", said.err);
+    until("the run to take a fault", || fault("6").code == 0);
+    // SAFETY: a plain signal to a child of ours.
+    unsafe { libc::kill(run.id().cast_signed(), libc::SIGINT) };
+    assert_nothing_left(finish(run).launcher);
 }

@@ -163,3 +163,19 @@ fn no_process_outlives_a_killed_launcher_and_clean_removes_what_it_left() {
     assert_eq!(desk.armplane(&["clean"]).code, 0);
     assert_nothing_left(said.launcher);
 }
+
+#[test]
+fn a_launcher_that_stood_still_goes_on_and_its_run_did_not_notice() {
+    let desk = Desk::new();
+    let child = desk.start(&["run", "--set", "segment.1.duration_s=20", "--json", "--out", "results"]);
+    until("the recording to grow", || has_recorded_ticks(&desk));
+    signal(child.id() as i32, "STOP");
+    let size = || std::fs::metadata(desk.path().join("results/run.rrd")).map_or(0, |file| file.len());
+    let before = size();
+    until("the run to go on without it", || size() > before);
+    signal(child.id() as i32, "CONT");
+    let said = finish(child);
+    let summary: Value = serde_json::from_str(&said.out).unwrap();
+    assert_eq!((said.code, &summary["outcome"], &summary["faults"]), (0, &"goal reached".into(), &Value::Array(vec![])), "{}", said.err);
+    assert_nothing_left(said.launcher);
+}

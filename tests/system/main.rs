@@ -4,6 +4,7 @@ mod bad_input;
 mod bench;
 mod command;
 mod compare;
+mod corpus;
 mod determinism;
 mod faults;
 mod hostile;

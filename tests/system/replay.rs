@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::command::Desk;
+use crate::command::{Desk, finish, run_of, until};
 
 fn replay(desk: &Desk, args: &[&str]) -> (i32, Value) {
     let said = desk.armplane(&[&["replay", "--json"], args].concat());
@@ -81,4 +81,44 @@ fn a_death_and_a_return_are_replayed_too() {
         let (code, told) = replay(&desk, &["run", "--process", process]);
         assert_eq!((code, &told["identical"], &told["ended"]), (0, &true.into(), &"".into()), "{process}: {told}");
     }
+}
+
+/// A short task with a fault.
+fn short(fault: &str) -> String {
+    let task = "name = \"short\"\nrobot = \"puma560\"\nstart.posture = \"nominal\"\nsettle_s = 0.2\n[[segment]]\nby_m = [0.05, 0.0, 0.05]\nduration_s = 0.8\n";
+    format!("{task}[[fault]]\nat_tick = 300\n{fault}\n")
+}
+
+#[test]
+fn what_a_process_computed_and_a_fault_kept_from_leaving_is_computed_too() {
+    let desk = Desk::new();
+    for (process, fault) in [
+        // The filter's state goes on from samples whose estimates nobody has seen.
+        ("estimator", "process = \"estimator\"\nkind = \"drop\"\nprobability = 0.5"),
+        ("estimator", "process = \"estimator\"\nkind = \"corrupt\"\nas = \"nan\"\nprobability = 0.3"),
+        ("controller", "process = \"controller\"\nkind = \"stale\"\nprobability = 0.5"),
+        ("controller", "process = \"controller\"\nkind = \"corrupt\"\nas = \"flip\"\nfield = \"tau[2]\""),
+        ("controller", "process = \"controller\"\nkind = \"delay\"\ndelay_ticks = 2\njitter_ticks = 3"),
+        ("plant", "process = \"plant\"\nkind = \"corrupt\"\nas = \"huge\""),
+        ("plant", "process = \"plant\"\nkind = \"duplicate\""),
+    ] {
+        desk.file("short.toml", &short(fault));
+        desk.armplane(&["run", "short.toml", "--out", "run", "--json"]);
+        let (code, told) = replay(&desk, &["run", "--process", process]);
+        assert_eq!((code, &told["identical"], &told["ended"]), (0, &true.into(), &"".into()), "{fault}: {told}");
+        assert!(told["topics"][0]["messages"].as_u64().unwrap() > 800, "{fault}: {told}");
+    }
+}
+
+#[test]
+fn a_fault_that_nobody_planned_is_known_to_the_replay() {
+    let desk = Desk::new();
+    let child = desk.start(&["run", "--set", "segment.1.duration_s=12", "--json", "--out", "run"]);
+    let lie = ["fault", "plant", "sensor", "--as", "bias", "--joint", "2", "--run"];
+    until("the run to take a fault", || run_of(child.id()).is_some_and(|name| desk.armplane(&[&lie[..], &[&name]].concat()).code == 0));
+    let said = finish(child);
+    let summary: Value = serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}{}", said.out, said.err));
+    assert_eq!((&summary["faults"][0]["origin"], &summary["faults"][0]["struck"]), (&"live".into(), &true.into()), "{summary}");
+    let (code, told) = replay(&desk, &["run", "--process", "plant"]);
+    assert_eq!((code, &told["identical"], &told["ended"]), (0, &true.into(), &"".into()), "{told}");
 }

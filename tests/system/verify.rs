@@ -6,11 +6,33 @@ use crate::command::{Desk, assert_nothing_left};
 
 const TOPICS: [&str; 5] = ["sensor", "plant_state", "estimate", "singularity", "torque"];
 
+/// A short task in which a process dies and another one's messages are lost half the time.
+const FAULTS: &str = r#"
+name = "short"
+robot = "puma560"
+start.posture = "nominal"
+settle_s = 0.2
+[[segment]]
+by_m = [0.05, 0.0, 0.05]
+duration_s = 0.8
+[[fault]]
+process = "controller"
+kind = "kill"
+at_tick = 300
+for_ticks = 40
+[[fault]]
+process = "estimator"
+kind = "drop"
+at_tick = 600
+probability = 0.5
+"#;
+
 fn verify(args: &[&str]) -> (i32, Value) {
     let desk = Desk::new();
+    desk.file("faults.toml", FAULTS);
     let said = desk.armplane(&[&["verify", "--json"], args].concat());
     assert_nothing_left(said.launcher);
-    assert_eq!(std::fs::read_dir(desk.path()).unwrap().count(), 0, "verify left something in the folder");
+    assert_eq!(std::fs::read_dir(desk.path()).unwrap().count(), 1, "verify left something in the folder");
     (said.code, serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}{}", said.out, said.err)))
 }
 
@@ -42,4 +64,40 @@ fn a_process_that_is_not_in_order_is_caught_with_tick_topic_and_field() {
     let [field, expected, found] = ["field", "expected", "found"].map(|key| difference[key].as_str().unwrap());
     assert!(field.starts_with("q") || field.starts_with("tau"), "{difference}");
     assert_ne!(expected.parse::<f64>().unwrap(), found.parse::<f64>().unwrap(), "{difference}");
+}
+
+#[test]
+fn runs_with_faults_are_compared_with_each_other_and_that_is_said() {
+    let (code, told) = verify(&["faults.toml", "--runs", "3"]);
+    assert_eq!((code, &told["identical"], &told["difference"]), (0, &true.into(), &Value::Null), "{told}");
+    assert_eq!((&told["faults"], &told["reference_run"]), (&2.into(), &1.into()), "{told}");
+    assert_eq!(told["runs"].as_array().unwrap().len(), 3);
+    assert_eq!(told["reference"], told["runs"][0]);
+    assert!(told["runs"][2]["topics"]["torque"]["count"].as_u64().unwrap() < told["reference"]["ticks"].as_u64().unwrap(), "{told}");
+    let desk = Desk::new();
+    desk.file("faults.toml", FAULTS);
+    let said = desk.armplane(&["verify", "faults.toml", "--runs", "2"]);
+    assert!(said.code == 0 && said.out.contains("run 1 is the reference of the others"), "{}{}", said.out, said.err);
+    let said = desk.armplane(&["verify", "faults.toml", "--runs", "1"]);
+    assert!(said.code == 2 && said.err.contains("at least --runs 2"), "{}", said.err);
+}
+
+#[test]
+fn the_first_difference_between_runs_with_faults_is_found_too() {
+    let (code, told) = verify(&["faults.toml", "--runs", "3", "--unordered"]);
+    assert_eq!((code, &told["identical"], &told["reference_run"]), (1, &false.into(), &1.into()), "{told}");
+    let difference = &told["difference"];
+    assert!(difference["run"].as_u64().is_some_and(|run| run > 1) && difference["tick"].as_u64().is_some(), "{told}");
+    assert_ne!(difference["expected"], difference["found"], "{difference}");
+}
+
+#[test]
+fn an_end_that_a_fault_plans_is_the_end_of_every_run() {
+    let desk = Desk::new();
+    desk.file("end.toml", &FAULTS.replace("process = \"controller\"", "process = \"plant\""));
+    let said = desk.armplane(&["verify", "end.toml", "--runs", "2", "--json"]);
+    let told: Value = serde_json::from_str(&said.out).unwrap();
+    assert_eq!((said.code, &told["identical"]), (0, &true.into()), "{told}");
+    assert!(told["runs"][1]["failure"].as_str().unwrap().contains("plant"), "{told}");
+    assert_eq!(told["runs"][1]["topics"]["sensor"]["count"], 300, "{told}");
 }

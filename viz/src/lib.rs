@@ -39,6 +39,6 @@ mod story;
 mod synthetic;
 
 pub use read::{About, Piece, ReadError, Rows, read};
-pub use recording::{Level, Options, Recording, RunInfo, part_name, parts_in, save_blueprint, Written};
+pub use recording::{Level, Options, Recording, RunInfo, Written, part_name, parts_in, save_blueprint};
 pub use signals::{HOP_NAMES, Signal, TickRow};
 pub use sink::{FileInfo, RecordError, Storage};

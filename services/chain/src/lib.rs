@@ -35,8 +35,13 @@ impl Chain {
     /// All cycles at tick 0.
     ///
     /// # Errors
-    /// [`Refused`] by the first cycle that does not accept the robot or the scenario.
+    /// [`Refused`] by the first cycle that does not accept the robot or the scenario, or where the scenario plans faults: they happen to
+    /// processes, and there are none here. [`without_faults`] takes them out.
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
+        if !scenario.fault.is_empty() {
+            let what = format_args!("{} plans faults, and they happen to processes: one thread cannot compute it", scenario.name);
+            return Err(Refused::because(what));
+        }
         Ok(Self {
             plant: plant::cycle(robot, scenario)?,
             estimator: estimator::cycle(robot, scenario)?,
@@ -68,10 +73,16 @@ impl Chain {
     }
 }
 
+/// A scenario as one thread can compute it: nothing goes wrong in it.
+#[must_use]
+pub fn without_faults(scenario: &Scenario) -> Scenario {
+    Scenario { fault: Vec::new(), ..scenario.clone() }
+}
+
 /// Runs a scenario to its end, handing each tick to `each`.
 ///
 /// # Errors
-/// [`Refused`] where a cycle does not accept the robot or the scenario.
+/// As [`Chain::new`].
 pub fn run(robot: &Robot, scenario: &Scenario, mut each: impl FnMut(&Tick)) -> Result<(), Refused> {
     let mut chain = Chain::new(robot, scenario)?;
     while !chain.is_over() {
@@ -80,12 +91,12 @@ pub fn run(robot: &Robot, scenario: &Scenario, mut each: impl FnMut(&Tick)) -> R
     Ok(())
 }
 
-/// Tries a scenario's first tick: what the control law refuses at once is refused before any process starts.
+/// Tries a scenario's first tick, nothing gone wrong: what the control law refuses at once is refused before any process starts.
 ///
 /// # Errors
 /// [`Refused`] where a cycle does not accept the robot or the scenario, or the control law refuses the first tick.
 pub fn try_first_tick(robot: &Robot, scenario: &Scenario) -> Result<(), Refused> {
-    let first = Chain::new(robot, scenario)?.step();
+    let first = Chain::new(robot, &without_faults(scenario))?.step();
     match first.command.phase {
         PHASE_REFUSED => {
             let why = name_of(REFUSALS, first.command.refusal);

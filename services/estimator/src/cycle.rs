@@ -18,7 +18,8 @@ use shared_types::{Header, MAX_DOF, SensorSample, StateEstimate};
 /// A difference of encoder readings would carry their noise times 1/T; this filter carries it times about bandwidth^1.5 √(T/4).
 ///
 /// A few missing samples are predicted over. After a longer gap position and velocity begin anew, from two samples. A reading that no motion
-/// within the speed limits explains is not believed, for as long as it can be a disturbance of the line and not the arm.
+/// within the speed limits explains is not believed, for as long as it can be a disturbance of the line and not the arm. A state that is no arm's
+/// (a reading or a torque far out of range has led there) is given up, and the next one begins at the sample, at rest.
 #[derive(Clone, Debug)]
 pub struct Cycle<const N: usize> {
     model: Model<N>,
@@ -40,6 +41,9 @@ const BELIEVED: f64 = 0.02;
 
 /// Ticks for which an unbelievable reading is set aside; then it is the truth.
 const PATIENCE: u32 = 20;
+
+/// No arm is faster than this: the model's own terms grow with its square, and beyond it they soon leave the finite numbers; rad/s.
+const ABSURD: f64 = 1e6;
 
 /// Samples after which nothing remembers the beginning.
 const SETTLED: u32 = 2;
@@ -122,8 +126,17 @@ impl<const N: usize> Cycle<N> {
             d: predicted.d + innovation * (2.0 * k / (self.T * self.T)),
             ..predicted
         };
+        let disturbance = |state: &State<N>| if k == 0.0 { SVector::zeros() } else { self.model.mass_matrix(&state.q) * state.d };
+        let (mut state, mut innovation, mut tau_disturbance) = (state, innovation, disturbance(&state));
+        let is_finite = |values: &SVector<f64, N>| values.iter().all(|x| x.is_finite());
+        let is_an_arms =
+            state.qdot.iter().all(|x| x.abs() <= ABSURD) && [&state.q, &state.d, &innovation, &tau_disturbance].into_iter().all(is_finite);
+        if !is_an_arms {
+            let reading = SVector::from_column_slice(&sample.q_encoder[..N]);
+            let (q, rest) = (reading, SVector::zeros());
+            (state, innovation, tau_disturbance) = (State { tick, samples: 1, doubted: [0; N], q, qdot: rest, d: rest }, rest, rest);
+        }
         self.state = Some(state);
-        let tau_disturbance = if k == 0.0 { SVector::zeros() } else { self.model.mass_matrix(&state.q) * state.d };
         StateEstimate {
             header: Header { stamps: sample.header.stamps, tick: sample.header.tick, ..Header::default() },
             q: padded(&state.q),

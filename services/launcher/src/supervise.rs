@@ -519,7 +519,7 @@ impl Launcher {
             if !is_paused(&account) {
                 continue;
             }
-            let passed_ns = (strike.until - strike.at).saturating_mul(1_000_000_000 / u64::from(self.plan.rate_hz.max(1)));
+            let passed_ns = strike.until.saturating_sub(strike.at).saturating_mul(1_000_000_000 / u64::from(self.plan.rate_hz.max(1)));
             if (self.ticks() >= strike.until || now_ns() >= struck_ns.saturating_add(passed_ns))
                 && let Some(child) = self.nursery.0.get(strike.process as usize).and_then(|slot| slot.child.as_ref())
             {
@@ -552,7 +552,8 @@ impl Launcher {
             }
             let limit = if child.is_stopped() { SILENCE_STOPPED } else { SILENCE };
             let is_late = child.is_stopped() || (ticks < source && !plan.process.polled && line.state() == State::Running);
-            let is_paused = self.board.ledger().accounts().any(|(_, account)| account.strike.process as usize == index && is_paused(&account));
+            let is_paused =
+                self.board.ledger().accounts().any(|(_, account)| account.strike.process as usize == index && is_paused(&account));
             if is_late && !is_paused && silent > limit {
                 child.signal(Signal::KILL);
                 slot.seen = None;

@@ -6,7 +6,7 @@
 use std::time::Duration;
 
 use shared_types::Message;
-use shared_types::fault::{Strike, Way};
+use shared_types::fault::{Kind, Strike, Way, shaped_topic};
 use shared_types::wire::{Field, Header};
 
 /// Refuses the messages of a writer's dead incarnations.
@@ -89,6 +89,15 @@ pub(crate) fn spoil<M: Message>(message: &mut M, strike: &Strike, process: &str)
         _ => (value.abs().max(1.0) * strike.amount).copysign(value),
     };
     bytes.copy_from_slice(&spoilt.to_ne_bytes());
+}
+
+/// Does to a message what the faults that strike its process make of it when it leaves in its own tick: its fields, not whether and when.
+pub fn leaves_as<M: Message>(message: &mut M, strikes: &[Strike], process: &str) {
+    let tick = message.header().tick;
+    let spoils = |strike: &&Strike| strike.kind() == Some(Kind::Corrupt) && strike.concerns(tick) && happens(strike, tick);
+    if shaped_topic(M::TOPIC) {
+        strikes.iter().filter(spoils).for_each(|strike| spoil(message, strike, process));
+    }
 }
 
 /// The first field of a message that holds a number that is not finite.

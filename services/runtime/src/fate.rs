@@ -179,7 +179,8 @@ impl Shared {
         }
     }
 
-    fn starve(&self, tick: u64) {
+    /// Has somebody be busy on the process's core as long as a fault says so.
+    pub(crate) fn starve(&self, tick: u64) {
         let fates = self.fates.borrow();
         let starving = fates.of(self.me, tick).find(|(_, _, kind)| *kind == Kind::Starve).map(|(place, ..)| place);
         let mut hog = self.hog.borrow_mut();

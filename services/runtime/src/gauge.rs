@@ -73,7 +73,7 @@ impl Spread {
     /// How many times.
     #[must_use]
     pub fn count(&self) -> u64 {
-        self.counts.iter().sum()
+        self.counts.iter().fold(0, |sum: u64, count| sum.saturating_add(*count))
     }
 
     /// What came after an earlier moment; the longest stays that of the whole run.
@@ -87,9 +87,9 @@ impl Spread {
     #[must_use]
     pub fn quantile_us(&self, share: f64) -> Option<f64> {
         let rank = (self.count() as f64 * share).ceil().max(1.0) as u64;
-        let mut below = 0;
+        let mut below = 0_u64;
         let reached = |count: &u64| {
-            below += count;
+            below = below.saturating_add(*count);
             below >= rank
         };
         self.counts.iter().position(reached).map(|index| (middle(index) * 1e-3).min(self.longest_us()))

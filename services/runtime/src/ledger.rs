@@ -118,7 +118,7 @@ impl Ledger {
             if asked.at > tick {
                 continue;
             }
-            let until = if asked.until == u64::MAX { u64::MAX } else { tick.saturating_add(asked.until - asked.at) };
+            let until = if asked.until == u64::MAX { u64::MAX } else { tick.saturating_add(asked.until.saturating_sub(asked.at)) };
             entry.put(&Strike { at: tick, until, ..asked });
             entry.standing.store(IN_FORCE, Ordering::Release);
             self.changes.fetch_add(1, Ordering::Release);

@@ -36,7 +36,7 @@ mod tests;
 pub use board::{Board, BoardError, Count, Counts, Line, MAX_PROCESSES, Phase, State, Stop};
 pub use clock::{now_ns, sleep_until};
 pub use difference::{Difference, Differences, FieldDifference, first_difference};
-pub use edge::random;
+pub use edge::{leaves_as, random};
 pub use gauge::{Glimpse, SingularityGlimpse, Spread};
 pub use hash::TopicHash;
 pub use kept::{Keep, KeepError, Kept};

@@ -8,6 +8,9 @@ use serde::{Deserialize, Serialize};
 use crate::board::MAX_PROCESSES;
 use crate::run_dir::RunDir;
 
+/// Beyond it a tick is no whole number of µs, far beyond what any process keeps up with.
+const FASTEST_HZ: u32 = 1_000_000;
+
 /// How time passes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -94,9 +97,12 @@ pub enum ManifestError {
         /// How many.
         count: usize,
     },
-    /// No tick rate.
-    #[error("the tick rate is 0 Hz; give a positive rate")]
-    NoRate,
+    /// No tick rate that a run can have.
+    #[error("the tick rate is {rate_hz} Hz; it must be 1 to {FASTEST_HZ}")]
+    Rate {
+        /// The rate asked for.
+        rate_hz: u32,
+    },
     /// Two processes share a name, or two write one topic.
     #[error("{what} {name:?} occurs twice in the graph; it must be one process's alone")]
     Twice {
@@ -168,8 +174,8 @@ impl Manifest {
         if self.processes.len() > MAX_PROCESSES {
             return Err(ManifestError::TooMany { count: self.processes.len() });
         }
-        if self.rate_hz == 0 {
-            return Err(ManifestError::NoRate);
+        if !(1..=FASTEST_HZ).contains(&self.rate_hz) {
+            return Err(ManifestError::Rate { rate_hz: self.rate_hz });
         }
         let twice = |what, mut names: Vec<&String>| {
             names.sort_unstable();
@@ -222,6 +228,8 @@ mod tests {
         assert!(matches!(two_names.write(&run), Err(ManifestError::Twice { what: "process", .. })));
         let crowd = (0..=MAX_PROCESSES).map(|i| process(&i.to_string(), &[], &[], false)).collect();
         assert!(matches!(manifest(crowd).write(&run), Err(ManifestError::TooMany { .. })));
-        assert!(matches!(Manifest { rate_hz: 0, ..manifest(vec![]) }.write(&run), Err(ManifestError::NoRate)));
+        for rate_hz in [0, FASTEST_HZ + 1, u32::MAX] {
+            assert!(matches!(Manifest { rate_hz, ..manifest(vec![]) }.write(&run), Err(ManifestError::Rate { .. })));
+        }
     }
 }

@@ -81,7 +81,7 @@ impl<M: Message> Memory<M> {
         // SAFETY: a slot of the mapping; only the topic's one living writer writes, and readers look at the count afterwards.
         unsafe { self.slot(count).write(*message) };
         fence(Ordering::Release);
-        self.count_delivered().store(count + 1, Ordering::Relaxed);
+        self.count_delivered().store(count.wrapping_add(1), Ordering::Relaxed);
     }
 
     /// Keeps a message that is not delivered as it is, or not now.
@@ -90,7 +90,7 @@ impl<M: Message> Memory<M> {
         // SAFETY: as in `deliver`; who reads waits for the writer's death.
         unsafe { self.slot_made(count).write(*message) };
         fence(Ordering::Release);
-        self.count_made().store(count + 1, Ordering::Relaxed);
+        self.count_made().store(count.wrapping_add(1), Ordering::Relaxed);
     }
 
     /// The last message made.
@@ -121,7 +121,7 @@ impl<M: Message> Memory<M> {
         let message = unsafe { self.slot(number).read_volatile() };
         fence(Ordering::Acquire);
         // The writer may be at work on the slot from the moment on at which this is its next.
-        (self.count_delivered().load(Ordering::Relaxed) < number + RING as u64).then_some(message)
+        (self.count_delivered().load(Ordering::Relaxed) < number.saturating_add(RING as u64)).then_some(message)
     }
 }
 

@@ -418,14 +418,18 @@ impl<M: Message> Recall<M> {
 
     /// The next one that nobody has taken.
     fn take(&mut self) -> Option<M> {
-        while self.next < self.memory.delivered_so_far() {
+        loop {
+            let count = self.memory.delivered_so_far();
+            // What has been overwritten meanwhile is lost, and the gap is counted.
+            self.next = self.next.max(count.saturating_sub(RING as u64 - 1));
+            if self.next >= count {
+                return None;
+            }
             self.next += 1;
-            // One that has been overwritten meanwhile is lost, and the gap is counted.
             if let Some(message) = self.memory.delivered(self.next - 1) {
                 return Some(message);
             }
         }
-        None
     }
 
     /// Whether a message that has come by the usual way has been taken from the ring before.

@@ -18,10 +18,10 @@ use crate::edge::Pauses;
 use crate::fate::{Hog, Outlet};
 use crate::ledger::{Copied, Ledger};
 use crate::manifest::{Disturbance, Manifest, ManifestError, Mode};
+use crate::memory::RING;
 use crate::pace::Pace;
 use crate::ports::Connect;
 use crate::ports::{Drain, Reader, SendError, Writer};
-use crate::memory::RING;
 use crate::realtime;
 use crate::run_dir::{RunDir, RunDirError};
 use crate::topics::{self, CHAIN_DEPTH, RECORDER_DEPTH, Subscribing, TopicError};
@@ -533,6 +533,7 @@ impl Shell {
         // Read before the round: everything of these ticks is in the buffers now.
         let last = shared.is_stopping();
         shared.trouble_volume(shared.line().ticks(), last);
+        shared.starve(shared.line().ticks());
         let ticks = Cell::new(0);
         self.each_other(|line| ticks.set(ticks.get().max(line.ticks())));
         self.round.set(if last { Round::Last } else { Round::From(ticks.get()) });
