@@ -253,7 +253,8 @@ impl<'a> Drill<'a> {
         // Where the messages end early and the topics are the fault-free ones, the arm did what it did without a fault.
         let is_base = !base.topics.is_empty() && ran.topics == base.topics;
         let truth = if is_base { &base.truth } else { &ran.truth };
-        let mut motion = Motion::new(Promise::new(self.robot, &self.job.scenario, ran.summary.faults.iter().filter_map(|one| one.fault.as_ref())));
+        let mut motion =
+            Motion::new(Promise::new(self.robot, &self.job.scenario, ran.summary.faults.iter().filter_map(|one| one.fault.as_ref())));
         truth.iter().for_each(|state| motion.add(state));
         ran.samples.iter().for_each(|sample| motion.add_age(sample));
         let mut cell = Cell {

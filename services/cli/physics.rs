@@ -212,7 +212,10 @@ mod tests {
         assert_eq!(broken(&[], |_, _| ()), Vec::<String>::new());
         let caught = |words: &str, spoil: &dyn Fn(&mut PlantState, &mut SensorSample)| {
             let broken = broken(&[], spoil);
-            assert!(broken.iter().any(|what| what.contains(words) && (what.contains("50") || words.contains("old"))), "{words}: {broken:?}");
+            assert!(
+                broken.iter().any(|what| what.contains(words) && (what.contains("50") || words.contains("old"))),
+                "{words}: {broken:?}"
+            );
         };
         caught("not finite", &|state, _| state.qdot[3] = f64::NAN);
         caught("torque 1.", &|state, _| state.tau[0] = -200.0);

@@ -15,7 +15,9 @@ mod supervise;
 mod tests;
 
 pub use child::Exit;
-pub use supervise::{Child, End, Event, Failure, Interrupts, LaunchError, Launcher, Limits, Outcome, Plan, ProcessOutcome, Restart, reexec};
+pub use supervise::{
+    Child, End, Event, Failure, Interrupts, LaunchError, Launcher, Limits, Outcome, Plan, ProcessOutcome, Restart, reexec,
+};
 
 use runtime::RunDir;
 

@@ -552,7 +552,8 @@ impl Launcher {
             }
             let limit = if child.is_stopped() { SILENCE_STOPPED } else { SILENCE };
             let is_late = child.is_stopped() || (ticks < source && !plan.process.polled && line.state() == State::Running);
-            let is_paused = self.board.ledger().accounts().any(|(_, account)| account.strike.process as usize == index && is_paused(&account));
+            let is_paused =
+                self.board.ledger().accounts().any(|(_, account)| account.strike.process as usize == index && is_paused(&account));
             if is_late && !is_paused && silent > limit {
                 child.signal(Signal::KILL);
                 slot.seen = None;

@@ -411,7 +411,11 @@ struct Topics {
 }
 
 impl Topics {
-    fn open(shell: &Shell, messages: Option<&Path>, [sensor, truth, estimate, report, command]: &[Progress; 5]) -> Result<Self, ProcessError> {
+    fn open(
+        shell: &Shell,
+        messages: Option<&Path>,
+        [sensor, truth, estimate, report, command]: &[Progress; 5],
+    ) -> Result<Self, ProcessError> {
         Ok(Self {
             sensor: Tap::open(shell, messages, sensor)?,
             truth: Tap::open(shell, messages, truth)?,

@@ -280,7 +280,8 @@ fn a_clock_that_is_behind_or_ahead_leaves_the_grid_where_it_is() {
     use shared_types::fault::{Fault, Kind, Way};
     for amount in [-30.0, 30.0] {
         let stage = stage(Mode::Realtime);
-        let fault = Fault { way: Some(Way::Jump), amount: Some(amount), at_tick: Some(3), for_ticks: Some(20), ..Fault::new("plant", Kind::Clock) };
+        let fault =
+            Fault { way: Some(Way::Jump), amount: Some(amount), at_tick: Some(3), for_ticks: Some(20), ..Fault::new("plant", Kind::Clock) };
         stage.board.ledger().enter(&fault.strike(0, 1000, 0).unwrap(), crate::Origin::Planned);
         let plant = stage.shell("plant");
         let mut pace = plant.pace(0);

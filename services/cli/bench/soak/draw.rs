@@ -319,7 +319,8 @@ mod tests {
         let rounds: Vec<_> = (0..30).map(|_| dealer.round(60.0)).collect();
         let name = |act: &Act| format!("{} {}", act.process(), act.name());
         let dealt: BTreeSet<_> = rounds.iter().flatten().map(|blow| name(&blow.act)).collect();
-        let missing: Vec<_> = every(&processes).iter().filter(|act| !act.ends_world()).map(name).filter(|one| !dealt.contains(one)).collect();
+        let missing: Vec<_> =
+            every(&processes).iter().filter(|act| !act.ends_world()).map(name).filter(|one| !dealt.contains(one)).collect();
         assert!(missing.is_empty(), "{missing:?}");
         for round in &rounds {
             assert!(round.iter().all(|blow| !blow.act.ends_world() || blow.is_fatal && blow.at_s > 50.0));

@@ -156,8 +156,22 @@ impl Soak {
     }
 
     pub(in super::super) fn tell(&self) {
-        let mut rows =
-            table(&["kind", "times", "noticed", "ms p50", "max", "deaths", "mended, ms p50", "max", "stops", "stood, ms p50", "max", "goal", "rest", "ended"]);
+        let mut rows = table(&[
+            "kind",
+            "times",
+            "noticed",
+            "ms p50",
+            "max",
+            "deaths",
+            "mended, ms p50",
+            "max",
+            "stops",
+            "stood, ms p50",
+            "max",
+            "goal",
+            "rest",
+            "ended",
+        ]);
         let optional = |value: Option<f64>| number(value.map_or(String::from("–"), digits));
         for kind in &self.kinds {
             rows.add_row([
