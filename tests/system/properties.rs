@@ -385,7 +385,7 @@ pub fn kept(bytes: &[u8]) {
         let more: [M; 3] = [M::zeroed(); 3];
         std::fs::write(&path, bytes).expect("shared memory");
         let before = read();
-        match Keep::<M>::resume(run) {
+        match Keep::<M>::resume(run, 0, |_| {}) {
             Ok(mut keep) => {
                 more.iter().for_each(|message| keep.add(message).expect("shared memory"));
                 keep.finish().expect("shared memory");
@@ -473,7 +473,7 @@ pub fn board(bytes: &[u8]) {
         if let Some(place) = board.ledger().request(&strike) {
             assert!(place < MOST_FAULTS && !board.ledger().is_in_force(place));
         }
-        board.ledger().notice(3, 5);
+        board.ledger().notice(3, 5, 5);
         board.ring_all();
     });
 }

@@ -49,10 +49,27 @@ pub fn run(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<()
     let summary = with_dof!(robot.dof(), N => record::<N>(shell, robot, job, run_dir))
         .unwrap_or_else(|| Err(ProcessError::setup("unsupported number of joints")))?;
     let path = run_dir.join(SUMMARY);
-    serde_json::to_vec(&summary)
+    written(&summary)
         .map_err(std::io::Error::from)
         .and_then(|text| std::fs::write(&path, text))
         .map_err(|error| ProcessError::setup(format!("cannot write {}: {error}", path.display())))
+}
+
+/// The summary as JSON that reads back. JSON has no infinity, and messages that a fault has spoilt give errors beyond all numbers: they are as
+/// large as a number can be.
+fn written(summary: &Summary) -> serde_json::Result<Vec<u8>> {
+    fn bound(value: &mut serde_json::Value) {
+        match value {
+            // Nothing else is null: what is absent is left out.
+            serde_json::Value::Null => *value = f64::MAX.into(),
+            serde_json::Value::Array(values) => values.iter_mut().for_each(bound),
+            serde_json::Value::Object(values) => values.values_mut().for_each(bound),
+            _ => {}
+        }
+    }
+    let mut value = serde_json::to_value(summary)?;
+    bound(&mut value);
+    serde_json::to_vec(&value)
 }
 
 fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Summary, ProcessError> {
@@ -454,5 +471,20 @@ fn summary(robot: &Robot, job: &Job, mode: Mode, verdict: Verdict, topics: &Topi
         recorder: RecorderSummary { messages: account.iter().map(|(_, hash)| hash.count()).sum(), ..tape },
         processes: Vec::new(),
         machine: Default::default(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_beyond_all_numbers_do_not_cost_the_account() {
+        let mut summary = Summary { ticks: 7, ..Summary::default() };
+        (summary.task.position_rms_mm, summary.task.final_orientation_deg) = (f64::INFINITY, f64::NAN);
+        summary.joints.q_end = vec![0.5, f64::NEG_INFINITY];
+        let read: Summary = serde_json::from_slice(&written(&summary).unwrap()).unwrap();
+        assert_eq!((read.ticks, read.task.position_rms_mm, read.task.final_orientation_deg), (7, f64::MAX, f64::MAX));
+        assert_eq!(read.joints.q_end, [0.5, f64::MAX]);
     }
 }

@@ -15,8 +15,9 @@ use shared_types::Message;
 
 use crate::run_dir::RunDir;
 
-/// Messages in the ring of the delivered: more than can be on their way to the recorder and in its hands, not yet in its files.
-pub(crate) const RING: usize = 512;
+/// Messages in the ring of the delivered: more than can be on their way to the recorder and in its hands, not yet in its files. Two seconds at
+/// 1 kHz: on a busy machine a replacement takes most of one.
+pub(crate) const RING: usize = 2048;
 
 #[repr(C)]
 struct Slots<M> {

@@ -26,9 +26,9 @@ use crate::realtime;
 use crate::run_dir::{RunDir, RunDirError};
 use crate::topics::{self, CHAIN_DEPTH, RECORDER_DEPTH, Subscribing, TopicError};
 
-/// In lockstep the source of ticks may be this many ticks ahead of the recorder: half of what is still there for its replacement, so that
-/// with what a block of kept messages holds nothing is ever lost with it.
-const RECORDER_LAG: u64 = RING as u64 / 2;
+/// In lockstep the source of ticks may be this many ticks ahead of the recorder: far less than what is still there for its replacement, also
+/// when faults make several messages of a tick, and with what a block of kept messages holds.
+const RECORDER_LAG: u64 = RING as u64 / 8;
 
 /// Why a process cannot join its run.
 #[derive(Debug, thiserror::Error)]

@@ -276,13 +276,13 @@ impl Soak {
                 all.dots(colors()[class], 2.0, &[(from + struck.at_s, row + 0.13 * (class as f64 - 2.0))]);
             }
             for stop in &round.stops {
-                let until = from + (stop.until as f64 / rate).max(stop.from as f64 / rate + 0.0005 * total);
-                all.line("", INK, &[(from + stop.from as f64 / rate, drives), (until, drives)]);
+                let until = (stop.until as f64 / rate).max(stop.from as f64 / rate + 0.0005 * total);
+                stroke(&mut all, INK, from + stop.from as f64 / rate, from + until, drives);
             }
             from += length;
         }
         let busiest = self.rounds.iter().filter(|round| round.end == "goal reached").max_by_key(|round| round.struck.len());
-        let mut page_rows = vec![Row::of(300.0, [all])];
+        let mut page_rows = vec![Row::of(270.0, [all])];
         if let Some(round) = busiest.or(self.rounds.first()) {
             let seconds = (round.ticks as f64 / rate).max(1.0);
             let title = format!("round {} closely: how long each lasted; a dot where a process died", round.round);
@@ -293,15 +293,16 @@ impl Soak {
                 let y = row + 0.13 * (class as f64 - 2.0);
                 // Until the process was back, where it went.
                 let length_s = struck.mended_ms.map_or(struck.length_s, |ms| ms * 1e-3);
-                one.line("", colors()[class], &[(struck.at_s, y), ((struck.at_s + length_s).min(seconds), y)]);
+                stroke(&mut one, colors()[class], struck.at_s, (struck.at_s + length_s.max(0.001 * seconds)).min(seconds), y);
                 if struck.deaths > 0 {
                     one.dots(colors()[class], 2.6, &[(struck.at_s, y)]);
                 }
             }
             for stop in &round.stops {
-                one.line("", INK, &[(stop.from as f64 / rate, drives), (stop.until as f64 / rate, drives)]);
+                let from = stop.from as f64 / rate;
+                stroke(&mut one, INK, from, (stop.until as f64 / rate).max(from + 0.001 * seconds), drives);
             }
-            page_rows.push(Row::of(300.0, [one]));
+            page_rows.push(Row::of(270.0, [one]));
         }
         let noticed: Vec<&Kind> = self.kinds.iter().filter(|kind| kind.noticed_ms_p50.is_some()).collect();
         let mut panel = Panel::new(
@@ -316,7 +317,7 @@ impl Soak {
             panel.dots(color, 3.0, &[(half, row as f64)]);
             panel.dots(color, 1.8, &[(most, row as f64)]);
         }
-        page_rows.push(Row::of(90.0 + 15.0 * noticed.len() as f64, [panel]));
+        page_rows.push(Row::of(90.0 + 13.0 * noticed.len() as f64, [panel]));
         let totals = &self.totals;
         Page {
             title: "The soak".to_owned(),
@@ -328,6 +329,13 @@ impl Soak {
             width: 1100.0,
             ..Page::default()
         }
+    }
+}
+
+/// A line three times as thick as others.
+fn stroke(panel: &mut Panel, color: Color, from: f64, to: f64, y: f64) {
+    for place in [y - 0.05, y, y + 0.05] {
+        panel.line("", color, &[(from, place), (to, place)]);
     }
 }
 
