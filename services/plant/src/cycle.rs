@@ -249,7 +249,7 @@ mod tests {
             truth
         };
         let mut truth = cycle.sample(0).1;
-        for _ in 0..600 {
+        for _ in 0..300 {
             let go_on = command(&truth, [25.0, -10.0, 8.0, 2.0, 1.0, 1.0]);
             truth = next(&mut cycle, Some(go_on));
         }
