@@ -69,6 +69,9 @@ pub enum PlantError {
 #[error("the arm's motion left the finite numbers: the torque is beyond what the robot can take; give its joints effort limits")]
 pub struct Diverged;
 
+/// Speed at which motion counts as diverged: its square, and with it the energy, is a number still; rad/s.
+const FASTEST: f64 = 1e100;
+
 /// How the state is carried from tick to tick.
 enum BackEnd<const N: usize> {
     /// Runge–Kutta alone: no floor, no joint stops, no dry friction.
@@ -145,7 +148,7 @@ impl<const N: usize> Plant<N> {
                 BackEnd::Reference => self.smooth.rk4(&state, tau, self.h),
                 BackEnd::Hybrid(hybrid) => hybrid.step(&self.smooth, &state, tau, self.h, &mut touch),
             };
-            if !state.is_finite() {
+            if !(state.is_finite() && state.qdot.amax() < FASTEST) {
                 return Err(Diverged);
             }
         }

@@ -358,6 +358,23 @@ fn every_built_in_arm_and_one_with_massless_links_can_be_simulated() {
 }
 
 #[test]
+fn motion_diverges_before_its_energy_is_no_number() {
+    let robot = Robot::builtin("planar3r").unwrap();
+    let bent = SVector::<f64, 3>::from_column_slice(&robot.postures["bent"]);
+    for model in [PlantModel::Rapier, PlantModel::Reference] {
+        let options = scenario::Plant { model, ..scenario::Plant::default() };
+        let mut arm = Plant::<3>::new(&robot, "", &options, RATE, &bent).unwrap();
+        // An arm without limits, pushed ever harder.
+        let diverged = (0..400).find(|k| {
+            let is_over = arm.step(&SVector::from([10_f64.powi(*k), 0.0, -(10_f64.powi(*k))])).is_err();
+            assert!(arm.energy().is_finite() && arm.state().is_finite(), "{:?}", arm.state());
+            is_over
+        });
+        assert!(diverged.is_some());
+    }
+}
+
+#[test]
 fn rapier_has_the_same_arm() {
     // At rest, where first-order terms vanish, rapier's acceleration is the model's: masses, inertias, axes, armature.
     let robot = puma();

@@ -188,6 +188,7 @@ fn padded<const N: usize, const M: usize>(values: &SVector<f64, N>) -> [f64; M] 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use shared_types::wire::Part;
 
     fn scenario(bandwidth: f64, disturbance: f64) -> Scenario {
         let text = format!(
@@ -271,5 +272,44 @@ mod tests {
         let last = (0..10).map(|tick| whole.step(&sample(tick))).last().unwrap();
         second.resume(&last);
         assert_eq!(whole.step(&sample(10)), second.step(&sample(10)));
+    }
+
+    #[test]
+    fn what_is_far_out_of_range_is_answered_with_numbers_and_forgotten() {
+        let robot = Robot::builtin("puma560").unwrap();
+        let place = [0.1, -1.2, 1.9, 0.2, 0.5, 0.3, 0.0, 0.0];
+        let sample = |tick: u64| {
+            let mut sample = SensorSample { q_encoder: place, ..SensorSample::default() };
+            sample.header.tick = tick;
+            sample
+        };
+        // A reading, a reported torque, and what a predecessor left: each as large as a number can be.
+        for (disturbance, what) in [(0.0, 0), (0.0, 1), (60.0, 2), (60.0, 0)] {
+            let mut estimator = Cycle::<6>::new(&robot, &scenario(150.0, disturbance)).unwrap();
+            for tick in 0..80 {
+                let mut sample = sample(tick);
+                if (10..40).contains(&tick) {
+                    let huge = if tick % 2 == 0 { 1e308 } else { -1e308 };
+                    match what {
+                        0 => sample.q_encoder[1] = huge,
+                        1 => sample.tau_drive[2] = huge,
+                        _ => {
+                            let last = StateEstimate {
+                                header: sample.header,
+                                q: place,
+                                qdot: [huge; 8],
+                                resume: [-huge; 32],
+                                ..Default::default()
+                            };
+                            estimator.resume(&last);
+                        }
+                    }
+                }
+                let estimate = estimator.step(&sample);
+                assert!(estimate.is_finite(), "{what}, tick {tick}: {estimate:?}");
+                let error = (0..6).fold(0.0_f64, |error, i| error.max((estimate.q[i] - place[i]).abs()));
+                assert!(tick < 65 || error < 0.01, "{what}, tick {tick}: still {error} rad away");
+            }
+        }
     }
 }

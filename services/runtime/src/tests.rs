@@ -2,12 +2,13 @@
 
 use std::time::Duration;
 
+use shared_types::fault::{Fault, Kind};
 use shared_types::{PlantState, SensorSample, StateEstimate};
 
 use crate::topics::{TopicError, join, subscriber};
 use crate::{
-    Board, CHAIN_DEPTH, Count, Hub, Interrupted, Manifest, Mode, Phase, Process, ProcessError, RECORDER_DEPTH, RunDir, SendError, Shell,
-    Stop, now_ns,
+    Board, CHAIN_DEPTH, Count, Hub, Interrupted, Manifest, Mode, Origin, Phase, Process, ProcessError, RECORDER_DEPTH, RunDir, SendError,
+    Shell, Stop, now_ns,
 };
 
 /// A run without a launcher: its phases are through, so that shells of one thread need not wait for each other.
@@ -102,6 +103,26 @@ fn every_wait_ends_by_deadline_limit_or_stop() {
     stage.board.request_stop(Stop::Chain);
     assert!(inlet.at(0).unwrap().is_none() && inlet.next().unwrap().is_none() && estimator.is_stopping());
     assert!(!stage.shell("recorder").is_stopping(), "it is stopped last");
+}
+
+#[test]
+fn who_died_between_sending_and_saying_so_does_not_die_of_it_again() {
+    let stage = stage(Mode::Realtime);
+    let line = stage.board.line(1);
+    // Ticks 0 to 4 are closed and 5 was sent: by its readers the first tick missed is 6.
+    line.set_ticks(5);
+    let death = Fault { at_tick: Some(6), for_ticks: Some(20), ..Fault::new("estimator", Kind::Crash) }.strike(1, 1000, 0).unwrap();
+    let place = stage.board.ledger().enter(&death, Origin::Noticed).unwrap();
+    stage.board.ledger().has_struck(place, now_ns());
+    line.begin_incarnation();
+    let (plant, estimator) = (stage.shell("plant"), stage.shell("estimator"));
+    let (mut sensors, mut inlet) = (plant.writer().unwrap(), estimator.reader::<SensorSample>().unwrap());
+    for tick in [7, 25] {
+        sensors.send(sample(tick)).unwrap();
+        assert!(inlet.next().is_err(), "it is not back before tick 26");
+    }
+    sensors.send(sample(26)).unwrap();
+    assert_eq!(inlet.next().unwrap().unwrap().header.tick, 26);
 }
 
 #[test]
