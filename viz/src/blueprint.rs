@@ -93,7 +93,8 @@ impl Lines {
     }
 }
 
-/// Ids are numbered: a layout is the same bytes in every file.
+/// Ids are made of what they are of: a layout is the same bytes in every file, and no view has the id of one of another class, be it in
+/// another layout or in one of an earlier version. The viewer keeps layouts from one opening to the next, and what it knows of a view by its id.
 const ID_BASE: u128 = 0xa6b1_0000_0000_4000_8000_0000_0000_0000;
 
 /// A place in a layout with its share of the room.
@@ -101,8 +102,11 @@ type Cell = (f32, EntityPath);
 
 /// The chunks of one blueprint store.
 struct Sheet {
+    layout: Layout,
     chunks: Vec<ChunkResult<Chunk>>,
-    ids: u128,
+    ids: u64,
+    /// The last container made: in the end the outermost.
+    root: Uuid,
 }
 
 impl Sheet {
@@ -111,14 +115,18 @@ impl Sheet {
         self.chunks.push(Chunk::builder(path).with_archetype(RowId::new(), at, archetype).build());
     }
 
-    fn id(&mut self) -> Uuid {
+    /// The next id, of something of that class and name.
+    fn id(&mut self, class: &str, name: &str) -> Uuid {
         self.ids += 1;
-        Uuid::from_u128(ID_BASE + self.ids)
+        let of = format!("{}/{class}/{name}/{}", self.layout.name(), self.ids);
+        // FNV-1a, without the bits that say which kind of id it is.
+        let hash = of.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3));
+        Uuid::from_u128(ID_BASE | u128::from(hash >> 4))
     }
 
     /// A view of `contents`; its path is what containers hold.
     fn view(&mut self, class: &str, name: &str, origin: &str, contents: &[String]) -> (Uuid, EntityPath) {
-        let id = self.id();
+        let id = self.id(class, name);
         let path = EntityPath::from(format!("view/{id}"));
         self.log(path.join(&"ViewContents".into()), &ViewContents::new(contents.iter().map(|query| query.as_str())));
         self.log(path.clone(), &ViewBlueprint::new(class).with_display_name(Name(name.into())).with_space_origin(origin));
@@ -127,7 +135,8 @@ impl Sheet {
 
     /// `name` is what its tab says, where it is in one.
     fn container(&mut self, kind: ContainerKind, name: &str, cells: Vec<Cell>) -> EntityPath {
-        let path = EntityPath::from(format!("container/{}", self.id()));
+        self.root = self.id("container", name);
+        let path = EntityPath::from(format!("container/{}", self.root));
         let shares: Vec<f32> = cells.iter().map(|(share, _)| *share).collect();
         let mut container =
             ContainerBlueprint::new(kind).with_contents(cells.iter().map(|(_, path)| IncludedContent(path.to_string().into())));
@@ -171,7 +180,7 @@ impl Sheet {
             let base = ViewContents::blueprint_base_visualizer_path_for_entity(id, &entity.into());
             let mut instructions = Vec::new();
             for lines in lines.iter().filter(|lines| lines.entity == entity) {
-                let instruction = self.id();
+                let instruction = self.id("lines", lines.component);
                 let at = base.join(&EntityPath::from_single_string(instruction.to_string()));
                 let mapping = VisualizerComponentMapping(Mapping {
                     target: "Scalars:scalars".into(),
@@ -252,11 +261,10 @@ impl Sheet {
 
 /// The chunks of a layout.
 fn layout(subject: &Subject, layout: Layout) -> Vec<ChunkResult<Chunk>> {
-    let mut sheet = Sheet { chunks: Vec::new(), ids: 0 };
+    let mut sheet = Sheet { layout, chunks: Vec::new(), ids: 0, root: Uuid::nil() };
     arrange(&mut sheet, subject, layout);
-    // The outermost container is the last made.
-    let root = Uuid::from_u128(ID_BASE + sheet.ids);
-    sheet.log("viewport", &ViewportBlueprint::new().with_root_container(RootContainer(root.into())));
+    let root = RootContainer(sheet.root.into());
+    sheet.log("viewport", &ViewportBlueprint::new().with_root_container(root));
     for panel in ["blueprint_panel", "selection_panel"] {
         sheet.log(panel, &PanelBlueprint::new().with_state(PanelState::Hidden));
     }
@@ -415,4 +423,33 @@ pub(crate) fn send<W: Storage>(sink: &mut Sink<W>, store: &StoreId, subject: &Su
         sink.chunk(store, chunk);
     }
     sink.activate(store);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeMap;
+
+    /// Ids of views, with their classes.
+    fn views(layout: Layout) -> Vec<(String, String)> {
+        let subject = Subject { joints: 6, singularities: vec![("wrist".to_owned(), [255; 4])], bands: 1, ..Subject::default() };
+        let chunks: Vec<Chunk> = super::layout(&subject, layout).into_iter().map(|chunk| chunk.expect("a chunk")).collect();
+        let class = |chunk: &Chunk| {
+            let column = chunk.components().get(ViewBlueprint::descriptor_class_identifier().component)?;
+            Some(format!("{:?}", column.list_array.value(0)))
+        };
+        chunks.iter().filter_map(|chunk| Some((chunk.entity_path().to_string(), class(chunk)?))).collect()
+    }
+
+    #[test]
+    fn no_view_has_the_id_of_one_of_another_class_in_any_layout() {
+        let mut classes = BTreeMap::new();
+        let all: Vec<(String, String)> = Layout::ALL.into_iter().flat_map(views).collect();
+        assert!(all.len() > 25, "{}", all.len());
+        for (id, class) in &all {
+            assert_eq!(classes.insert(id, class).unwrap_or(class), class, "{id}");
+        }
+        assert_eq!(classes.len(), all.len(), "each has its own");
+        assert_eq!(views(Layout::Control), views(Layout::Control), "the same in every file");
+    }
 }
