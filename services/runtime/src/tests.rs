@@ -112,7 +112,7 @@ fn who_died_between_sending_and_saying_so_does_not_die_of_it_again() {
     // Ticks 0 to 4 are closed and 5 was sent: by its readers the first tick missed is 6.
     line.set_ticks(5);
     let death = Fault { at_tick: Some(6), for_ticks: Some(20), ..Fault::new("estimator", Kind::Crash) }.strike(1, 1000, 0).unwrap();
-    let place = stage.board.ledger().enter(&death, Origin::Noticed).unwrap();
+    let place = stage.board.ledger().enter(&death, Origin::Planned).unwrap();
     stage.board.ledger().has_struck(place, now_ns());
     line.begin_incarnation();
     let (plant, estimator) = (stage.shell("plant"), stage.shell("estimator"));
