@@ -21,7 +21,7 @@ use shared_types::{MAX_DOF, Message, PlantState, SensorSample};
 
 use super::failure::Failure;
 use super::out::say;
-use super::physics::{Motion, Promise};
+use super::physics::{Motion, Promise, SPEED_MARGIN};
 use super::plot::{Axis, Color, Page, Panel, Row};
 use super::table::{digits, number, table};
 use super::verify::Folder;
@@ -253,8 +253,12 @@ impl<'a> Drill<'a> {
         // Where the messages end early and the topics are the fault-free ones, the arm did what it did without a fault.
         let is_base = !base.topics.is_empty() && ran.topics == base.topics;
         let truth = if is_base { &base.truth } else { &ran.truth };
-        let mut motion =
-            Motion::new(Promise::new(self.robot, &self.job.scenario, ran.summary.faults.iter().filter_map(|one| one.fault.as_ref())));
+        let mut motion = Motion::new(Promise::new(
+            self.robot,
+            &self.job.scenario,
+            SPEED_MARGIN,
+            ran.summary.faults.iter().filter_map(|one| one.fault.as_ref()),
+        ));
         truth.iter().for_each(|state| motion.add(state));
         ran.samples.iter().for_each(|sample| motion.add_age(sample));
         let mut cell = Cell {

@@ -12,7 +12,7 @@ use runtime::{
     TopicError, now_ns,
 };
 use rustix::event::{PollFd, PollFlags, poll};
-use rustix::process::Signal;
+use rustix::process::{Signal, getpriority_process, setpriority_process};
 use rustix::time::Timespec;
 use shared_types::fault::{Fault, Kind, Strike, Way};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -376,6 +376,7 @@ impl Launcher {
     /// is part of the [`Outcome`].
     pub fn run(mut self, commands: Commands<'_>, report: Report<'_>) -> Result<Outcome, LaunchError> {
         let mut signals = Interrupts::catch().map_err(LaunchError::Signals)?;
+        let _urgency = (self.plan.mode == Mode::Realtime).then(Urgency::begin);
         for index in 0..self.plan.children.len() {
             self.start(index, commands)?;
         }
@@ -719,6 +720,35 @@ impl Launcher {
             counts: self.board.line(index).counts(),
         };
         self.nursery.0.iter().enumerate().map(outcome).collect()
+    }
+}
+
+/// In real time whoever mends a death comes before ordinary work: the launcher, a process until it has its own scheduling class, and the
+/// recorder, which has none and must not fall behind by more than its buffers hold. Children inherit it.
+struct Urgency {
+    before: Option<i32>,
+}
+
+impl Urgency {
+    const NICE: i32 = -10;
+
+    /// For this thread, where the machine allows.
+    fn begin() -> Self {
+        let set = || {
+            let before = getpriority_process(None)?;
+            setpriority_process(None, before.min(Self::NICE)).map(|()| before)
+        };
+        let before = set().inspect_err(|errno| tracing::info!("the launcher runs without a nice value of {}: {errno}", Self::NICE)).ok();
+        Self { before }
+    }
+}
+
+impl Drop for Urgency {
+    fn drop(&mut self) {
+        if let Some(before) = self.before {
+            // It was allowed the other way.
+            let _ = setpriority_process(None, before);
+        }
     }
 }
 

@@ -167,7 +167,7 @@ fn record(seen: &Evidence) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::super::physics::Promise;
+    use super::super::super::super::physics::{Promise, SPEED_MARGIN_AT_FULL_TORQUE};
     use super::*;
     use model::Robot;
     use shared_types::scenario::Scenario;
@@ -177,7 +177,8 @@ mod tests {
     fn judged(spoil: impl Fn(&mut Evidence)) -> Vec<String> {
         let name = "fig5-wrist-rotation";
         let scenario = Scenario::parse(name, sim::scenarios::text(name).unwrap(), &[]).unwrap();
-        let mut motion = Motion::new(Promise::new(&Robot::builtin("puma560").unwrap(), &scenario, std::iter::empty()));
+        let mut motion =
+            Motion::new(Promise::new(&Robot::builtin("puma560").unwrap(), &scenario, SPEED_MARGIN_AT_FULL_TORQUE, std::iter::empty()));
         motion.add(&PlantState { drive: codes::DRIVE_BRAKED, ..PlantState::default() });
         let mut seen = Evidence {
             end: End::Completed,

@@ -17,7 +17,7 @@ use shared_types::summary::{Deadlines, Summary};
 use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
 
 use super::super::super::failure::Failure;
-use super::super::super::physics::{Motion, Promise};
+use super::super::super::physics::{Motion, Promise, SPEED_MARGIN_AT_FULL_TORQUE};
 use super::super::super::{load, run};
 use super::draw::{Act, Blow, Signal};
 use super::judge::{Death, Ended, Evidence, Files, Messages, broken};
@@ -234,7 +234,8 @@ impl Seen {
     fn judge(&self, setting: &Setting<'_>, number: usize, seed: u64, job: &Job, out: &Path) -> Result<Round, Failure> {
         let rate_hz = job.scenario.rate_hz;
         let faults = self.summary.faults.iter().filter(|fault| fault.struck).filter_map(|fault| fault.fault.as_ref());
-        let (motion, stops, mut files, kept) = read(Motion::new(Promise::new(setting.robot, &job.scenario, faults)), &out.join(MESSAGES));
+        let (motion, stops, mut files, kept) =
+            read(Motion::new(Promise::new(setting.robot, &job.scenario, SPEED_MARGIN_AT_FULL_TORQUE, faults)), &out.join(MESSAGES));
         self.read_recording(out, &mut files);
         let mut struck: Vec<Struck> = self.fallen.iter().filter_map(|fallen| self.struck(fallen, rate_hz)).collect();
         blame(&mut struck, &stops, rate_hz);
