@@ -479,7 +479,7 @@ pub struct Record {
 
 impl Default for Record {
     fn default() -> Self {
-        Self { part_s: 600.0, part_mb: 1000 }
+        Self { part_s: 300.0, part_mb: 1000 }
     }
 }
 

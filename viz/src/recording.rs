@@ -51,7 +51,7 @@ pub struct RunInfo<'a> {
 /// How much is recorded, and how often it is written.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// Numbers are written every so many seconds of the run: what a killed recorder loses.
+    /// Numbers are written every so many seconds of the run: what a killed process leaves unwritten.
     pub signal_chunk_s: f64,
     /// The picture is written every so many seconds.
     pub picture_chunk_s: f64,
@@ -61,7 +61,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { signal_chunk_s: 0.08, picture_chunk_s: 1.0, picture_hz: 50.0 }
+        Self { signal_chunk_s: 0.25, picture_chunk_s: 1.0, picture_hz: 50.0 }
     }
 }
 

@@ -218,6 +218,10 @@ impl<const N: usize> Tape<N> {
         };
         let full = recording.part_ticks() >= self.limits.ticks || recording.part_bytes() >= self.limits.bytes;
         let turned = if full { recording.next_part(&self.folder) } else { Ok(()) };
+        if full {
+            // A file's table of contents grows with it and is gone now.
+            runtime::realtime::give_back_memory();
+        }
         if let Err(error) = turned.and_then(|()| recording.tick(&row)) {
             self.fail(&error);
         }

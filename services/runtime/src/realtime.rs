@@ -139,6 +139,12 @@ pub fn cpu_time_s() -> f64 {
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }
 
+/// Gives memory that has been freed back to the system: for a process that frees much at once and then needs little.
+pub fn give_back_memory() {
+    // SAFETY: it only looks through the allocator's own lists.
+    unsafe { libc::malloc_trim(0) };
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -135,7 +135,7 @@ fn every_number_is_read_back() {
     assert!(whole);
     let data = chunks(&messages);
     let signals = of(&data, entity::SIGNALS);
-    assert_eq!(signals.len(), 16, "a chunk every 80 ms and the rest");
+    assert_eq!(signals.len(), 5, "a chunk every 250 ms and the rest");
     assert_eq!(times(&signals, "tick"), (0..1230).collect::<Vec<i64>>());
     assert_eq!(times(&signals, "t"), (0..1230).map(|tick| tick * 1_000_000).collect::<Vec<i64>>());
     let q = rows::<Float64Type>(&signals, Signal::Position.name());
@@ -265,8 +265,8 @@ fn a_killed_recorder_loses_at_most_a_chunk() {
     // What a kill leaves: no footer, and at worst a message cut in two.
     let content = volume.content();
     let kept = |bytes: &[u8]| times(&of(&chunks(&read(bytes).0), entity::SIGNALS), "tick").len();
-    assert_eq!(kept(&content), 720, "all but the last, unfinished 80 ms");
-    assert!(kept(&content[..content.len() - 3]) >= 640);
+    assert_eq!(kept(&content), 750, "all but the last, unfinished 250 ms");
+    assert!(kept(&content[..content.len() - 3]) >= 500);
 }
 
 #[test]
