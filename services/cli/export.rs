@@ -29,8 +29,9 @@ pub(crate) enum ExportError {
 }
 
 impl ExportError {
-    fn write(path: &Path) -> impl Fn(&dyn std::fmt::Display) -> Self {
-        move |reason| Self::Write { path: path.to_owned(), reason: reason.to_string() }
+    fn write(path: &Path) -> impl Fn(&dyn std::fmt::Display) -> Self + use<> {
+        let path = path.to_owned();
+        move |reason| Self::Write { path: path.clone(), reason: reason.to_string() }
     }
 }
 
