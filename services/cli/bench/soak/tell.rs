@@ -47,7 +47,7 @@ pub(super) struct Totals {
     left_out: BTreeMap<&'static str, u64>,
     restarts: BTreeMap<String, u64>,
     messages: Messages,
-    /// Lost by a recorder that was dead; there is no other cause that is allowed.
+    /// Losses over the deaths of the recorder: no other cause is allowed, and a recorder that falls behind shows here too.
     lost_per_death_of_recorder: f64,
     deadlines_missed: u64,
     deadlines_by_cause: BTreeMap<String, u64>,
@@ -210,7 +210,7 @@ impl Soak {
         let Messages { sent, taken_in, refused, fenced, lost, kept } = all.messages;
         say!("messages   {sent} sent, {taken_in} taken in by the recorder, {kept} read back from its files");
         say!(
-            "           {refused} refused for a number that is not finite, {fenced} of a dead incarnation; {lost} lost while the recorder was dead ({:.0} each time)",
+            "           {refused} refused for a number that is not finite, {fenced} of a dead incarnation; {lost} lost, sent while the recorder was away or too far behind ({:.0} for each of its deaths)",
             all.lost_per_death_of_recorder
         );
         say!("deadlines  {} missed of {}", all.deadlines_missed, all.ticks);
