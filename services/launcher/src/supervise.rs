@@ -12,7 +12,7 @@ use runtime::{
     TopicError, now_ns,
 };
 use rustix::event::{PollFd, PollFlags, poll};
-use rustix::process::{Signal, getpriority_process, setpriority_process};
+use rustix::process::Signal;
 use rustix::time::Timespec;
 use shared_types::fault::{Fault, Kind, Strike, Way};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -723,31 +723,28 @@ impl Launcher {
     }
 }
 
-/// In real time whoever mends a death comes before ordinary work: the launcher, a process until it has its own scheduling class, and the
-/// recorder, which has none and must not fall behind by more than its buffers hold. Children inherit it.
+/// In real time whoever mends a death comes before ordinary work: the launcher, and a process until it has a priority of its own. Children
+/// inherit it.
 struct Urgency {
-    before: Option<i32>,
+    is_raised: bool,
 }
 
 impl Urgency {
-    const NICE: i32 = -10;
+    /// Below every process of the graph that has a priority.
+    const PRIORITY: u8 = 5;
 
     /// For this thread, where the machine allows.
     fn begin() -> Self {
-        let set = || {
-            let before = getpriority_process(None)?;
-            setpriority_process(None, before.min(Self::NICE)).map(|()| before)
-        };
-        let before = set().inspect_err(|errno| tracing::info!("the launcher runs without a nice value of {}: {errno}", Self::NICE)).ok();
-        Self { before }
+        let raised = runtime::realtime::rise(Self::PRIORITY);
+        let is_raised = raised.inspect_err(|missing| tracing::info!("the launcher runs without {missing}")).is_ok();
+        Self { is_raised }
     }
 }
 
 impl Drop for Urgency {
     fn drop(&mut self) {
-        if let Some(before) = self.before {
-            // It was allowed the other way.
-            let _ = setpriority_process(None, before);
+        if self.is_raised {
+            runtime::realtime::stand_back();
         }
     }
 }

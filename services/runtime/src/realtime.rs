@@ -60,14 +60,30 @@ pub fn enter(priority: Option<u8>) -> Vec<Missing> {
         missing.push(Missing::LockedMemory { reason: errno.to_string() });
     }
     touch_stack();
-    if let Some(priority) = priority {
-        let parameters = libc::sched_param { sched_priority: i32::from(priority) };
-        // SAFETY: a plain system call on this thread with a valid structure.
-        if unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) } != 0 {
-            missing.push(Missing::Fifo { priority, reason: std::io::Error::last_os_error().to_string() });
-        }
-    }
+    missing.extend(priority.and_then(|priority| rise(priority).err()));
     missing
+}
+
+/// Takes a `SCHED_FIFO` priority for this thread, and for whoever it starts from now on.
+///
+/// # Errors
+/// When this process may not.
+pub fn rise(priority: u8) -> Result<(), Missing> {
+    schedule(libc::SCHED_FIFO, priority).map_err(|error| Missing::Fifo { priority, reason: error.to_string() })
+}
+
+/// Back to ordinary scheduling, which is always allowed.
+pub fn stand_back() {
+    let _ = schedule(libc::SCHED_OTHER, 0);
+}
+
+fn schedule(policy: i32, priority: u8) -> std::io::Result<()> {
+    let parameters = libc::sched_param { sched_priority: i32::from(priority) };
+    // SAFETY: a plain system call on this thread with a valid structure.
+    match unsafe { libc::sched_setscheduler(0, policy, &raw const parameters) } {
+        0 => Ok(()),
+        _ => Err(std::io::Error::last_os_error()),
+    }
 }
 
 #[inline(never)]
