@@ -479,6 +479,7 @@ fn picture(cells: &[Cell]) -> Page {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use shared_types::codes::DRIVE_HOLDING;
 
     fn state(tick: u64, q: f64, drive: u32) -> PlantState {
         let mut state = PlantState { drive, ..PlantState::default() };

@@ -224,7 +224,7 @@ mod tests {
             );
         };
         caught("not finite", &|state, _| state.qdot[3] = f64::NAN);
-        caught("torque 1.", &|state, _| state.tau[0] = -200.0);
+        caught("torque 2.", &|state, _| state.tau[0] = -200.0);
         caught("torque step of", &|state, _| state.tau[5] = 20.0);
         caught("speed", &|state, _| state.qdot[1] = 50.0);
         caught("ticks old", &|_, sample| (sample.drive, sample.stale_ticks) = (DRIVE_HOLDING, 4));

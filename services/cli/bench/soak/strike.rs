@@ -40,7 +40,7 @@ pub(super) struct Fallen {
 
 /// What is to be done next.
 enum Todo {
-    Strike(Blow),
+    Strike(Box<Blow>),
     Continue(OwnedFd),
     KillAgain(usize),
     /// The round has lasted long enough.
@@ -74,7 +74,7 @@ impl Striker<'_> {
             agenda.insert((at, count), todo);
         };
         for blow in blows {
-            plan(&mut agenda, began + Duration::from_secs_f64(blow.at_s), Todo::Strike(blow));
+            plan(&mut agenda, began + Duration::from_secs_f64(blow.at_s), Todo::Strike(Box::new(blow)));
         }
         plan(&mut agenda, began + Duration::from_secs_f64(most_s), Todo::Stop);
         while let Some(((at, _), todo)) = agenda.pop_first() {
@@ -89,7 +89,7 @@ impl Striker<'_> {
                     if let Some((after, todo)) = next {
                         plan(&mut agenda, Instant::now() + after, todo);
                     }
-                    fallen.push(Fallen { blow, at_ns, tick, done });
+                    fallen.push(Fallen { blow: *blow, at_ns, tick, done });
                 }
                 Todo::Continue(process) => drop(pidfd_send_signal(process, Posix::CONT)),
                 Todo::KillAgain(index) => drop(self.send(index, Posix::KILL)),
