@@ -143,6 +143,8 @@ pub(super) struct Dealer {
     rate_hz: f64,
     deck: VecDeque<Act>,
     fatal: VecDeque<Act>,
+    /// What waits for the end of a round.
+    full: VecDeque<Act>,
 }
 
 impl Dealer {
@@ -154,6 +156,7 @@ impl Dealer {
             rate_hz: f64::from(rate_hz),
             deck: VecDeque::new(),
             fatal: VecDeque::new(),
+            full: VecDeque::new(),
         }
     }
 
@@ -162,23 +165,24 @@ impl Dealer {
         let calm = |s: f64| s.min(0.25 * seconds);
         let (from, to) = (calm(CALM_BEFORE_S), seconds - calm(CALM_AFTER_S));
         let is_disk = |act: &Act| matches!(act, Act::Fault(fault) if fault.kind == Kind::DiskFull);
-        let (mut blows, mut at_s, mut later) = (Vec::new(), from, VecDeque::new());
+        let (mut blows, mut at_s) = (Vec::new(), from);
         loop {
             at_s -= MEAN_GAP_S * (1.0 - self.dice.unit()).ln();
             if at_s >= to {
                 break;
             }
-            let Some(act) = self.next_act() else { break };
+            let is_late = at_s >= to - FULL_S;
+            let waiting = if is_late { self.full.pop_front() } else { None };
+            let Some(act) = waiting.or_else(|| self.next_act()) else { break };
             if act.ends_world() {
                 self.fatal.push_back(act);
-            } else if is_disk(&act) && at_s < to - FULL_S {
-                later.push_back(act);
+            } else if is_disk(&act) && !is_late {
+                self.full.push_back(act);
             } else {
                 let act = self.detailed(act);
                 blows.push(Blow { at_s, act, is_fatal: false });
             }
         }
-        later.into_iter().for_each(|act| self.deck.push_front(act));
         if self.dice.below(FATAL_ONE_IN) == 0 {
             self.end(&mut blows, to + 0.2 * (seconds - to));
         }
