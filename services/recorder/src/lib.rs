@@ -31,8 +31,14 @@ pub const SUMMARY: &str = "summary.json";
 /// Name of the folder with the messages in the results folder.
 pub const MESSAGES: &str = "messages";
 
-/// Pause between two rounds; the buffers hold a second. Waking costs more than what there is to do for a tick in real time, so not every tick.
-const POLL: Duration = Duration::from_millis(2);
+/// Pause between two rounds. To wake up costs more than a tick's messages do, so it takes several at a time: in lockstep, where everybody runs at
+/// full speed, so that nobody has to wait; in real time far fewer than the buffers hold.
+const fn pause(mode: Mode) -> Duration {
+    match mode {
+        Mode::Lockstep => Duration::from_millis(2),
+        Mode::Realtime => Duration::from_millis(10),
+    }
+}
 
 /// Ticks for which an incomplete row waits for its missing messages.
 const PATIENCE: usize = 256;
@@ -97,7 +103,7 @@ fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Pat
         (judge, witness) = (past.judge, Witness::resume(past.told));
     }
     let mut topics = Topics::open(shell, job.messages.then_some(folder.as_path()), &progress, &mut assembler)?;
-    while shell.poll(POLL)? {
+    while shell.poll(pause(shell.mode()))? {
         topics.drain(&mut assembler)?;
         while let Some(row) = assembler.pop(shell.ticks_begun(), false) {
             take(&row, &mut judge, &mut tape);
