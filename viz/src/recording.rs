@@ -149,10 +149,15 @@ pub fn part_name(part: u32) -> String {
     if part == 0 { "run.rrd".to_owned() } else { format!("run-{part:03}.rrd") }
 }
 
-/// The parts of a recording that a folder holds, in order.
+/// Less than the head of a file and its first message.
+const BLANK: u64 = 64;
+
+/// The parts of a recording that a folder holds, in order; without one that whoever began it did not live to write anything into.
 #[must_use]
 pub fn parts_in(folder: &Path) -> Vec<PathBuf> {
-    (0..).map(|part| folder.join(part_name(part))).take_while(|path| path.exists()).collect()
+    let parts =
+        (0..).map(|part| folder.join(part_name(part))).map_while(|path| std::fs::metadata(&path).ok().map(|file| (path, file.len())));
+    parts.filter(|(_, bytes)| *bytes >= BLANK).map(|(path, _)| path).collect()
 }
 
 /// Writers of the five messages.

@@ -333,12 +333,17 @@ fn a_recorder_that_takes_up_writes_the_next_part_of_the_same_recording() {
 fn parts_are_found_by_name() {
     let folder = std::env::temp_dir().join(format!("armplane-parts-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
+    let write = |part: u32, bytes: usize| std::fs::write(folder.join(part_name(part)), vec![0; bytes]).expect("a file");
     for part in [0, 1, 3] {
-        std::fs::write(folder.join(part_name(part)), []).expect("a file");
+        write(part, 100);
     }
     let found = parts_in(&folder);
+    // A recorder that was killed before it wrote anything: the next one takes the place.
+    write(1, 0);
+    let without = parts_in(&folder);
     std::fs::remove_dir_all(&folder).expect("ours");
     assert_eq!(found, ["run.rrd", "run-001.rrd"].map(|name| folder.join(name)), "up to the first gap");
+    assert_eq!(without, [folder.join("run.rrd")]);
 }
 
 #[test]
