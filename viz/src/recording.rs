@@ -149,15 +149,19 @@ pub fn part_name(part: u32) -> String {
     if part == 0 { "run.rrd".to_owned() } else { format!("run-{part:03}.rrd") }
 }
 
-/// Less than the head of a file and its first message.
-const BLANK: u64 = 64;
-
 /// The parts of a recording that a folder holds, in order; without one that whoever began it did not live to write anything into.
 #[must_use]
 pub fn parts_in(folder: &Path) -> Vec<PathBuf> {
-    let parts =
-        (0..).map(|part| folder.join(part_name(part))).map_while(|path| std::fs::metadata(&path).ok().map(|file| (path, file.len())));
-    parts.filter(|(_, bytes)| *bytes >= BLANK).map(|(path, _)| path).collect()
+    let parts = (0..).map(|part| folder.join(part_name(part))).take_while(|path| path.exists());
+    parts.filter(|path| !is_blank(path)).collect()
+}
+
+/// Whether a file is empty, or no more than the head of a recording.
+fn is_blank(path: &Path) -> bool {
+    const HEAD: usize = 64;
+    let mut head = Vec::new();
+    let read = File::open(path).and_then(|file| std::io::Read::read_to_end(&mut std::io::Read::take(file, HEAD as u64), &mut head));
+    read.is_ok() && head.len() < HEAD && (head.is_empty() || head.starts_with(b"RRF"))
 }
 
 /// Writers of the five messages.
