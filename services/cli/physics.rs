@@ -157,6 +157,11 @@ impl Motion {
         self.last.is_some_and(|state| state.drive == DRIVE_BRAKED || state.qdot.iter().all(|speed| speed.abs() < REST))
     }
 
+    /// A drive fails at the end, or has only just failed: then the arm is where it carries it.
+    pub(crate) fn ends_with_a_failed_drive(&self) -> bool {
+        self.last.is_some_and(|state| self.promise.excuses_speed(state.header.tick))
+    }
+
     /// The promises that were not kept, in words.
     pub(crate) fn broken(&self) -> Vec<String> {
         let mut broken = Vec::new();

@@ -100,10 +100,11 @@ pub(super) fn broken(seen: &Evidence) -> Vec<String> {
 /// It ends at its goal or at rest, or as a fatal blow or a spent budget makes it end, with a sentence that names who died.
 fn end(seen: &Evidence) -> Option<String> {
     let is_spent = |failure: &Failure| matches!(failure, Failure::Died { restarts: 1.., .. });
+    // The record of how it ended goes with the volume; and an arm is where a drive that has just failed carries it.
+    let is_well = seen.goal_reached || seen.full_at.is_some() || seen.motion.is_at_rest() || seen.motion.ends_with_a_failed_drive();
     match &seen.end {
         End::Interrupted { .. } => None,
-        // The record of how it ended went with the volume.
-        End::Completed if seen.goal_reached || seen.full_at.is_some() || seen.motion.is_at_rest() => match &seen.fatal {
+        End::Completed if is_well => match &seen.fatal {
             Some((who, true)) if who == WORLD => Some("the end of the plant did not end the run".to_owned()),
             _ => None,
         },

@@ -242,9 +242,10 @@ impl Seen {
         let recorder_counts = self.outcome.processes.iter().find(|process| process.name == "recorder").map(|one| one.counts);
         let (refused, fenced) = recorder_counts.map_or((0, 0), |counts| (counts.refused, counts.fenced));
         let sent = self.outcome.processes.iter().map(|process| process.counts.sent).sum::<u64>();
-        let taken_in = self.summary.recorder.messages;
-        let messages =
-            Messages { sent, taken_in, refused, fenced, lost: sent.saturating_sub(taken_in + refused + fenced), kept: kept.iter().sum() };
+        let in_files: u64 = kept.iter().sum();
+        // A recorder that is dead at the end leaves no account, but it leaves its files.
+        let taken_in = if self.summary.recorder.messages == 0 { in_files } else { self.summary.recorder.messages };
+        let messages = Messages { sent, taken_in, refused, fenced, lost: sent.saturating_sub(taken_in + refused + fenced), kept: in_files };
         // As `drill` sees it: what it went through on its way is not the goal.
         let (task, goal) = (&self.summary.task, &job.scenario.goal);
         let is_there = task.final_position_mm <= goal.position_mm && task.final_orientation_deg <= goal.orientation_deg;
