@@ -11,9 +11,12 @@ use std::process::ExitCode;
 
 use clap::ValueEnum;
 use hdrhistogram::Histogram;
+use model::Robot;
 use runtime::realtime::allowed_cores;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
+use shared_types::job::{Job, Mode};
+use shared_types::scenario::Scenario;
 
 use super::failure::Failure;
 use super::out::say;
@@ -216,6 +219,27 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
         Some((false, None)) => Ok(ExitCode::from(1)),
         _ => Ok(ExitCode::SUCCESS),
     }
+}
+
+/// A folder for the files of a run that is only measured; they go with it.
+fn scratch() -> Result<tempfile::TempDir, Failure> {
+    let folder = tempfile::Builder::new().prefix("armplane-bench-").tempdir();
+    folder.map_err(|error| Failure::Work(format!("cannot make a temporary folder: {error}")))
+}
+
+/// A run of the usual graph with everything recorded.
+fn job(robot: &Robot, scenario: Scenario, mode: Mode, out: &Path) -> Result<Job, Failure> {
+    Ok(Job {
+        run: String::new(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        mode,
+        out: out.to_owned(),
+        record: true,
+        messages: true,
+        robot: load::robot_text(robot),
+        graph: load::graph(None)?,
+        scenario,
+    })
 }
 
 /// The folder for what is saved, made before anything is measured.

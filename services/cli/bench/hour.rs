@@ -5,13 +5,13 @@ use std::collections::BTreeMap;
 use launcher::{End, Event};
 use model::Robot;
 use serde::Serialize;
-use shared_types::job::{Job, Mode};
+use shared_types::job::Mode;
 use shared_types::scenario::Scenario;
 
 use super::super::failure::Failure;
 use super::super::out::say;
+use super::super::run;
 use super::super::table::{digits, number, table};
-use super::super::{load, run};
 use super::realtime::prolonged;
 
 /// Memory is looked at so often; s of the arm's time.
@@ -46,19 +46,8 @@ pub(super) struct Hour {
 }
 
 pub(super) fn hour(robot: &Robot, scenario: &Scenario, seconds: u64) -> Result<Hour, Failure> {
-    let folder = tempfile::Builder::new().prefix("armplane-bench-").tempdir();
-    let folder = folder.map_err(|error| Failure::Work(format!("cannot make a temporary folder: {error}")))?;
-    let job = Job {
-        run: String::new(),
-        version: env!("CARGO_PKG_VERSION").to_owned(),
-        mode: Mode::Lockstep,
-        out: folder.path().to_owned(),
-        record: true,
-        messages: true,
-        robot: load::robot_text(robot),
-        graph: load::graph(None)?,
-        scenario: prolonged(scenario, scenario.rate_hz, seconds),
-    };
+    let folder = super::scratch()?;
+    let job = super::job(robot, prolonged(scenario, scenario.rate_hz, seconds), Mode::Lockstep, folder.path())?;
     let rate_hz = f64::from(job.scenario.rate_hz);
     let bar = run::progress_bar((job.scenario.duration_s() * rate_hz).round() as u64, &job);
     let mut memory: Vec<Look> = Vec::new();

@@ -7,12 +7,12 @@ use model::{Model, Robot};
 use nalgebra::SVector;
 use recorder::{Judge, Row, Tick};
 use runtime::{Keep, KeepError, now_ns};
-use shared_types::job::{Job, Mode};
+use shared_types::job::Mode;
 use shared_types::scenario::Scenario;
 use shared_types::{PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
 
 use super::super::failure::Failure;
-use super::super::{load, run};
+use super::super::run;
 use super::{Distribution, Row as BenchRow, histogram};
 
 /// What the recorder did with a whole scenario.
@@ -140,19 +140,8 @@ pub(super) fn steps(robot: &Robot, scenario: &Scenario, which: &str) -> Result<V
 
 /// What the recorder does with each tick, step by step; and a run in its own process.
 pub(super) fn record(robot: &Robot, scenario: &Scenario) -> Result<(Vec<BenchRow>, Recorded), Failure> {
-    let folder = tempfile::Builder::new().prefix("armplane-bench-").tempdir();
-    let folder = folder.map_err(|error| Failure::Work(format!("cannot make a temporary folder: {error}")))?;
-    let job = Job {
-        run: String::new(),
-        version: env!("CARGO_PKG_VERSION").to_owned(),
-        mode: Mode::Lockstep,
-        out: folder.path().to_owned(),
-        record: true,
-        messages: true,
-        robot: load::robot_text(robot),
-        graph: load::graph(None)?,
-        scenario: scenario.clone(),
-    };
+    let folder = super::scratch()?;
+    let job = super::job(robot, scenario.clone(), Mode::Lockstep, folder.path())?;
     let mut tape = recorder::Tape::<N>::start(robot, &job, 1).map_err(Failure::work)?;
     let mut judge = Judge::new(recorder::limits(robot), scenario.goal.clone(), scenario.duration_s() * f64::from(scenario.rate_hz));
     let parts = folder.path().join("parts");

@@ -5,15 +5,15 @@ use std::collections::BTreeMap;
 use launcher::End;
 use model::Robot;
 use serde_json::{Value, json};
-use shared_types::job::{Job, Mode};
+use shared_types::job::Mode;
 use shared_types::scenario::{Scenario, Segment, Turn};
 use shared_types::summary::{Deadlines, Latency, RecorderSummary};
 
 use super::super::failure::Failure;
 use super::super::hogs::Hogs;
 use super::super::out::say;
+use super::super::run;
 use super::super::table::{digits, number, table};
-use super::super::{load, run};
 
 /// What one rate gave.
 pub(super) struct Ran {
@@ -44,19 +44,8 @@ pub(super) fn prolonged(scenario: &Scenario, rate_hz: u32, seconds: u64) -> Scen
 
 pub(super) fn graph(robot: &Robot, scenario: &Scenario, rate_hz: u32, seconds: u64, loaded: bool) -> Result<Ran, Failure> {
     let scenario = prolonged(scenario, rate_hz, seconds);
-    let folder = tempfile::Builder::new().prefix("armplane-bench-").tempdir();
-    let folder = folder.map_err(|error| Failure::Work(format!("cannot make a temporary folder: {error}")))?;
-    let job = Job {
-        run: String::new(),
-        version: env!("CARGO_PKG_VERSION").to_owned(),
-        mode: Mode::Realtime,
-        out: folder.path().to_owned(),
-        record: true,
-        messages: true,
-        robot: load::robot_text(robot),
-        graph: load::graph(None)?,
-        scenario,
-    };
+    let folder = super::scratch()?;
+    let job = super::job(robot, scenario, Mode::Realtime, folder.path())?;
     let ticks = (job.scenario.duration_s() * f64::from(rate_hz)).round() as u64;
     let hogs = loaded.then(Hogs::start);
     let (outcome, account) = run::launch(&job, run::plan(&job)?, ticks)?;

@@ -104,7 +104,7 @@ impl<M: Message> Memory<M> {
         let made = self.count_made().load(Ordering::Acquire);
         // SAFETY: slots of the mapping, every bit pattern is a valid message, and the writer of these two is dead or the caller.
         let last_made = (made.saturating_sub(2)..made).map(|number| unsafe { self.slot_made(number).read() });
-        let delivered = self.count_delivered().load(Ordering::Acquire).checked_sub(1).and_then(|newest| self.delivered(newest));
+        let delivered = self.delivered_so_far().checked_sub(1).and_then(|newest| self.delivered(newest));
         last_made.chain(delivered).filter(|message| message.header().tick < tick).max_by_key(|message| message.header().tick)
     }
 

@@ -18,7 +18,7 @@ use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEs
 
 use super::super::super::failure::Failure;
 use super::super::super::physics::{Motion, Promise, SPEED_MARGIN_AT_FULL_TORQUE};
-use super::super::super::{load, run};
+use super::super::super::run;
 use super::draw::{Act, Blow, Signal};
 use super::judge::{Death, Ended, Evidence, Files, Messages, broken};
 use super::strike::{Done, Fallen, Striker, state_and_parent};
@@ -142,17 +142,7 @@ pub(super) struct Setting<'a> {
 
 impl Setting<'_> {
     fn job(&self, out: &Path, seed: u64) -> Result<Job, Failure> {
-        Ok(Job {
-            run: String::new(),
-            version: env!("CARGO_PKG_VERSION").to_owned(),
-            mode: Mode::Realtime,
-            out: out.to_owned(),
-            record: true,
-            messages: true,
-            robot: load::robot_text(self.robot),
-            graph: load::graph(None)?,
-            scenario: Scenario { seed, fault: Vec::new(), ..self.scenario.clone() },
-        })
+        super::super::job(self.robot, Scenario { seed, fault: Vec::new(), ..self.scenario.clone() }, Mode::Realtime, out)
     }
 
     /// Runs and judges a round; its files stay in `out`.
