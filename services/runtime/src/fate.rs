@@ -331,7 +331,9 @@ impl Shared {
                 let struck = self.board.ledger().account(*place).is_some_and(|account| account.struck_ns != 0);
                 return strike.at <= tick && !(struck && line.state() == State::Running);
             }
-            strike.until <= tick && line.state() != State::Running && !self.manifest.processes[process].makes_ticks
+            // Who is busy still may not have fallen yet: back is who has these ticks behind it.
+            let is_back = line.state() == State::Running && line.ticks() >= strike.until;
+            strike.until <= tick && !is_back && !self.manifest.processes[process].makes_ticks
         };
         fates.strikes().iter().find(|strike| late(strike)).map(|(_, strike)| strike.process as usize)
     }

@@ -8,7 +8,7 @@ use shared_types::{PlantState, SensorSample, StateEstimate};
 use crate::topics::{TopicError, join, subscriber};
 use crate::{
     Board, CHAIN_DEPTH, Count, Hub, Interrupted, Manifest, Mode, Origin, Phase, Process, ProcessError, RECORDER_DEPTH, RunDir, SendError,
-    Shell, Stop, now_ns,
+    Shell, State, Stop, now_ns,
 };
 
 /// A run without a launcher: its phases are through, so that shells of one thread need not wait for each other.
@@ -215,6 +215,25 @@ fn in_lockstep_the_source_waits_for_the_recorder() {
     assert!(recorder.poll(Duration::ZERO).unwrap());
     assert_eq!(pace.next().unwrap(), Some(sent));
     assert_eq!(drain.lost(), 0);
+}
+
+#[test]
+fn in_lockstep_the_source_waits_at_the_end_of_a_death_for_who_has_not_died_yet() {
+    let stage = stage(Mode::Lockstep);
+    let (plant, line) = (stage.shell("plant"), stage.board.line(1));
+    let death = Fault { at_tick: Some(1), for_ticks: Some(2), ..Fault::new("estimator", Kind::Kill) }.strike(1, 1000, 0).unwrap();
+    stage.board.ledger().enter(&death, Origin::Planned).unwrap();
+    // It is through with tick 0 and nobody has given it a core since.
+    line.set_state(State::Running);
+    line.set_ticks(1);
+    let mut pace = plant.pace(0);
+    for tick in 0..3 {
+        assert_eq!(pace.next().unwrap(), Some(tick), "nobody waits for the dead");
+    }
+    let error = pace.next().unwrap_err().to_string();
+    assert!(error.contains("its turn to begin tick 3") && error.contains("is estimator alive?"), "{error}");
+    line.set_ticks(3);
+    assert_eq!(pace.next().unwrap(), Some(3));
 }
 
 #[test]
