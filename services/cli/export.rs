@@ -161,6 +161,10 @@ fn write(parts: &[PathBuf], mut format: Box<dyn Format>) -> Result<Vec<PathBuf>,
             }
             (Piece::Event { tick, level, text }, _) => event(tick, "log", level, text),
             (Piece::State { tick, lane, state }, _) => event(tick, "state", lane, state),
+            (Piece::Damaged(damage), _) => {
+                bar.suspend(|| eprintln!("{damage}"));
+                Ok(())
+            }
             _ => Ok(()),
         }
     })?;

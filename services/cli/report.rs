@@ -153,6 +153,7 @@ impl Recorded {
                 }
                 Piece::Event { tick, level, text } => recorded.log.push((tick, level, text)),
                 Piece::State { tick, lane, state } => recorded.states.push((tick, lane, state)),
+                Piece::Damaged(damage) => eprintln!("{damage}"),
             }
             Ok::<(), ReadError>(())
         })?;

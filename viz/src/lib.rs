@@ -28,6 +28,7 @@ mod ability;
 mod arm;
 mod blueprint;
 mod entity;
+mod frames;
 mod read;
 mod recording;
 mod scene;
@@ -38,7 +39,7 @@ mod story;
 #[cfg(test)]
 mod synthetic;
 
-pub use read::{About, Piece, ReadError, Rows, read};
+pub use read::{About, Damage, Piece, ReadError, Rows, read};
 pub use recording::{Level, Options, Recording, RunInfo, Written, part_name, parts_in, save_blueprint};
 pub use signals::{HOP_NAMES, Signal, TickRow};
 pub use sink::{FileInfo, RecordError, Storage};

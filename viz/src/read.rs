@@ -1,17 +1,14 @@
 //! A recording read back: its numbers row by row, its events and states, from the files themselves.
 
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use re_chunk::Chunk;
 use re_chunk::external::arrow::array::{Array, AsArray, ListArray};
 use re_chunk::external::arrow::datatypes::{Float32Type, Float64Type};
-use re_log_encoding::DecoderApp;
-use re_log_types::{LogMsg, StoreKind};
 
 use crate::entity;
+use crate::frames::Frames;
 use crate::signals::{Signal, Width};
 
 /// Why a recording cannot be read back.
@@ -79,6 +76,23 @@ pub enum Piece<'a> {
         /// Its new state.
         state: String,
     },
+    /// The rest of a file cannot be read; the next file follows.
+    Damaged(Damage<'a>),
+}
+
+/// Where a file stops making sense. What a killed recorder leaves does not: it just ends.
+#[derive(Debug)]
+pub struct Damage<'a> {
+    path: &'a Path,
+    bytes: u64,
+    reason: String,
+}
+
+impl std::fmt::Display for Damage<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { path, bytes, reason } = self;
+        write!(f, "{} is damaged before its byte {bytes} ({reason}); what follows there is left out", path.display())
+    }
 }
 
 /// Some successive ticks' numbers.
@@ -125,23 +139,19 @@ pub fn read<E: From<ReadError>>(parts: &[PathBuf], mut each: impl FnMut(Piece) -
 }
 
 fn read_part<E: From<ReadError>>(path: &Path, about: &mut About, each: &mut impl FnMut(Piece) -> Result<(), E>) -> Result<(), E> {
-    let file = File::open(path).map_err(|source| ReadError::Open { path: path.to_owned(), source })?;
-    let not_ours = |reason: String| ReadError::NotARecording { path: path.to_owned(), reason };
-    let mut introduced = false;
-    let mut any = false;
-    for message in DecoderApp::decode_lazy(BufReader::new(file)) {
-        let message = match message {
-            Ok(message) => message,
-            // What a killed recorder leaves.
-            Err(_) if any => break,
-            Err(error) => return Err(not_ours(error.to_string()).into()),
+    let mut frames = Frames::open(path).map_err(|source| ReadError::Open { path: path.to_owned(), source })?;
+    let (mut introduced, mut any) = (false, false);
+    loop {
+        let chunk = match frames.next_chunk() {
+            Ok(Some(chunk)) => chunk,
+            Ok(None) => break,
+            Err(reason) if any => {
+                each(Piece::Damaged(Damage { path, bytes: frames.place(), reason }))?;
+                break;
+            }
+            Err(reason) => return Err(ReadError::NotARecording { path: path.to_owned(), reason }.into()),
         };
         any = true;
-        let LogMsg::ArrowMsg(store, arrow) = message else { continue };
-        if store.kind() != StoreKind::Recording {
-            continue;
-        }
-        let chunk = Chunk::from_arrow_msg(&arrow).map_err(|error| not_ours(error.to_string()))?;
         let at = chunk.entity_path().to_string();
         if chunk.is_static() {
             learn(&chunk, &at, about);
@@ -165,7 +175,7 @@ fn read_part<E: From<ReadError>>(path: &Path, about: &mut About, each: &mut impl
         }
     }
     if !any {
-        return Err(not_ours("it is empty".to_owned()).into());
+        return Err(ReadError::NotARecording { path: path.to_owned(), reason: "it is empty".to_owned() }.into());
     }
     Ok(())
 }

@@ -1,13 +1,14 @@
 //! Messages kept in files: every message of a topic as it was on the wire, packed, so that a run can be compared, replayed or read by others.
 //!
 //! ```text
-//! file     "armkept\x01" · layout hash u64 · bytes of a message u32 · 0 u32 · blocks
-//! block    messages n u32 · bytes of the packed rest u32 · LZ4 block of n columns-first deltas
+//! file     "armkept\x02" · layout hash u64 · bytes of a message u32 · 0 u32 · blocks
+//! block    messages n u32 · bytes of the rest u32 · LZ4 block of: which planes there are · planes
 //! ```
 //!
 //! All integers little-endian. Inside a block a message is a row of 64-bit words, each word minus the one above it (the first row minus
-//! nothing), zig-zagged so that small changes of either sign are small numbers; then all lowest bytes of the first word come first, then
-//! its second bytes, …, so that what hardly changes becomes zeros in a row. Blocks do not depend on each other: what a killed writer
+//! nothing), zig-zagged so that small changes of either sign are small numbers. A plane is one byte of one word of all messages: of the first
+//! word the lowest bytes, its second bytes, … then those of the second word. Planes of zeros, most of them, are left out: before the planes
+//! there is a byte for each word whose bits say which of its eight planes follow. Blocks do not depend on each other: what a killed writer
 //! leaves is readable up to its last whole block.
 
 use std::fs::{File, OpenOptions};
@@ -15,12 +16,15 @@ use std::io::{BufReader, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
 
+use lz4_flex::block::{CompressTable, compress_into_with_table, decompress_into, get_maximum_output_size};
 use shared_types::Message;
 
-const MAGIC: [u8; 8] = *b"armkept\x01";
+const MAGIC: [u8; 8] = *b"armkept\x02";
 const HEAD: usize = 24;
-/// Messages in a block: at 1 kHz a killed writer loses less than this many milliseconds.
-const BLOCK: usize = 64;
+/// Messages in a block: what a killed writer takes with it. Its replacement finds them in the ring of [`crate::Drain::recall`], which is far larger.
+const BLOCK: usize = 256;
+/// Numbers of a block before its messages.
+const BLOCK_HEAD: usize = 8;
 
 /// Why kept messages cannot be written or read.
 #[derive(Debug, thiserror::Error)]
@@ -75,48 +79,77 @@ fn head<M: Message>() -> [u8; HEAD] {
     head
 }
 
-/// Packs messages; both buffers are the caller's, so that nothing is allocated per block.
-fn pack<M: Message>(messages: &[M], planes: &mut Vec<u8>, packed: &mut Vec<u8>) -> usize {
-    const { assert!(size_of::<M>().is_multiple_of(8), "messages are rows of 64-bit words") };
-    let (n, words) = (messages.len(), size_of::<M>() / 8);
-    planes.clear();
-    planes.resize(n * size_of::<M>(), 0);
-    let rows: &[u64] = bytemuck::cast_slice(messages);
-    for word in 0..words {
-        let mut above = 0_u64;
-        for row in 0..n {
-            let value = rows[row * words + word];
-            let delta = value.wrapping_sub(above).cast_signed();
-            let folded = (delta << 1) ^ (delta >> 63);
-            for (byte, part) in folded.to_le_bytes().into_iter().enumerate() {
-                planes[(word * 8 + byte) * n + row] = part;
-            }
-            above = value;
-        }
-    }
-    packed.resize(lz4_flex::block::get_maximum_output_size(planes.len()), 0);
-    // The buffer holds the worst case.
-    lz4_flex::block::compress_into(planes, packed).unwrap_or(0)
+/// Packs messages into blocks; its buffers are kept, so that nothing is allocated per block.
+struct Packer {
+    planes: Vec<u8>,
+    /// The block, as it is written.
+    packed: Vec<u8>,
+    table: CompressTable,
 }
 
-/// The inverse of [`pack`], onto the end of `messages`.
+impl Packer {
+    fn new() -> Self {
+        Self { planes: Vec::new(), packed: Vec::new(), table: CompressTable::large() }
+    }
+
+    /// A block of at most [`BLOCK`] messages.
+    fn pack<M: Message>(&mut self, messages: &[M]) -> &[u8] {
+        const { assert!(size_of::<M>().is_multiple_of(8), "messages are rows of 64-bit words") };
+        let (n, words) = (messages.len().min(BLOCK), size_of::<M>() / 8);
+        let Self { planes, packed, table } = self;
+        planes.clear();
+        planes.resize(words, 0);
+        let rows: &[u64] = bytemuck::cast_slice(messages);
+        let mut folded = [0_u64; BLOCK];
+        for word in 0..words {
+            let (mut above, mut any) = (0_u64, 0);
+            for (fold, row) in folded.iter_mut().zip(rows.chunks_exact(words)) {
+                let delta = row[word].wrapping_sub(above).cast_signed();
+                *fold = ((delta << 1) ^ (delta >> 63)).cast_unsigned();
+                any |= *fold;
+                above = row[word];
+            }
+            for (byte, part) in any.to_le_bytes().into_iter().enumerate() {
+                if part != 0 {
+                    planes[word] |= 1 << byte;
+                    planes.extend(folded[..n].iter().map(|fold| (fold >> (8 * byte)) as u8));
+                }
+            }
+        }
+        packed.resize(BLOCK_HEAD + get_maximum_output_size(planes.len()), 0);
+        // The buffer holds the worst case.
+        let size = compress_into_with_table(planes, &mut packed[BLOCK_HEAD..], table).unwrap_or(0);
+        packed[..4].copy_from_slice(&(n as u32).to_le_bytes());
+        packed[4..BLOCK_HEAD].copy_from_slice(&(size as u32).to_le_bytes());
+        &packed[..BLOCK_HEAD + size]
+    }
+}
+
+/// The inverse of [`Packer::pack`], of what follows a block's head, onto the end of `messages`.
 fn unpack<M: Message>(n: usize, packed: &[u8], messages: &mut Vec<M>) -> Result<(), String> {
     let words = size_of::<M>() / 8;
-    let mut planes = vec![0; n * size_of::<M>()];
-    match lz4_flex::block::decompress_into(packed, &mut planes) {
-        Ok(size) if size == planes.len() => {}
-        Ok(size) => return Err(format!("a block of {n} messages unpacks to {size} bytes")),
-        Err(error) => return Err(error.to_string()),
+    let mut unpacked = vec![0; words + n * size_of::<M>()];
+    let size = decompress_into(packed, &mut unpacked).map_err(|error| error.to_string())?;
+    let (present, planes) = unpacked.split_at(words);
+    let expected = words + n * present.iter().map(|byte| byte.count_ones() as usize).sum::<usize>();
+    if size != expected {
+        return Err(format!("a block of {n} messages unpacks to {size} bytes and not to {expected}"));
     }
     let begin = messages.len();
     messages.resize(begin + n, M::zeroed());
     let rows: &mut [u64] = bytemuck::cast_slice_mut(&mut messages[begin..]);
-    for word in 0..words {
+    let mut planes = planes.chunks_exact(n);
+    for (word, present) in present.iter().enumerate() {
+        for byte in (0..8).filter(|byte| present & 1 << byte != 0) {
+            for (row, part) in rows.chunks_exact_mut(words).zip(planes.next().unwrap_or_default()) {
+                row[word] |= u64::from(*part) << (8 * byte);
+            }
+        }
         let mut above = 0_u64;
-        for row in 0..n {
-            let folded = u64::from_le_bytes(std::array::from_fn(|byte| planes[(word * 8 + byte) * n + row]));
+        for row in rows.chunks_exact_mut(words) {
+            let folded = row[word];
             above = above.wrapping_add((folded >> 1) ^ (folded & 1).wrapping_neg());
-            rows[row * words + word] = above;
+            row[word] = above;
         }
     }
     Ok(())
@@ -127,8 +160,7 @@ pub struct Keep<M> {
     path: PathBuf,
     file: File,
     block: Vec<M>,
-    planes: Vec<u8>,
-    packed: Vec<u8>,
+    packer: Packer,
     bytes: u64,
 }
 
@@ -171,7 +203,7 @@ impl<M: Message> Keep<M> {
     }
 
     fn on(path: PathBuf, file: File, bytes: u64) -> Self {
-        Self { path, file, block: Vec::with_capacity(BLOCK), planes: Vec::new(), packed: Vec::new(), bytes }
+        Self { path, file, block: Vec::with_capacity(BLOCK), packer: Packer::new(), bytes }
     }
 
     /// Adds a message, stamps included.
@@ -207,14 +239,11 @@ impl<M: Message> Keep<M> {
     }
 
     fn write_block(&mut self) -> Result<(), KeepError> {
-        let size = pack(&self.block, &mut self.planes, &mut self.packed);
-        let mut head = [0; 8];
-        head[..4].copy_from_slice(&(self.block.len() as u32).to_le_bytes());
-        head[4..].copy_from_slice(&(size as u32).to_le_bytes());
+        let block = self.packer.pack(&self.block);
         self.block.clear();
-        match self.file.write_all(&head).and_then(|()| self.file.write_all(&self.packed[..size])) {
+        match self.file.write_all(block) {
             Ok(()) => {
-                self.bytes += (head.len() + size) as u64;
+                self.bytes += block.len() as u64;
                 Ok(())
             }
             Err(source) => Err(KeepError::File { action: "keep", path: self.path.clone(), source }),
@@ -286,13 +315,13 @@ impl<M: Message> Kept<M> {
     /// Reads the next block, still packed; returns how many messages it holds.
     fn read_block(&mut self) -> Result<Option<usize>, KeepError> {
         let failed = |path: &Path, source| KeepError::File { action: "read", path: path.to_owned(), source };
-        let mut head = [0; 8];
+        let mut head = [0; BLOCK_HEAD];
         if read_whole(&mut self.file, &mut head).map_err(|source| failed(&self.path, source))? < head.len() {
             return Ok(None);
         }
         let number = |at: usize| u32::from_le_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]) as usize;
         let (n, size) = (number(0), number(4));
-        if n == 0 || n > BLOCK || size > lz4_flex::block::get_maximum_output_size(n * size_of::<M>()) {
+        if n == 0 || n > BLOCK || size > get_maximum_output_size((n + 1) * size_of::<M>()) {
             let reason = format!("a block at byte {} claims {n} messages in {size} bytes", self.place);
             return Err(KeepError::Damaged { path: self.path.clone(), reason });
         }
@@ -370,16 +399,17 @@ mod tests {
         let mut left = Vec::new();
         let mut keep = Keep::resume(run.path(), 0, |message: SensorSample| left.push(message.header.tick)).unwrap();
         assert_eq!(left, (0..BLOCK as u64).collect::<Vec<_>>());
-        (BLOCK as u64..100).for_each(|tick| keep.add(&message(tick)).unwrap());
+        let end = BLOCK as u64 + 36;
+        (BLOCK as u64..end).for_each(|tick| keep.add(&message(tick)).unwrap());
         keep.flush().unwrap();
         let place = keep.bytes();
-        (100..103).for_each(|tick| keep.add(&message(tick)).unwrap());
+        (end..end + 3).for_each(|tick| keep.add(&message(tick)).unwrap());
         keep.flush().unwrap();
         left.clear();
         let keep = Keep::resume(run.path(), place, |message: SensorSample| left.push(message.header.tick)).unwrap();
-        assert_eq!(left, [100, 101, 102]);
+        assert_eq!(left, [end, end + 1, end + 2]);
         keep.finish().unwrap();
-        assert_eq!(bytes_of(run.path()), expected(103));
+        assert_eq!(bytes_of(run.path()), expected(end + 3));
     }
 
     #[test]

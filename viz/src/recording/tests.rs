@@ -446,6 +446,7 @@ fn what_is_recorded_is_read_back() {
             crate::Piece::Event { tick, level, text } => log.push((tick, level, text)),
             crate::Piece::State { tick, lane, state } if lane == "mode/wrist" => wrist.push((tick, state)),
             crate::Piece::State { .. } => {}
+            crate::Piece::Damaged(damage) => panic!("{damage}"),
         }
         Ok::<(), crate::ReadError>(())
     });
@@ -456,6 +457,22 @@ fn what_is_recorded_is_read_back() {
         torn += if let crate::Piece::Rows(rows) = piece { rows.ticks.len() } else { 0 };
         Ok::<(), crate::ReadError>(())
     });
+    // A flipped bit anywhere: it is read, or that is said; nothing panics.
+    let mut damages = Vec::new();
+    for place in (0..whole.len()).step_by(whole.len() / 200) {
+        let mut bytes = whole.clone();
+        bytes[place] ^= 0x41;
+        std::fs::write(folder.join("damaged.rrd"), bytes).expect("a file");
+        let read = crate::read::read(&[folder.join("damaged.rrd")], |piece| {
+            match piece {
+                crate::Piece::Damaged(damage) => damages.push(damage.to_string()),
+                crate::Piece::Rows(rows) => (0..rows.ticks.len()).for_each(|row| rows.values(Signal::Position, row, &mut Vec::new())),
+                _ => {}
+            }
+            Ok::<(), crate::ReadError>(())
+        });
+        damages.extend(read.err().map(|error| error.to_string()));
+    }
     std::fs::write(folder.join("other.rrd"), b"not a recording").expect("a file");
     let other = crate::read::read(&[folder.join("other.rrd")], |_| Ok::<(), crate::ReadError>(()));
     std::fs::remove_dir_all(&folder).expect("ours");
@@ -470,6 +487,7 @@ fn what_is_recorded_is_read_back() {
     assert_eq!(wrist, [(0, "reorient".to_owned()), (120, "reorient".to_owned())], "each part says where it begins");
     torn_end.expect("a torn end is an end");
     assert!(torn < 120, "{torn}");
+    assert!(damages.iter().any(|damage| damage.contains("damaged.rrd is damaged before its byte ")), "{damages:?}");
     assert!(other.unwrap_err().to_string().contains("other.rrd is not a recording"));
 }
 

@@ -309,19 +309,25 @@ impl Seen {
     fn read_recording(&self, out: &Path, files: &mut Files) {
         let mut has = vec![false; self.outcome.ticks as usize + 1];
         for part in viz::parts_in(out) {
+            let mut unreadable = Vec::new();
             let each = |piece: viz::Piece<'_>| {
-                if let viz::Piece::Rows(rows) = piece {
-                    for tick in &rows.ticks {
-                        if let Some(place) = has.get_mut(*tick as usize) {
-                            *place = true;
+                match piece {
+                    viz::Piece::Rows(rows) => {
+                        for tick in &rows.ticks {
+                            if let Some(place) = has.get_mut(*tick as usize) {
+                                *place = true;
+                            }
                         }
                     }
+                    viz::Piece::Damaged(damage) => unreadable.push(damage.to_string()),
+                    _ => {}
                 }
                 Ok::<(), viz::ReadError>(())
             };
             if let Err(error) = viz::read(std::slice::from_ref(&part), each) {
-                files.unreadable.push(error.to_string());
+                unreadable.push(error.to_string());
             }
+            files.unreadable.append(&mut unreadable);
         }
         files.rows = has.iter().filter(|has| **has).count() as u64;
     }
