@@ -186,15 +186,15 @@ impl<const N: usize> Recording<N> {
     /// # Errors
     /// [`RecordError`] where the file cannot be made or written, or the robot does not have N joints.
     pub fn create(folder: &Path, run: &RunInfo) -> Result<Self, RecordError> {
-        Self::create_part(folder, 0, run)
+        Self::create_part(folder, 0, run, Options::default())
     }
 
     /// Creates part `part` of the recording of this run: the next one ([`parts_in`]) after the recorder before was killed.
     ///
     /// # Errors
     /// As [`create`](Self::create).
-    pub fn create_part(folder: &Path, part: u32, run: &RunInfo) -> Result<Self, RecordError> {
-        Self::with_storage(create(&folder.join(part_name(part)))?, part, run, Options::default())
+    pub fn create_part(folder: &Path, part: u32, run: &RunInfo, options: Options) -> Result<Self, RecordError> {
+        Self::with_storage(create(&folder.join(part_name(part)))?, part, run, options)
     }
 
     /// Ends the present part and goes on in the next one, which repeats what a part needs to be opened alone.
@@ -245,7 +245,7 @@ fn create(path: &Path) -> Result<File, RecordError> {
 }
 
 impl<const N: usize, W: Storage> Recording<N, W> {
-    /// [`create_part`](Recording::create_part) for any storage, with options.
+    /// [`create_part`](Recording::create_part) for any storage.
     ///
     /// # Errors
     /// As [`create`](Recording::create).

@@ -22,15 +22,25 @@ pub struct Row {
 }
 
 impl Row {
+    /// Nothing of a tick; what was there of another one is not touched.
+    fn begin(&mut self, tick: u64) {
+        self.tick = tick;
+        (self.sensor, self.truth, self.estimate, self.report, self.command) = (None, None, None, None, None);
+    }
+
     fn is_whole(&self) -> bool {
         self.sensor.is_some() && self.truth.is_some() && self.estimate.is_some() && self.report.is_some() && self.command.is_some()
     }
 }
 
 /// Collects messages by tick and gives out rows in order: whole ones at once, torn ones when they are `patience` ticks old.
+///
+/// Rows are large: they stay where they are and are used again.
 #[derive(Debug)]
 pub struct Assembler {
-    rows: VecDeque<Row>,
+    rows: VecDeque<Box<Row>>,
+    given: Option<Box<Row>>,
+    spare: Vec<Box<Row>>,
     next: u64,
     patience: usize,
     horizon: usize,
@@ -41,13 +51,13 @@ impl Assembler {
     /// one of them may be ahead of the others.
     #[must_use]
     pub fn new(patience: usize, horizon: usize) -> Self {
-        Self { rows: VecDeque::with_capacity(patience + 1), next: 0, patience, horizon }
+        Self { rows: VecDeque::with_capacity(patience + 1), given: None, spare: Vec::new(), next: 0, patience, horizon }
     }
 
     /// Goes on where an earlier assembler had come to, with the rows that it had not given out.
     pub fn resume(&mut self, next: u64, rows: impl IntoIterator<Item = Row>) {
         self.next = next;
-        self.rows.extend(rows);
+        self.rows.extend(rows.into_iter().map(Box::new));
     }
 
     /// The next tick to be given out.
@@ -58,7 +68,7 @@ impl Assembler {
 
     /// The next tick to be given out, and what there is of it and the ticks after it.
     pub fn pending(&self) -> (u64, impl Iterator<Item = &Row>) {
-        (self.next, self.rows.iter())
+        (self.next, self.rows.iter().map(|row| &**row))
     }
 
     /// The row of a tick; `None` when it has been given out already.
@@ -66,28 +76,32 @@ impl Assembler {
         let place = usize::try_from(tick.checked_sub(self.next)?).ok()?;
         if place > self.horizon {
             // A jump far ahead: what lies between will not come any more.
-            self.rows.clear();
+            self.spare.extend(self.rows.drain(..));
             self.next = tick;
             return self.row(tick);
         }
         while self.rows.len() <= place {
             let tick = self.next + self.rows.len() as u64;
-            self.rows.push_back(Row { tick, ..Row::default() });
+            let mut row = self.spare.pop().unwrap_or_default();
+            row.begin(tick);
+            self.rows.push_back(row);
         }
-        self.rows.get_mut(place)
+        self.rows.get_mut(place).map(|row| &mut **row)
     }
 
     /// The next row, if it is whole, or too old to wait for at tick `now`; with `flush`, whatever there is.
     ///
     /// The age counts from what was on its way before the topics were looked at, not from what has come since: topics are taken in one after
     /// the other, and the last of them may be far ahead of the first.
-    pub fn pop(&mut self, now: u64, flush: bool) -> Option<Row> {
+    pub fn pop(&mut self, now: u64, flush: bool) -> Option<&Row> {
         let due = self.rows.front()?.is_whole() || self.next + (self.patience as u64) < now || flush;
         if !due {
             return None;
         }
         self.next += 1;
-        self.rows.pop_front()
+        self.spare.extend(self.given.take());
+        self.given = self.rows.pop_front();
+        self.given.as_deref()
     }
 }
 
@@ -142,8 +156,8 @@ mod tests {
                 }
             }
         }
-        let rows: Vec<Row> = std::iter::from_fn(|| assembler.pop(0, false)).collect();
-        assert!(rows.len() == depth && rows.iter().all(Row::is_whole));
+        let whole = std::iter::from_fn(|| assembler.pop(0, false).map(Row::is_whole)).collect::<Vec<_>>();
+        assert_eq!(whole, [true; 1024]);
     }
 
     #[test]

@@ -51,8 +51,9 @@ pub struct Judge {
     singularities: Vec<Watched>,
     modes: Vec<ModeChange>,
     turns: Vec<Turn>,
-    #[serde(with = "stored_by_name")]
-    latencies: BTreeMap<String, Histogram<u64>>,
+    /// Of each span that is timed.
+    #[serde(with = "stored_all")]
+    latencies: Vec<Histogram<u64>>,
     /// Not stored: who goes on after a gap measures no latency over it.
     #[serde(skip)]
     last_sensor: Option<SensorSample>,
@@ -154,17 +155,52 @@ mod stored {
     }
 }
 
-mod stored_by_name {
-    use super::{BTreeMap, Histogram, stored};
+mod stored_all {
+    use super::{Histogram, Span, stored};
+    use serde::de::Error;
     use serde::{Deserialize, Deserializer, Serializer};
 
-    pub(super) fn serialize<S: Serializer>(all: &BTreeMap<String, Histogram<u64>>, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_map(all.iter().map(|(name, histogram)| (name, stored::values(histogram))))
+    pub(super) fn serialize<S: Serializer>(all: &[Histogram<u64>], serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(all.iter().map(stored::values))
     }
 
-    pub(super) fn deserialize<'a, D: Deserializer<'a>>(deserializer: D) -> Result<BTreeMap<String, Histogram<u64>>, D::Error> {
-        let all = BTreeMap::<String, stored::Values>::deserialize(deserializer)?;
-        Ok(all.into_iter().map(|(name, values)| (name, stored::of(values))).collect())
+    pub(super) fn deserialize<'a, D: Deserializer<'a>>(deserializer: D) -> Result<Vec<Histogram<u64>>, D::Error> {
+        let all: Vec<_> = Vec::deserialize(deserializer)?.into_iter().map(stored::of).collect();
+        if all.len() == Span::all().count() { Ok(all) } else { Err(D::Error::invalid_length(all.len(), &"one for each span")) }
+    }
+}
+
+/// A span of time that is measured each tick.
+#[derive(Clone, Copy)]
+enum Span {
+    /// Sensor to torque in the plant's hands.
+    Chain,
+    /// What a process takes for its own part.
+    Own(usize),
+    /// The way to a process from the one before it.
+    Way(usize),
+}
+
+impl Span {
+    fn all() -> impl Iterator<Item = Self> {
+        std::iter::once(Self::Chain).chain((0..HOPS.len()).map(Self::Own)).chain((1..HOPS.len()).map(Self::Way))
+    }
+
+    /// Its place among all.
+    const fn place(self) -> usize {
+        match self {
+            Self::Chain => 0,
+            Self::Own(hop) => 1 + hop,
+            Self::Way(hop) => HOPS.len() + hop,
+        }
+    }
+
+    fn name(self) -> String {
+        match self {
+            Self::Chain => "chain".to_owned(),
+            Self::Own(hop) => HOPS[hop].to_owned(),
+            Self::Way(hop) => format!("{} to {}", HOPS[hop - 1], HOPS[hop]),
+        }
     }
 }
 
@@ -215,7 +251,7 @@ impl Judge {
             singularities: Vec::new(),
             modes: Vec::new(),
             turns: Vec::new(),
-            latencies: BTreeMap::new(),
+            latencies: Span::all().map(|_| histogram()).collect(),
             last_sensor: None,
             period_ns: 0,
             due_before_ns: 0,
@@ -280,9 +316,12 @@ impl Judge {
         } else {
             joints.q_start = tick.truth.q[..n].to_vec();
         }
-        joints.q_end = tick.truth.q[..n].to_vec();
+        joints.q_end.clear();
+        joints.q_end.extend_from_slice(&tick.truth.q[..n]);
         joints.saturated_ticks += u64::from(tick.command.saturation_mask != 0);
-        self.last_tau = Some(tau.to_vec());
+        let last = self.last_tau.get_or_insert_default();
+        last.clear();
+        last.extend_from_slice(tau);
     }
 
     /// The jump in power that a change of mode commands.
@@ -365,15 +404,9 @@ impl Judge {
     }
 
     /// Adds a time to a distribution; the histogram grows with its samples: there is no time that it cannot hold.
-    fn measure(&mut self, name: &str, from_ns: u64, to_ns: u64) {
-        if !self.latencies.contains_key(name) {
-            self.latencies.insert(name.to_owned(), histogram());
-        }
-        if let Some(histogram) = self.latencies.get_mut(name)
-            && from_ns != 0
-            && to_ns != 0
-        {
-            let _ = histogram.record(to_ns.saturating_sub(from_ns));
+    fn measure(&mut self, span: Span, from_ns: u64, to_ns: u64) {
+        if from_ns != 0 && to_ns != 0 {
+            let _ = self.latencies[span.place()].record(to_ns.saturating_sub(from_ns));
         }
     }
 
@@ -381,8 +414,8 @@ impl Judge {
     fn measure_hops(&mut self, command: &TorqueCommand) {
         let stamps = command.header.stamps;
         for hop in 1..HOPS.len() {
-            self.measure(&format!("{} to {}", HOPS[hop - 1], HOPS[hop]), stamps.sent_ns[hop - 1], stamps.received_ns[hop]);
-            self.measure(HOPS[hop], stamps.received_ns[hop], stamps.sent_ns[hop]);
+            self.measure(Span::Way(hop), stamps.sent_ns[hop - 1], stamps.received_ns[hop]);
+            self.measure(Span::Own(hop), stamps.received_ns[hop], stamps.sent_ns[hop]);
         }
     }
 
@@ -397,15 +430,15 @@ impl Judge {
             let then = last.header.stamps;
             // A torque that never came counts with all the time that the plant gave it.
             let ended = if now.received_ns[0] > then.sent_ns[0] { now.received_ns[0] } else { sent };
-            self.measure("chain", then.origin_ns(), ended);
+            self.measure(Span::Chain, then.origin_ns(), ended);
             if self.period_ns > 0 && self.due_before_ns > 0 {
                 // No coordinated omission: who asked at a skipped grid point had to wait for this answer.
                 let skipped = (self.due_before_ns + self.period_ns..then.due_ns).step_by(self.period_ns as usize);
-                skipped.for_each(|due| self.measure("chain", due, ended));
+                skipped.for_each(|due| self.measure(Span::Chain, due, ended));
             }
             self.due_before_ns = then.due_ns;
             let began = if now.due_ns > 0 { now.due_ns } else { now.received_ns[0] };
-            self.measure(HOPS[0], began, sent);
+            self.measure(Span::Own(0), began, sent);
         }
         self.first_ns = if self.first_ns == 0 { sent } else { self.first_ns };
         self.last_ns = sent.max(self.last_ns);
@@ -432,7 +465,7 @@ impl Judge {
             singularities: self.singularities.into_iter().map(|watched| watched.summary).collect(),
             turns: self.turns.into_iter().map(|turn| turn.summary).collect(),
             modes: self.modes,
-            latency_us: self.latencies.into_iter().map(|(name, histogram)| (name, latency(&histogram))).collect(),
+            latency_us: Span::all().map(|span| (span.name(), latency(&self.latencies[span.place()]))).collect(),
         }
     }
 
@@ -629,7 +662,7 @@ mod tests {
             judge.tick(Tick { sensor: &sensor, truth: &truth, estimate: &estimate, report: &report, command: &command });
         }
         let mut chain: Vec<f64> =
-            judge.latencies["chain"].iter_recorded().map(|bucket| bucket.value_iterated_to() as f64 / MS as f64).collect();
+            judge.latencies[Span::Chain.place()].iter_recorded().map(|bucket| bucket.value_iterated_to() as f64 / MS as f64).collect();
         chain.sort_by(f64::total_cmp);
         // 0.5 from 10; 2.5 from 11; of the third 1.0 until the plant went on, and 3.0 and 2.0 from the skipped points 12 and 13.
         let expected = [0.5, 1.0, 2.0, 2.5, 3.0];

@@ -22,7 +22,7 @@ use shared_types::Message;
 const MAGIC: [u8; 8] = *b"armkept\x02";
 const HEAD: usize = 24;
 /// Messages in a block: what a killed writer takes with it. Its replacement finds them in the ring of [`crate::Drain::recall`], which is far larger.
-const BLOCK: usize = 256;
+const BLOCK: usize = 128;
 /// Numbers of a block before its messages.
 const BLOCK_HEAD: usize = 8;
 
@@ -79,8 +79,16 @@ fn head<M: Message>() -> [u8; HEAD] {
     head
 }
 
-/// Packs messages into blocks; its buffers are kept, so that nothing is allocated per block.
+/// Gathers messages and packs them into blocks; its buffers are kept, so that nothing is allocated per block.
 struct Packer {
+    /// 64-bit words of a message.
+    words: usize,
+    /// What each word of each message gathered differs by from the one above it, zig-zagged; row by row.
+    folded: Vec<u64>,
+    /// The last message.
+    above: Vec<u64>,
+    /// All bits that any difference of a word has.
+    any: Vec<u64>,
     planes: Vec<u8>,
     /// The block, as it is written.
     packed: Vec<u8>,
@@ -88,34 +96,54 @@ struct Packer {
 }
 
 impl Packer {
-    fn new() -> Self {
-        Self { planes: Vec::new(), packed: Vec::new(), table: CompressTable::large() }
+    fn new<M: Message>() -> Self {
+        const { assert!(size_of::<M>().is_multiple_of(8), "messages are rows of 64-bit words") };
+        let words = size_of::<M>() / 8;
+        Self {
+            words,
+            folded: Vec::with_capacity(BLOCK * words),
+            above: vec![0; words],
+            any: vec![0; words],
+            planes: Vec::new(),
+            packed: Vec::new(),
+            table: CompressTable::large(),
+        }
     }
 
-    /// A block of at most [`BLOCK`] messages.
-    fn pack<M: Message>(&mut self, messages: &[M]) -> &[u8] {
-        const { assert!(size_of::<M>().is_multiple_of(8), "messages are rows of 64-bit words") };
-        let (n, words) = (messages.len().min(BLOCK), size_of::<M>() / 8);
-        let Self { planes, packed, table } = self;
+    /// Messages gathered.
+    fn len(&self) -> usize {
+        self.folded.len() / self.words
+    }
+
+    /// Takes a message in while it is in the cache: one pass over its words.
+    fn add<M: Message>(&mut self, message: &M) {
+        let row: &[u64] = bytemuck::cast_slice(std::slice::from_ref(message));
+        self.folded.extend(row.iter().zip(&mut self.above).zip(&mut self.any).map(|((value, above), any)| {
+            let delta = value.wrapping_sub(*above).cast_signed();
+            let folded = ((delta << 1) ^ (delta >> 63)).cast_unsigned();
+            *above = *value;
+            *any |= folded;
+            folded
+        }));
+    }
+
+    /// A block of what has been gathered; the next one begins with nothing.
+    fn pack(&mut self) -> &[u8] {
+        let n = self.len().min(BLOCK);
+        let Self { words, folded, above, any, planes, packed, table } = self;
         planes.clear();
-        planes.resize(words, 0);
-        let rows: &[u64] = bytemuck::cast_slice(messages);
-        let mut folded = [0_u64; BLOCK];
-        for word in 0..words {
-            let (mut above, mut any) = (0_u64, 0);
-            for (fold, row) in folded.iter_mut().zip(rows.chunks_exact(words)) {
-                let delta = row[word].wrapping_sub(above).cast_signed();
-                *fold = ((delta << 1) ^ (delta >> 63)).cast_unsigned();
-                any |= *fold;
-                above = row[word];
-            }
-            for (byte, part) in any.to_le_bytes().into_iter().enumerate() {
-                if part != 0 {
-                    planes[word] |= 1 << byte;
-                    planes.extend(folded[..n].iter().map(|fold| (fold >> (8 * byte)) as u8));
-                }
+        planes.resize(*words, 0);
+        let mut column = [0_u64; BLOCK];
+        for (word, any) in any.iter().enumerate().filter(|(_, any)| **any != 0) {
+            column.iter_mut().zip(folded[word..].iter().step_by(*words)).for_each(|(to, from)| *to = *from);
+            for byte in any.to_le_bytes().into_iter().enumerate().filter_map(|(byte, part)| (part != 0).then_some(byte)) {
+                planes[word] |= 1 << byte;
+                planes.extend(column[..n].iter().map(|value| (value >> (8 * byte)) as u8));
             }
         }
+        folded.clear();
+        above.fill(0);
+        any.fill(0);
         packed.resize(BLOCK_HEAD + get_maximum_output_size(planes.len()), 0);
         // The buffer holds the worst case.
         let size = compress_into_with_table(planes, &mut packed[BLOCK_HEAD..], table).unwrap_or(0);
@@ -159,9 +187,9 @@ fn unpack<M: Message>(n: usize, packed: &[u8], messages: &mut Vec<M>) -> Result<
 pub struct Keep<M> {
     path: PathBuf,
     file: File,
-    block: Vec<M>,
     packer: Packer,
     bytes: u64,
+    _messages: PhantomData<M>,
 }
 
 impl<M: Message> Keep<M> {
@@ -203,7 +231,7 @@ impl<M: Message> Keep<M> {
     }
 
     fn on(path: PathBuf, file: File, bytes: u64) -> Self {
-        Self { path, file, block: Vec::with_capacity(BLOCK), packer: Packer::new(), bytes }
+        Self { path, file, packer: Packer::new::<M>(), bytes, _messages: PhantomData }
     }
 
     /// Adds a message, stamps included.
@@ -211,8 +239,8 @@ impl<M: Message> Keep<M> {
     /// # Errors
     /// When the file cannot be written.
     pub fn add(&mut self, message: &M) -> Result<(), KeepError> {
-        self.block.push(*message);
-        if self.block.len() < BLOCK { Ok(()) } else { self.write_block() }
+        self.packer.add(message);
+        if self.packer.len() < BLOCK { Ok(()) } else { self.write_block() }
     }
 
     /// Writes what has not been written yet; returns the size of the file in bytes.
@@ -229,7 +257,7 @@ impl<M: Message> Keep<M> {
     /// # Errors
     /// When the file cannot be written.
     pub fn flush(&mut self) -> Result<(), KeepError> {
-        if self.block.is_empty() { Ok(()) } else { self.write_block() }
+        if self.packer.len() == 0 { Ok(()) } else { self.write_block() }
     }
 
     /// Bytes in the file so far.
@@ -239,8 +267,7 @@ impl<M: Message> Keep<M> {
     }
 
     fn write_block(&mut self) -> Result<(), KeepError> {
-        let block = self.packer.pack(&self.block);
-        self.block.clear();
+        let block = self.packer.pack();
         match self.file.write_all(block) {
             Ok(()) => {
                 self.bytes += block.len() as u64;
