@@ -229,17 +229,7 @@ fn scratch() -> Result<tempfile::TempDir, Failure> {
 
 /// A run of the usual graph with everything recorded.
 fn job(robot: &Robot, scenario: Scenario, mode: Mode, out: &Path) -> Result<Job, Failure> {
-    Ok(Job {
-        run: String::new(),
-        version: env!("CARGO_PKG_VERSION").to_owned(),
-        mode,
-        out: out.to_owned(),
-        record: true,
-        messages: true,
-        robot: load::robot_text(robot),
-        graph: load::graph(None)?,
-        scenario,
-    })
+    Ok(load::job(robot, scenario, load::graph(None)?, mode, out.to_owned()))
 }
 
 /// The folder for what is saved, made before anything is measured.

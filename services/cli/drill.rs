@@ -187,18 +187,8 @@ struct Drill<'a> {
 impl<'a> Drill<'a> {
     fn new(scenario: &Scenario, robot: &'a Robot, folder: &'a Path) -> Result<Self, Failure> {
         let scenario = Scenario { fault: Vec::new(), ..scenario.clone() };
-        let job = Job {
-            run: String::new(),
-            version: env!("CARGO_PKG_VERSION").to_owned(),
-            mode: Mode::Lockstep,
-            out: folder.join("run"),
-            record: true,
-            messages: true,
-            robot: load::robot_text(robot),
-            graph: load::graph(None)?,
-            scenario,
-        };
-        let planned_ticks = (job.scenario.duration_s() * f64::from(job.scenario.rate_hz)).round() as u64;
+        let job = load::job(robot, scenario, load::graph(None)?, Mode::Lockstep, folder.join("run"));
+        let planned_ticks = job.scenario.planned_ticks();
         Ok(Self { job, robot, planned_ticks, folder })
     }
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use model::{Robot, RobotError, RobotSource};
 use shared_types::file::Complaint;
 use shared_types::graph::Graph;
-use shared_types::job::RobotText;
+use shared_types::job::{Job, Mode, RobotText};
 use shared_types::scenario::Scenario;
 use sim::scenarios;
 
@@ -74,7 +74,7 @@ pub(crate) fn robot(name: &str, folder: Option<&Path>) -> Result<Robot, Failure>
 }
 
 /// The texts a robot was made of, for the manifest.
-pub(crate) fn robot_text(robot: &Robot) -> RobotText {
+fn robot_text(robot: &Robot) -> RobotText {
     let RobotSource { name, description, urdf } = robot.source.clone();
     RobotText { name, description, urdf }
 }
@@ -91,6 +91,23 @@ pub(crate) fn graph(file: Option<&Path>) -> Result<Graph, Failure> {
         None => Graph::parse("graph.toml", GRAPH)?,
         Some(path) => Graph::parse(&path.display().to_string(), &read(path)?)?,
     })
+}
+
+/// A run of a scenario in the processes of a graph, everything recorded.
+pub(crate) fn job(robot: &Robot, scenario: Scenario, graph: Graph, mode: Mode, out: PathBuf) -> Job {
+    Job {
+        // The launcher knows it.
+        run: String::new(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        mode,
+        out,
+        record: true,
+        messages: true,
+        live: false,
+        robot: robot_text(robot),
+        scenario,
+        graph,
+    }
 }
 
 /// "there is no X `name`", with the nearest known name.

@@ -50,7 +50,7 @@ pub(crate) fn replay(args: &ReplayArgs, as_json: bool) -> Result<ExitCode, Failu
     let job = job(&args.run)?;
     let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
     let scenario = with_settings(&job.scenario, &args.set)?;
-    let ticks = (scenario.duration_s() * f64::from(scenario.rate_hz)).round() as u64;
+    let ticks = scenario.planned_ticks();
     let tape = Tape {
         folder: args.run.join(recorder::MESSAGES),
         run: &args.run,

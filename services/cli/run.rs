@@ -36,15 +36,10 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let mode = Mode::from(args.mode);
     let results = Results::create(args.out.as_deref(), &scenario.name)?;
     let job = Job {
-        run: String::new(),
-        version: env!("CARGO_PKG_VERSION").to_owned(),
-        mode,
-        out: results.folder.clone(),
         record: !args.no_record,
         messages: !args.no_record && !args.no_messages,
-        robot: load::robot_text(&robot),
-        scenario,
-        graph,
+        live: args.live,
+        ..load::job(&robot, scenario, graph, mode, results.folder.clone())
     };
     results.reserve(&job)?;
     for old in viz::parts_in(&results.folder) {
@@ -52,8 +47,7 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
     }
     let plan = plan(&job)?;
     let live = if args.live { Some(Live::start(&results.folder)?) } else { None };
-    let planned_ticks = (job.scenario.duration_s() * f64::from(job.scenario.rate_hz)).round() as u64;
-    let launched = launch(&job, plan, planned_ticks);
+    let launched = launch(&job, plan, job.scenario.planned_ticks());
     if let Some(sentence) = live.and_then(Live::finish) {
         eprintln!("armplane: {sentence}");
     }

@@ -158,19 +158,9 @@ pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<ExitCode, Failu
         let condition = CONDITIONS[index % CONDITIONS.len()];
         let out = folder.path().join(format!("run-{}", index + 1));
         std::fs::create_dir_all(&out).map_err(|error| Failure::Work(format!("cannot make {}: {error}", out.display())))?;
-        let job = Job {
-            run: String::new(),
-            version: env!("CARGO_PKG_VERSION").to_owned(),
-            mode: Mode::Lockstep,
-            out,
-            record: condition.record,
-            messages: true,
-            robot: load::robot_text(&robot),
-            scenario: scenario.clone(),
-            graph: graph.clone(),
-        };
-        let planned_ticks = (scenario.duration_s() * f64::from(scenario.rate_hz)).round() as u64;
-        let ran = in_processes(&job, condition, random(scenario.seed, index as u64), args.unordered, planned_ticks)?;
+        let job = load::job(&robot, scenario.clone(), graph.clone(), Mode::Lockstep, out);
+        let job = Job { record: condition.record, ..job };
+        let ran = in_processes(&job, condition, random(scenario.seed, index as u64), args.unordered, scenario.planned_ticks())?;
         let messages = job.out.join(recorder::MESSAGES);
         let Some(reference) = &mut reference else {
             reference = Some(Reference { ran, messages: Some(messages), is_run: true });

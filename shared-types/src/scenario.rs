@@ -516,6 +516,12 @@ impl Scenario {
         self.segment.iter().map(|segment| segment.duration_s).sum::<f64>() + self.settle_s
     }
 
+    /// Ticks that the task is planned to take.
+    #[must_use]
+    pub fn planned_ticks(&self) -> u64 {
+        (self.duration_s() * f64::from(self.rate_hz)).round() as u64
+    }
+
     /// What can be said without knowing the robot.
     pub(crate) fn check(&self) -> Result<(), Complaint> {
         let positive = |path: &str, value: f64| {

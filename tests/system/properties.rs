@@ -487,6 +487,7 @@ pub fn job() -> String {
         out: "runs/fig5-wrist-rotation-001".into(),
         record: true,
         messages: true,
+        live: false,
         scenario: Scenario::parse("fig5", sim::scenarios::text("fig5-wrist-rotation").expect("built in"), &[]).expect("valid"),
         robot: Default::default(),
         graph: Graph::parse("graph.toml", include_str!("../../services/graph.toml")).expect("valid"),

@@ -13,7 +13,7 @@ use std::time::Duration;
 use bytemuck::{bytes_of, try_pod_read_unaligned};
 use model::{Robot, with_dof};
 use runtime::{Count, Drain, Keep, Mode, ProcessError, Shell, TopicHash};
-use shared_types::job::{self, Job};
+use shared_types::job::Job;
 use shared_types::scenario::{Record, Scenario};
 use shared_types::summary::{RecorderSummary, Summary, TopicSummary};
 use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
@@ -36,7 +36,7 @@ pub const MESSAGES: &str = "messages";
 const fn pause(mode: Mode) -> Duration {
     match mode {
         Mode::Lockstep => Duration::from_millis(2),
-        Mode::Realtime => Duration::from_millis(10),
+        Mode::Realtime => Duration::from_millis(50),
     }
 }
 
@@ -167,12 +167,11 @@ pub struct Tape<const N: usize> {
     result: RecorderSummary,
 }
 
-/// How often the recording is written besides at every checkpoint, which is often enough for all but a plot that somebody watches in real time. A
-/// chunk costs the same whatever it holds.
-fn chunks(mode: job::Mode) -> viz::Options {
-    let seldom_s = 10.0;
-    let signal_chunk_s = if mode == job::Mode::Realtime { 0.25 } else { seldom_s };
-    viz::Options { signal_chunk_s, picture_chunk_s: seldom_s, ..viz::Options::default() }
+/// How often the recording is written besides at every checkpoint: hardly ever, because a chunk costs the same whatever it holds; but often where
+/// somebody watches.
+fn chunks(job: &Job) -> viz::Options {
+    let every_s = if job.live { 0.25 } else { 10.0 };
+    viz::Options { signal_chunk_s: every_s, picture_chunk_s: every_s, ..viz::Options::default() }
 }
 
 /// When a recording goes on in a further file.
@@ -205,7 +204,7 @@ impl<const N: usize> Tape<N> {
         if incarnation > 1 {
             // A further file of the same recording: what the predecessor wrote stays as it is.
             let part = viz::parts_in(&job.out).len() as u32;
-            return Ok(match Recording::create_part(&job.out, part, &info, chunks(job.mode)) {
+            return Ok(match Recording::create_part(&job.out, part, &info, chunks(job)) {
                 Ok(recording) => Self { recording: Some(recording), result: first, ..tape },
                 // A volume that has filled up meanwhile ends the recording, not the run.
                 Err(error) => Self { result: RecorderSummary { error: error.to_string(), ..first }, ..tape },
@@ -215,7 +214,7 @@ impl<const N: usize> Tape<N> {
         for old in viz::parts_in(&job.out) {
             std::fs::remove_file(&old).map_err(|error| ProcessError::setup(format!("cannot replace {}: {error}", old.display())))?;
         }
-        let recording = Recording::create_part(&job.out, 0, &info, chunks(job.mode)).map_err(ProcessError::setup)?;
+        let recording = Recording::create_part(&job.out, 0, &info, chunks(job)).map_err(ProcessError::setup)?;
         Ok(Self { recording: Some(recording), result: first, ..tape })
     }
 
