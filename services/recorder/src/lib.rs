@@ -13,7 +13,7 @@ use std::time::Duration;
 use bytemuck::{bytes_of, try_pod_read_unaligned};
 use model::{Robot, with_dof};
 use runtime::{Count, Drain, Keep, Mode, ProcessError, Shell, TopicHash};
-use shared_types::job::Job;
+use shared_types::job::{self, Job};
 use shared_types::scenario::{Record, Scenario};
 use shared_types::summary::{RecorderSummary, Summary, TopicSummary};
 use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
@@ -167,11 +167,11 @@ pub struct Tape<const N: usize> {
     result: RecorderSummary,
 }
 
-/// How often the recording is written besides at every checkpoint: hardly ever, because a chunk costs the same whatever it holds; but often where
-/// somebody watches.
+/// How often the recording is written besides at every checkpoint: a chunk costs the same whatever it holds, and what it holds goes with a run
+/// that is killed whole, or with a volume that is full. The picture is hardly ever, but where somebody watches.
 fn chunks(job: &Job) -> viz::Options {
-    let every_s = if job.live { 0.25 } else { 10.0 };
-    viz::Options { signal_chunk_s: every_s, picture_chunk_s: every_s, ..viz::Options::default() }
+    let signal_chunk_s = if job.live || job.mode == job::Mode::Realtime { 0.25 } else { 1.0 };
+    viz::Options { signal_chunk_s, picture_chunk_s: if job.live { 0.25 } else { 10.0 }, ..viz::Options::default() }
 }
 
 /// When a recording goes on in a further file.

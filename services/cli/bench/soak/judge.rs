@@ -158,8 +158,9 @@ fn record(seen: &Evidence) -> Vec<String> {
         }
         Some(_) => {}
     }
-    // A chunk is 50 ms; the one in hand goes with the volume.
-    let recorded = seen.full_at.map_or(seen.ticks, |full| full.saturating_sub(u64::from(seen.rate_hz) / 10).min(seen.ticks));
+    // The chunk in hand goes with the volume, and what has come of the next one when that is noticed.
+    let in_hand = 1.5 * viz::Options::default().signal_chunk_s * f64::from(seen.rate_hz);
+    let recorded = seen.full_at.map_or(seen.ticks, |full| full.saturating_sub(in_hand as u64).min(seen.ticks));
     if seen.files.rows + ticks_allowed + 1 < recorded {
         broken.push(format!("the recording has numbers of {} ticks of {recorded}, {ticks_allowed} may be missing", seen.files.rows));
     }
@@ -221,7 +222,7 @@ mod tests {
         fine(&|seen| seen.goal_reached = false);
         fine(&|seen| (seen.recorder_deaths, seen.messages.lost, seen.messages.kept, seen.files.rows) = (1, 500, 49_500, 9_900));
         fine(&|seen| seen.deaths = death(false, false, 0.5));
-        fine(&|seen| (seen.full_at, seen.recording_error, seen.files.rows) = (Some(5_000), "the disk is full".to_owned(), 4_950));
+        fine(&|seen| (seen.full_at, seen.recording_error, seen.files.rows) = (Some(5_000), "the disk is full".to_owned(), 4_650));
     }
 
     #[test]
@@ -238,6 +239,9 @@ mod tests {
         caught("cannot read", &|seen| seen.files.unreadable.push("cannot read run.rrd".to_owned()));
         caught("broke off: full", &|seen| seen.recording_error = "full".to_owned());
         caught("nobody said", &|seen| seen.full_at = Some(5_000));
+        caught("of 4550 ticks of 4625", &|seen| {
+            (seen.full_at, seen.recording_error, seen.files.rows) = (Some(5_000), "the disk is full".to_owned(), 4_550);
+        });
         caught("left behind: armplane-0", &|seen| seen.left_over.push("armplane-0".to_owned()));
         caught("nobody noticed SIGKILL of the analyzer", &|seen| seen.deaths = death(false, true, 9.0));
         caught("the analyzer was not started again", &|seen| seen.deaths = death(true, false, 9.0));
