@@ -73,6 +73,9 @@ struct Ran {
     left_behind: Vec<String>,
 }
 
+/// An arm that was led astray is given this time to come back after its task; s.
+const TIME_TO_RECOVER_S: f64 = 2.0;
+
 /// What to do to which process; two of them for a pair.
 type Plan = Vec<Fault>;
 
@@ -88,7 +91,7 @@ pub(crate) fn drill(args: &DrillArgs, as_json: bool) -> Result<ExitCode, Failure
             return Err(Failure::Input(format!("`{}` is no cell: see `armplane fault --list`", args.only.as_deref().unwrap_or_default())));
         }
         let bar = progress_bar(plans.len() as u64, name);
-        let base = drill.run(&scenario, &[], true)?;
+        let base = drill.run(&drill.job.scenario, &[], true)?;
         runs += 1 + 2 * plans.len();
         for plan in plans {
             bar.set_message(format!("{name}: {}", titles(&plan)));
@@ -186,9 +189,10 @@ struct Drill<'a> {
 
 impl<'a> Drill<'a> {
     fn new(scenario: &Scenario, robot: &'a Robot, folder: &'a Path) -> Result<Self, Failure> {
-        let scenario = Scenario { fault: Vec::new(), ..scenario.clone() };
+        let planned_ticks = scenario.planned_ticks();
+        // Where the task is over sooner than an arm can come back, the verdict waits.
+        let scenario = Scenario { fault: Vec::new(), settle_s: scenario.settle_s.max(TIME_TO_RECOVER_S), ..scenario.clone() };
         let job = load::job(robot, scenario, load::graph(None)?, Mode::Lockstep, folder.join("run"));
-        let planned_ticks = job.scenario.planned_ticks();
         Ok(Self { job, robot, planned_ticks, folder })
     }
 

@@ -17,6 +17,9 @@ pub const LEFT: f64 = 1.05;
 /// Beyond η_out by this factor it is left whatever the error: another cause must have made it.
 const FAR: f64 = 1.5;
 
+/// A rate beyond the largest one by this factor is no arm's: a loop that would begin there would have to come back from it at its own slew.
+const FASTEST: f64 = 4.0;
+
 /// Error along ζ that counts as gone, m or rad.
 const GONE: f64 = 5e-6;
 
@@ -93,7 +96,8 @@ impl Loop {
         let gone = 1.0 - smoothstep((error.abs() - 0.02) / 0.08);
         self.mode = self.next(s, target);
         if !self.engaged() {
-            *self = Self { memory: self.memory, rate: s.aux_rate, ..Self::default() };
+            let fastest = FASTEST * gains.rate_max;
+            *self = Self { memory: self.memory, rate: s.aux_rate.clamp(-fastest, fastest), ..Self::default() };
             return Demand::none();
         }
         self.trust += (gone - self.trust).clamp(-TRUST_RATE * dt, TRUST_RATE * dt);
@@ -154,6 +158,16 @@ mod tests {
             }
         }
         assert_eq!(seen, [Mode::Regular, Mode::Blend, Mode::Track, Mode::Recover, Mode::Regular]);
+    }
+
+    #[test]
+    fn a_rate_that_is_no_arms_is_forgotten() {
+        let mut state = Loop::default();
+        let target = Target { error: 0.0, weight: 1.0, mode: Mode::Track, ..Target::default() };
+        let wild = Singularity { aux_rate: -150_000.0, ..singularity(0.5, false) };
+        state.step(&wild, &target, &GAINS, 1.0, 1e-3);
+        let demands = (0..500).map(|_| state.step(&singularity(0.05, true), &target, &GAINS, 1.0, 1e-3).acceleration);
+        assert!(demands.last().unwrap().abs() < 1e-3, "{state:?}");
     }
 
     #[test]

@@ -18,8 +18,9 @@ use shared_types::{Header, MAX_DOF, SensorSample, StateEstimate};
 /// A difference of encoder readings would carry their noise times 1/T; this filter carries it times about bandwidth^1.5 √(T/4).
 ///
 /// A few missing samples are predicted over. After a longer gap position and velocity begin anew, from two samples. A reading that no motion
-/// within the speed limits explains is not believed, for as long as it can be a disturbance of the line and not the arm. A state that is no arm's
-/// (a reading or a torque far out of range has led there) is given up, and the next one begins at the sample, at rest.
+/// within the speed limits explains is not believed, for as long as it can be a disturbance of the line and not the arm; then its joint begins
+/// anew where it says, as fast as it has moved meanwhile: a jump is no motion, and nothing learns from it. A state that is no arm's (a reading or a
+/// torque far out of range has led there) is given up, and the next one begins at the sample, at rest.
 #[derive(Clone, Debug)]
 pub struct Cycle<const N: usize> {
     model: Model<N>,
@@ -27,6 +28,8 @@ pub struct Cycle<const N: usize> {
     gains: Gains,
     /// The largest believable innovation per tick; rad.
     gate: SVector<f64, N>,
+    /// Speed limits; rad/s.
+    velocity: SVector<f64, N>,
     state: Option<State<N>>,
 }
 
@@ -55,9 +58,18 @@ struct State<const N: usize> {
     samples: u32,
     /// Ticks since the last believable reading, per joint.
     doubted: [u32; N],
+    /// The first reading of those, rad.
+    suspect: SVector<f64, N>,
     q: SVector<f64, N>,
     qdot: SVector<f64, N>,
     d: SVector<f64, N>,
+}
+
+impl<const N: usize> State<N> {
+    /// Nothing is known but where it is.
+    fn begin(tick: u64, q: SVector<f64, N>) -> Self {
+        Self { tick, samples: 0, doubted: [0; N], suspect: q, q, qdot: SVector::zeros(), d: SVector::zeros() }
+    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -85,11 +97,13 @@ impl<const N: usize> Cycle<N> {
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, ModelError> {
         let T = scenario.dt_s();
         let pole = |bandwidth: f64| libm::exp(-bandwidth * T);
+        let model = Model::<N>::new(robot, None)?;
         Ok(Self {
-            model: Model::new(robot, None)?,
+            gate: model.velocity().map(|limit| (GATE * limit * T).max(BELIEVED)),
+            velocity: *model.velocity(),
+            model,
             T,
             gains: Gains::place(pole(scenario.estimator.bandwidth), pole(scenario.estimator.disturbance_bandwidth)),
-            gate: Model::<N>::new(robot, None)?.velocity().map(|limit| (GATE * limit * T).max(BELIEVED)),
             state: None,
         })
     }
@@ -98,7 +112,7 @@ impl<const N: usize> Cycle<N> {
     pub fn resume(&mut self, last: &StateEstimate) {
         let take = |values: &[f64]| SVector::from_column_slice(&values[..N]);
         let (q, qdot, d) = (take(&last.q), take(&last.qdot), take(&last.resume));
-        self.state = Some(State { tick: last.header.tick, samples: SETTLED, doubted: [0; N], q, qdot, d });
+        self.state = Some(State { tick: last.header.tick, samples: SETTLED, doubted: [0; N], suspect: q, q, qdot, d });
     }
 
     /// The estimate at the sample's tick.
@@ -107,16 +121,12 @@ impl<const N: usize> Cycle<N> {
         let tau = SVector::<f64, N>::from_column_slice(&sample.tau_drive[..N]);
         let tick = sample.header.tick;
         let mut predicted = match self.state {
-            None => State { tick, samples: 0, doubted: [0; N], q: measured, qdot: SVector::zeros(), d: SVector::zeros() },
+            None => State::begin(tick, measured),
             Some(state) => self.reach(&state, tick, sample.drive, &measured, &tau),
         };
         (predicted.tick, predicted.samples) = (tick, predicted.samples.saturating_add(1));
         for i in 0..N {
-            let is_believed = (measured[i] - predicted.q[i]).abs() <= self.gate[i] || predicted.doubted[i] >= PATIENCE;
-            predicted.doubted[i] = if is_believed { 0 } else { predicted.doubted[i] + 1 };
-            if !is_believed {
-                measured[i] = predicted.q[i];
-            }
+            self.weigh(i, &mut measured[i], &mut predicted);
         }
         let innovation = measured - predicted.q;
         let Gains { g, h, k } = self.gains;
@@ -133,8 +143,8 @@ impl<const N: usize> Cycle<N> {
             state.qdot.iter().all(|x| x.abs() <= ABSURD) && [&state.q, &state.d, &innovation, &tau_disturbance].into_iter().all(is_finite);
         if !is_an_arms {
             let reading = SVector::from_column_slice(&sample.q_encoder[..N]);
-            let (q, rest) = (reading, SVector::zeros());
-            (state, innovation, tau_disturbance) = (State { tick, samples: 1, doubted: [0; N], q, qdot: rest, d: rest }, rest, rest);
+            (state, innovation, tau_disturbance) =
+                (State { samples: 1, ..State::begin(tick, reading) }, SVector::zeros(), SVector::zeros());
         }
         self.state = Some(state);
         StateEstimate {
@@ -146,6 +156,26 @@ impl<const N: usize> Cycle<N> {
             resume: padded(&state.d),
             drive: sample.drive,
             stale_ticks: sample.stale_ticks,
+        }
+    }
+
+    /// Whether a joint's reading is to be believed; the prediction stands for one that is not.
+    fn weigh(&self, joint: usize, measured: &mut f64, predicted: &mut State<N>) {
+        let doubted = predicted.doubted[joint];
+        if (*measured - predicted.q[joint]).abs() <= self.gate[joint] {
+            predicted.doubted[joint] = 0;
+        } else if doubted < PATIENCE {
+            if doubted == 0 {
+                predicted.suspect[joint] = *measured;
+            }
+            predicted.doubted[joint] = doubted + 1;
+            *measured = predicted.q[joint];
+        } else {
+            let (mean, limit) = ((*measured - predicted.suspect[joint]) / (f64::from(doubted) * self.T), self.velocity[joint]);
+            predicted.doubted[joint] = 0;
+            predicted.q[joint] = *measured;
+            predicted.qdot[joint] = if mean.abs() <= limit { mean } else { 0.0 };
+            predicted.d[joint] = 0.0;
         }
     }
 
@@ -272,6 +302,28 @@ mod tests {
         let last = (0..10).map(|tick| whole.step(&sample(tick))).last().unwrap();
         second.resume(&last);
         assert_eq!(whole.step(&sample(10)), second.step(&sample(10)));
+    }
+
+    #[test]
+    fn a_reading_that_jumps_for_a_while_is_no_motion() {
+        let robot = Robot::builtin("puma560").unwrap();
+        let place = [0.1, -1.2, 1.9, 0.2, 0.5, 0.3, 0.0, 0.0];
+        for (bandwidth, jump) in [(0.0, 1000.0), (60.0, 1000.0), (60.0, 0.3), (0.0, -0.3)] {
+            let mut estimator = Cycle::<6>::new(&robot, &scenario(150.0, bandwidth)).unwrap();
+            for tick in 0..300_u64 {
+                let mut sample = SensorSample { q_encoder: place, ..SensorSample::default() };
+                sample.header.tick = tick;
+                let q = place[0] + 0.5e-3 * tick as f64;
+                sample.q_encoder[0] = if (50..150).contains(&tick) { q + jump } else { q };
+                let terms = estimator.model.evaluate(&SVector::from_column_slice(&place[..6]), &SVector::zeros());
+                sample.tau_drive = padded(&terms.gravity);
+                let estimate = estimator.step(&sample);
+                let fastest = estimate.qdot.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+                assert!(tick < 40 || fastest < 0.7, "jump {jump}, tick {tick}: {fastest} rad/s");
+                let is_back = !(48..175).contains(&tick);
+                assert!(tick < 40 || !is_back || (estimate.q[0] - q).abs() < 1e-3, "jump {jump}, tick {tick}: {}", estimate.q[0] - q);
+            }
+        }
     }
 
     #[test]
