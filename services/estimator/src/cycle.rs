@@ -115,6 +115,12 @@ impl<const N: usize> Cycle<N> {
         self.state = Some(State { tick: last.header.tick, samples: SETTLED, doubted: [0; N], suspect: q, q, qdot, d });
     }
 
+    /// Whether a reading of the last sample was not believed.
+    #[must_use]
+    pub fn doubts(&self) -> bool {
+        self.state.is_some_and(|state| state.doubted.iter().any(|ticks| *ticks > 0))
+    }
+
     /// The estimate at the sample's tick.
     pub fn step(&mut self, sample: &SensorSample) -> StateEstimate {
         let mut measured = SVector::<f64, N>::from_column_slice(&sample.q_encoder[..N]);
@@ -320,6 +326,8 @@ mod tests {
                 let estimate = estimator.step(&sample);
                 let fastest = estimate.qdot.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
                 assert!(tick < 40 || fastest < 0.7, "jump {jump}, tick {tick}: {fastest} rad/s");
+                let is_doubtful = (50..50 + u64::from(PATIENCE)).contains(&tick) || (150..150 + u64::from(PATIENCE)).contains(&tick);
+                assert!(tick < 40 || estimator.doubts() == is_doubtful, "jump {jump}, tick {tick}");
                 let is_back = !(48..175).contains(&tick);
                 assert!(tick < 40 || !is_back || (estimate.q[0] - q).abs() < 1e-3, "jump {jump}, tick {tick}: {}", estimate.q[0] - q);
             }

@@ -16,6 +16,8 @@ pub trait Step {
     fn step(&mut self, sample: &SensorSample) -> StateEstimate;
     /// Takes up the state that `last` carries.
     fn resume(&mut self, last: &StateEstimate);
+    /// Whether a reading of the last sample was not believed.
+    fn doubts(&self) -> bool;
 }
 
 impl<const N: usize> Step for Cycle<N> {
@@ -24,6 +26,9 @@ impl<const N: usize> Step for Cycle<N> {
     }
     fn resume(&mut self, last: &StateEstimate) {
         self.resume(last);
+    }
+    fn doubts(&self) -> bool {
+        self.doubts()
     }
 }
 
@@ -48,7 +53,11 @@ pub fn run(shell: &Shell, robot: &Robot, scenario: &Scenario) -> Result<(), Proc
         cycle.resume(last);
     }
     while let Some(sample) = sensors.next()? {
-        estimates.send(cycle.step(sample))?;
+        let estimate = cycle.step(sample);
+        if cycle.doubts() {
+            shell.notice_message();
+        }
+        estimates.send(estimate)?;
     }
     Ok(())
 }

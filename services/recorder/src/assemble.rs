@@ -38,20 +38,21 @@ impl Row {
 /// Rows are large: they stay where they are and are used again.
 #[derive(Debug)]
 pub struct Assembler {
+    /// What there is, by tick.
     rows: VecDeque<Box<Row>>,
     given: Option<Box<Row>>,
     spare: Vec<Box<Row>>,
     next: u64,
-    patience: usize,
-    horizon: usize,
+    patience: u64,
+    horizon: u64,
 }
 
 impl Assembler {
-    /// An assembler that waits `patience` ticks for what is missing. Topics are drained one after the other: `horizon` is more ticks than
-    /// one of them may be ahead of the others.
+    /// An assembler that waits `patience` ticks for what is missing. Ticks of which nothing has come are given out empty; where there are more
+    /// than `horizon` of them on end they are not, and what comes after them has to wait for its time: the tick may be a wrong one.
     #[must_use]
-    pub fn new(patience: usize, horizon: usize) -> Self {
-        Self { rows: VecDeque::with_capacity(patience + 1), given: None, spare: Vec::new(), next: 0, patience, horizon }
+    pub fn new(patience: u64, horizon: u64) -> Self {
+        Self { rows: VecDeque::new(), given: None, spare: Vec::new(), next: 0, patience, horizon }
     }
 
     /// Goes on where an earlier assembler had come to, with the rows that it had not given out.
@@ -73,19 +74,20 @@ impl Assembler {
 
     /// The row of a tick; `None` when it has been given out already.
     pub fn row(&mut self, tick: u64) -> Option<&mut Row> {
-        let place = usize::try_from(tick.checked_sub(self.next)?).ok()?;
-        if place > self.horizon {
-            // A jump far ahead: what lies between will not come any more.
-            self.spare.extend(self.rows.drain(..));
-            self.next = tick;
-            return self.row(tick);
+        if tick < self.next {
+            return None;
         }
-        while self.rows.len() <= place {
-            let tick = self.next + self.rows.len() as u64;
-            let mut row = self.spare.pop().unwrap_or_default();
-            row.begin(tick);
-            self.rows.push_back(row);
-        }
+        // Most are the last one, or the one after it.
+        let before = self.rows.iter().rev().skip_while(|row| row.tick > tick).count();
+        let place = match before.checked_sub(1) {
+            Some(last) if self.rows[last].tick == tick => last,
+            _ => {
+                let mut row = self.spare.pop().unwrap_or_default();
+                row.begin(tick);
+                self.rows.insert(before, row);
+                before
+            }
+        };
         self.rows.get_mut(place).map(|row| &mut **row)
     }
 
@@ -94,13 +96,22 @@ impl Assembler {
     /// The age counts from what was on its way before the topics were looked at, not from what has come since: topics are taken in one after
     /// the other, and the last of them may be far ahead of the first.
     pub fn pop(&mut self, now: u64, flush: bool) -> Option<&Row> {
-        let due = self.rows.front()?.is_whole() || self.next + (self.patience as u64) < now || flush;
-        if !due {
+        let front = self.rows.front()?;
+        let gap = front.tick - self.next;
+        let is_jump = gap > self.horizon;
+        let is_old = if is_jump { front.tick < now } else { self.next.saturating_add(self.patience) < now };
+        if !(is_old || flush || gap == 0 && front.is_whole()) {
             return None;
         }
-        self.next += 1;
         self.spare.extend(self.given.take());
-        self.given = self.rows.pop_front();
+        self.given = if gap == 0 || is_jump {
+            self.rows.pop_front()
+        } else {
+            let mut nothing = self.spare.pop().unwrap_or_default();
+            nothing.begin(self.next);
+            Some(nothing)
+        };
+        self.next = self.given.as_ref()?.tick.saturating_add(1);
         self.given.as_deref()
     }
 }
@@ -141,11 +152,22 @@ mod tests {
     }
 
     #[test]
+    fn ticks_of_which_nothing_came_are_given_out_empty() {
+        let mut assembler = Assembler::new(3, 6);
+        (0..8).filter(|tick| !(2..4).contains(tick)).for_each(|tick| fill(&mut assembler, tick));
+        let mut rows = Vec::new();
+        while let Some(row) = assembler.pop(7, false) {
+            rows.push((row.tick, row.is_whole(), row.sensor.is_some()));
+        }
+        let expected: Vec<_> = (0..8).map(|tick| (tick, !(2..4).contains(&tick), !(2..4).contains(&tick))).collect();
+        assert_eq!(rows, expected);
+    }
+
+    #[test]
     fn topics_that_are_drained_one_after_the_other_lose_nothing() {
-        let (patience, depth) = (256, 1024);
-        let mut assembler = Assembler::new(patience, 2 * depth);
+        let mut assembler = Assembler::new(256, 2048);
         for place in 0..5 {
-            for tick in 0..depth as u64 {
+            for tick in 0..1024 {
                 let row = assembler.row(tick).unwrap();
                 match place {
                     0 => row.sensor = Some(SensorSample::default()),
@@ -166,6 +188,17 @@ mod tests {
         assembler.row(1).unwrap().sensor = Some(SensorSample::default());
         assert_eq!((assembler.pop(0, true).unwrap().tick, assembler.pop(0, true).unwrap().tick), (0, 1));
         assert!(assembler.pop(0, true).is_none());
-        assert!(assembler.row(1_000_000).is_some(), "a jump does not fill memory");
+    }
+
+    #[test]
+    fn a_tick_from_nowhere_costs_nothing_but_itself() {
+        let mut assembler = Assembler::new(3, 6);
+        fill(&mut assembler, 0);
+        assembler.row(1_000_000_000).unwrap().sensor = Some(SensorSample::default());
+        fill(&mut assembler, 1);
+        assembler.row(2).unwrap().sensor = Some(SensorSample::default());
+        let mut ticks = |now: u64, flush| std::iter::from_fn(|| assembler.pop(now, flush).map(|row| row.tick)).collect::<Vec<_>>();
+        assert_eq!(ticks(3, false), [0, 1]);
+        assert_eq!((ticks(6, false), ticks(500, false), ticks(6, true)), (vec![2], vec![], vec![1_000_000_000]));
     }
 }

@@ -41,10 +41,10 @@ const fn pause(mode: Mode) -> Duration {
 }
 
 /// Ticks for which an incomplete row waits for its missing messages.
-const PATIENCE: usize = 256;
+const PATIENCE: u64 = 256;
 
-/// Ticks that one topic may be ahead of another while they are taken in in turn: what a replacement goes through again, and what a buffer holds.
-const HORIZON: usize = checkpoint::EVERY_TICKS as usize + 2 * runtime::RECORDER_DEPTH;
+/// Ticks that may be missing on end; a minute at 1 kHz.
+const HORIZON: u64 = 60_000;
 
 /// Records and judges until the run has stopped and everything on the way has arrived, then leaves its part of the summary in `run_dir`.
 ///

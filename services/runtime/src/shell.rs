@@ -610,6 +610,11 @@ impl Shell {
         self.shared.board.ledger().notice(self.shared.me, self.shared.tick.get(), now_ns());
     }
 
+    /// Something is wrong with what a message says: whatever is at work has been noticed by that.
+    pub fn notice_message(&self) {
+        self.shared.notice();
+    }
+
     /// All faults of the run so far.
     #[must_use]
     pub fn ledger(&self) -> &Ledger {

@@ -105,6 +105,9 @@ struct Told {
 /// As a process says that it does not send what it has computed.
 const REFUSED: &str = "refused its own";
 
+/// As the recorder says that its volume is full.
+const RECORDING_ENDS: &str = "recording ends";
+
 impl Told {
     fn take(&mut self, event: &Event<'_>) {
         let line = match event {
@@ -129,6 +132,11 @@ impl Told {
             self.lines.pop_front();
         }
         self.lines.push_back(line);
+    }
+
+    /// The last line that says something like this; empty where there is none.
+    fn words_on(&self, what: &str) -> String {
+        self.lines.iter().rfind(|line| line.contains(what)).cloned().unwrap_or_default()
     }
 }
 
@@ -233,8 +241,13 @@ impl Seen {
         let (refused, fenced) = recorder_counts.map_or((0, 0), |counts| (counts.refused, counts.fenced));
         let sent = self.outcome.processes.iter().map(|process| process.counts.sent).sum::<u64>();
         let in_files: u64 = kept.iter().sum();
-        // A recorder that is dead at the end leaves no account, but it leaves its files.
-        let taken_in = if self.summary.recorder.messages == 0 { in_files } else { self.summary.recorder.messages };
+        // A recorder that is dead at the end leaves no account, but it leaves its files; where a full volume has ended those, its last words.
+        let account = &self.summary.recorder;
+        let (taken_in, recording_error) = match (account.messages, self.full_at()) {
+            (0, Some(_)) => (sent.saturating_sub(refused + fenced), self.told.words_on(RECORDING_ENDS)),
+            (0, None) => (in_files, String::new()),
+            (messages, _) => (messages, account.error.clone()),
+        };
         let messages = Messages { sent, taken_in, refused, fenced, lost: sent.saturating_sub(taken_in + refused + fenced), kept: in_files };
         // As `drill` sees it: what it went through on its way is not the goal.
         let (task, goal) = (&self.summary.task, &job.scenario.goal);
@@ -253,7 +266,7 @@ impl Seen {
             files,
             recorder_deaths: self.outcome.processes.iter().find(|one| one.name == "recorder").map_or(0, |one| u64::from(one.restarts)),
             full_at: self.full_at(),
-            recording_error: self.summary.recorder.error.clone(),
+            recording_error,
             deaths: self.deaths(),
             ended: self.ended(),
             falsely_silenced: self.falsely_silenced(),
