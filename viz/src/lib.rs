@@ -7,7 +7,7 @@
 //!
 //! * How it is read back without a viewer: [`read`].
 //!
-//! Cost, six joints at 1 kHz with everything on: 9 µs CPU a tick and 24 MB a minute (`examples/synthetic.rs`). It grows with the number
+//! Cost, six joints at 1 kHz with everything on: 4.5 µs CPU a tick and 16 MB a minute (`examples/synthetic.rs`). It grows with the number
 //! of chunks, each of which carries its schema, hence one wide table of numbers and a signal per component rather than per entity.
 //!
 //! Read back in Python (with pandas; the filter matters, because static meshes would be repeated in every row):
