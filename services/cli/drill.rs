@@ -155,7 +155,7 @@ fn plans(drill: &Drill<'_>, only: Option<&Only>, pairs: u32) -> Vec<Plan> {
     }
     let seed = drill.job.scenario.seed;
     let draw = |index: u64, what: u64| random(seed ^ 0xd411, 16 * index + what);
-    let span = drill.planned_ticks;
+    let span = drill.span;
     let placed = |fault: &Fault, index: u64, what: u64| {
         // In the middle of the motion, each at another place.
         let at = span / 4 + draw(index, what) % (span / 2).max(1);
@@ -183,17 +183,18 @@ fn plans(drill: &Drill<'_>, only: Option<&Only>, pairs: u32) -> Vec<Plan> {
 struct Drill<'a> {
     job: Job,
     robot: &'a Robot,
-    planned_ticks: u64,
+    /// Ticks of the task, in the middle of which faults strike.
+    span: u64,
     folder: &'a Path,
 }
 
 impl<'a> Drill<'a> {
     fn new(scenario: &Scenario, robot: &'a Robot, folder: &'a Path) -> Result<Self, Failure> {
-        let planned_ticks = scenario.planned_ticks();
+        let span = scenario.planned_ticks();
         // Where the task is over sooner than an arm can come back, the verdict waits.
         let scenario = Scenario { fault: Vec::new(), settle_s: scenario.settle_s.max(TIME_TO_RECOVER_S), ..scenario.clone() };
         let job = load::job(robot, scenario, load::graph(None)?, Mode::Lockstep, folder.join("run"));
-        Ok(Self { job, robot, planned_ticks, folder })
+        Ok(Self { job, robot, span, folder })
     }
 
     fn strike(&self, fault: &Fault, seed: u64) -> Result<Strike, Failure> {

@@ -50,11 +50,10 @@ pub(crate) fn replay(args: &ReplayArgs, as_json: bool) -> Result<ExitCode, Failu
     let job = job(&args.run)?;
     let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
     let scenario = with_settings(&job.scenario, &args.set)?;
-    let ticks = scenario.planned_ticks();
     let tape = Tape {
         folder: args.run.join(recorder::MESSAGES),
         run: &args.run,
-        bar: run::progress_bar(ticks, &job),
+        bar: run::progress_bar(&scenario),
         process: args.process.name(),
         strikes: strikes(&args.run, &job, args.process.name())?,
     };

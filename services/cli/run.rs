@@ -47,7 +47,7 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
     }
     let plan = plan(&job)?;
     let live = if args.live { Some(Live::start(&results.folder)?) } else { None };
-    let launched = launch(&job, plan, job.scenario.planned_ticks());
+    let launched = launch(&job, plan);
     if let Some(sentence) = live.and_then(Live::finish) {
         eprintln!("armplane: {sentence}");
     }
@@ -67,8 +67,8 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
 }
 
 /// Runs the processes to the end of the task, or of one of them, and says what happens. Returns what became of them, and the recorder's account.
-pub(crate) fn launch(job: &Job, plan: Plan, planned_ticks: u64) -> Result<(Outcome, Option<Summary>), Failure> {
-    let bar = progress_bar(planned_ticks, job);
+pub(crate) fn launch(job: &Job, plan: Plan) -> Result<(Outcome, Option<Summary>), Failure> {
+    let bar = progress_bar(&job.scenario);
     let launched = launch_quietly(job, plan, &mut |_| Ok(()), &mut |event| match event {
         Event::Progress { ticks } => bar.set_position(*ticks),
         Event::Line { process, line } => bar.suspend(|| eprintln!("{process}: {line}")),
@@ -112,9 +112,9 @@ pub(crate) fn launch_quietly(
 }
 
 /// A bar on a terminal, nothing elsewhere.
-pub(crate) fn progress_bar(ticks: u64, job: &Job) -> ProgressBar {
+pub(crate) fn progress_bar(scenario: &Scenario) -> ProgressBar {
     let style = ProgressStyle::with_template("{msg} {wide_bar:.cyan/dim} {pos}/{len} ticks  {per_sec}  {eta}");
-    let bar = ProgressBar::new(ticks).with_message(job.scenario.name.clone());
+    let bar = ProgressBar::new(scenario.planned_ticks()).with_message(scenario.name.clone());
     style.map_or(bar.clone(), |style| bar.with_style(style))
 }
 

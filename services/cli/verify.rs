@@ -160,7 +160,7 @@ pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<ExitCode, Failu
         std::fs::create_dir_all(&out).map_err(|error| Failure::Work(format!("cannot make {}: {error}", out.display())))?;
         let job = load::job(&robot, scenario.clone(), graph.clone(), Mode::Lockstep, out);
         let job = Job { record: condition.record, ..job };
-        let ran = in_processes(&job, condition, random(scenario.seed, index as u64), args.unordered, scenario.planned_ticks())?;
+        let ran = in_processes(&job, condition, random(scenario.seed, index as u64), args.unordered)?;
         let messages = job.out.join(recorder::MESSAGES);
         let Some(reference) = &mut reference else {
             reference = Some(Reference { ran, messages: Some(messages), is_run: true });
@@ -267,11 +267,11 @@ fn on_one_thread(robot: &Robot, scenario: &Scenario, messages: Option<&Path>) ->
     Ok(Ran { condition, ticks, ticks_per_s, topics, failure: String::new(), fallen: None })
 }
 
-fn in_processes(job: &Job, condition: Condition, seed: u64, unordered: bool, ticks: u64) -> Result<Ran, Failure> {
+fn in_processes(job: &Job, condition: Condition, seed: u64, unordered: bool) -> Result<Ran, Failure> {
     let mut plan = run::plan(job)?;
     condition.disturb(&mut plan, seed, unordered);
     let hogs = condition.hogs.then(Hogs::start);
-    let (outcome, account) = run::launch(job, plan, ticks)?;
+    let (outcome, account) = run::launch(job, plan)?;
     drop(hogs);
     let (failure, fallen) = match outcome.end {
         End::Completed => (String::new(), None),

@@ -84,8 +84,7 @@ fn chunk(message: &[u8]) -> Result<Option<Chunk>, String> {
     if message.store_id.as_ref().is_none_or(|store| store.kind() != StoreKind::Recording) {
         return Ok(None);
     }
-    believable(&message)?;
-    let message = message.to_application(()).map_err(|error| error.to_string())?;
+    let message = believable(message)?.to_application(()).map_err(|error| error.to_string())?;
     Chunk::from_arrow_msg(&message).map(Some).map_err(|error| error.to_string())
 }
 
@@ -119,23 +118,26 @@ fn guarded<T>(work: impl FnOnce() -> T) -> Result<T, String> {
     done.map_err(|_| said)
 }
 
-/// Whether the lengths in a message agree with what there is.
+/// A message, unpacked, where the lengths in it agree with what there is.
 ///
 /// # Errors
 /// What does not agree.
-fn believable(message: &ArrowMsg) -> Result<(), String> {
+fn believable(message: ArrowMsg) -> Result<ArrowMsg, String> {
     /// No byte of an LZ4 block stands for more.
     const MOST_EXPANSION: u64 = 255;
-    let ArrowMsg { payload, uncompressed_size, .. } = message;
-    let unpacked = match message.compression() {
-        Compression::Lz4 if *uncompressed_size > MOST_EXPANSION * payload.len() as u64 => {
+    let ArrowMsg { ref payload, uncompressed_size, .. } = message;
+    let message = match message.compression() {
+        Compression::Lz4 if uncompressed_size > MOST_EXPANSION * payload.len() as u64 => {
             return Err(format!("{} bytes cannot be {uncompressed_size} bytes packed", payload.len()));
         }
-        Compression::Lz4 => decompress(payload, *uncompressed_size as usize).map_err(|error| error.to_string())?,
-        _ => payload.to_vec(),
+        Compression::Lz4 => {
+            let unpacked = decompress(payload, uncompressed_size as usize).map_err(|error| error.to_string())?;
+            ArrowMsg { payload: unpacked.into(), compression: Compression::None as i32, ..message }
+        }
+        _ => message,
     };
     // An Arrow IPC stream: a marker, the length of what describes the next message, the description, its body; all padded to 8 bytes.
-    let mut rest = &unpacked[..];
+    let mut rest = &message.payload[..];
     while let Some((head, after)) = rest.split_first_chunk::<8>() {
         let length = u32::from_le_bytes([head[4], head[5], head[6], head[7]]) as usize;
         if head[..4] != [0xff; 4] || length == 0 {
@@ -146,7 +148,7 @@ fn believable(message: &ArrowMsg) -> Result<(), String> {
         let size = usize::try_from(body).ok().filter(|size| *size <= described.1.len());
         rest = &described.1[size.ok_or_else(|| format!("a table of {body} bytes where {} are left", described.1.len()))?..];
     }
-    Ok(())
+    Ok(message)
 }
 
 #[cfg(test)]

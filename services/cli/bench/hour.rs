@@ -49,7 +49,7 @@ pub(super) fn hour(robot: &Robot, scenario: &Scenario, seconds: u64) -> Result<H
     let folder = super::scratch()?;
     let job = super::job(robot, prolonged(scenario, scenario.rate_hz, seconds), Mode::Lockstep, folder.path())?;
     let rate_hz = f64::from(job.scenario.rate_hz);
-    let bar = run::progress_bar((job.scenario.duration_s() * rate_hz).round() as u64, &job);
+    let bar = run::progress_bar(&job.scenario);
     let mut memory: Vec<Look> = Vec::new();
     let launched = run::launch_quietly(&job, run::plan(&job)?, &mut |_| Ok(()), &mut |event| match event {
         Event::Progress { ticks } => {

@@ -168,8 +168,7 @@ pub(super) fn record(robot: &Robot, scenario: &Scenario) -> Result<(Vec<BenchRow
     let rows = ["judge", "recording", "messages"].iter().zip(&times);
     let rows = rows.map(|(what, times)| BenchRow::alone("record", what, Distribution::of(times))).collect();
 
-    let ticks = scenario.planned_ticks();
-    let (outcome, account) = run::launch(&job, run::plan(&job)?, ticks)?;
+    let (outcome, account) = run::launch(&job, run::plan(&job)?)?;
     let account = account.ok_or_else(|| Failure::Work("the recorder left no account of the run".to_owned()))?.recorder;
     if !account.error.is_empty() {
         return Err(Failure::Work(account.error));

@@ -46,9 +46,8 @@ pub(super) fn graph(robot: &Robot, scenario: &Scenario, rate_hz: u32, seconds: u
     let scenario = prolonged(scenario, rate_hz, seconds);
     let folder = super::scratch()?;
     let job = super::job(robot, scenario, Mode::Realtime, folder.path())?;
-    let ticks = (job.scenario.duration_s() * f64::from(rate_hz)).round() as u64;
     let hogs = loaded.then(Hogs::start);
-    let (outcome, account) = run::launch(&job, run::plan(&job)?, ticks)?;
+    let (outcome, account) = run::launch(&job, run::plan(&job)?)?;
     drop(hogs);
     match &outcome.end {
         End::Completed => {}

@@ -28,8 +28,6 @@ pub struct Cycle<const N: usize> {
     gains: Gains,
     /// The largest believable innovation per tick; rad.
     gate: SVector<f64, N>,
-    /// Speed limits; rad/s.
-    velocity: SVector<f64, N>,
     state: Option<State<N>>,
 }
 
@@ -100,7 +98,6 @@ impl<const N: usize> Cycle<N> {
         let model = Model::<N>::new(robot, None)?;
         Ok(Self {
             gate: model.velocity().map(|limit| (GATE * limit * T).max(BELIEVED)),
-            velocity: *model.velocity(),
             model,
             T,
             gains: Gains::place(pole(scenario.estimator.bandwidth), pole(scenario.estimator.disturbance_bandwidth)),
@@ -112,7 +109,7 @@ impl<const N: usize> Cycle<N> {
     pub fn resume(&mut self, last: &StateEstimate) {
         let take = |values: &[f64]| SVector::from_column_slice(&values[..N]);
         let (q, qdot, d) = (take(&last.q), take(&last.qdot), take(&last.resume));
-        self.state = Some(State { tick: last.header.tick, samples: SETTLED, doubted: [0; N], suspect: q, q, qdot, d });
+        self.state = Some(State { samples: SETTLED, qdot, d, ..State::begin(last.header.tick, q) });
     }
 
     /// Whether a reading of the last sample was not believed.
@@ -177,7 +174,7 @@ impl<const N: usize> Cycle<N> {
             predicted.doubted[joint] = doubted + 1;
             *measured = predicted.q[joint];
         } else {
-            let (mean, limit) = ((*measured - predicted.suspect[joint]) / (f64::from(doubted) * self.T), self.velocity[joint]);
+            let (mean, limit) = ((*measured - predicted.suspect[joint]) / (f64::from(doubted) * self.T), self.model.velocity()[joint]);
             predicted.doubted[joint] = 0;
             predicted.q[joint] = *measured;
             predicted.qdot[joint] = if mean.abs() <= limit { mean } else { 0.0 };

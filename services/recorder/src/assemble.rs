@@ -22,7 +22,7 @@ pub struct Row {
 }
 
 impl Row {
-    /// Nothing of a tick; what was there of another one is not touched.
+    /// Becomes the row of a tick of which nothing has come; writes no more than that.
     fn begin(&mut self, tick: u64) {
         self.tick = tick;
         (self.sensor, self.truth, self.estimate, self.report, self.command) = (None, None, None, None, None);
@@ -77,17 +77,11 @@ impl Assembler {
         if tick < self.next {
             return None;
         }
-        // Most are the last one, or the one after it.
-        let before = self.rows.iter().rev().skip_while(|row| row.tick > tick).count();
-        let place = match before.checked_sub(1) {
-            Some(last) if self.rows[last].tick == tick => last,
-            _ => {
-                let mut row = self.spare.pop().unwrap_or_default();
-                row.begin(tick);
-                self.rows.insert(before, row);
-                before
-            }
-        };
+        let place = self.rows.partition_point(|row| row.tick < tick);
+        if self.rows.get(place).is_none_or(|row| row.tick != tick) {
+            let row = self.empty(tick);
+            self.rows.insert(place, row);
+        }
         self.rows.get_mut(place).map(|row| &mut **row)
     }
 
@@ -104,15 +98,16 @@ impl Assembler {
             return None;
         }
         self.spare.extend(self.given.take());
-        self.given = if gap == 0 || is_jump {
-            self.rows.pop_front()
-        } else {
-            let mut nothing = self.spare.pop().unwrap_or_default();
-            nothing.begin(self.next);
-            Some(nothing)
-        };
+        self.given = if gap == 0 || is_jump { self.rows.pop_front() } else { Some(self.empty(self.next)) };
         self.next = self.given.as_ref()?.tick.saturating_add(1);
         self.given.as_deref()
+    }
+
+    /// A row of which nothing has come, where one has been given back in its place.
+    fn empty(&mut self, tick: u64) -> Box<Row> {
+        let mut row = self.spare.pop().unwrap_or_default();
+        row.begin(tick);
+        row
     }
 }
 

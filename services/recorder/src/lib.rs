@@ -170,8 +170,13 @@ pub struct Tape<const N: usize> {
 /// How often the recording is written besides at every checkpoint: a chunk costs the same whatever it holds, and what it holds goes with a run
 /// that is killed whole, or with a volume that is full. The picture is hardly ever, but where somebody watches.
 fn chunks(job: &Job) -> viz::Options {
-    let signal_chunk_s = if job.live || job.mode == job::Mode::Realtime { 0.25 } else { 1.0 };
-    viz::Options { signal_chunk_s, picture_chunk_s: if job.live { 0.25 } else { 10.0 }, ..viz::Options::default() }
+    let often = viz::Options::default();
+    let is_followed = job.live || job.mode == job::Mode::Realtime;
+    viz::Options {
+        signal_chunk_s: if is_followed { often.signal_chunk_s } else { 1.0 },
+        picture_chunk_s: if job.live { often.signal_chunk_s } else { 10.0 },
+        ..often
+    }
 }
 
 /// When a recording goes on in a further file.

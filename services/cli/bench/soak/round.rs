@@ -322,7 +322,6 @@ impl Seen {
     fn read_recording(&self, out: &Path, files: &mut Files) {
         let mut has = vec![false; self.outcome.ticks as usize + 1];
         for part in viz::parts_in(out) {
-            let mut unreadable = Vec::new();
             let each = |piece: viz::Piece<'_>| {
                 match piece {
                     viz::Piece::Rows(rows) => {
@@ -332,15 +331,14 @@ impl Seen {
                             }
                         }
                     }
-                    viz::Piece::Damaged(damage) => unreadable.push(damage.to_string()),
+                    viz::Piece::Damaged(damage) => files.unreadable.push(damage.to_string()),
                     _ => {}
                 }
                 Ok::<(), viz::ReadError>(())
             };
             if let Err(error) = viz::read(std::slice::from_ref(&part), each) {
-                unreadable.push(error.to_string());
+                files.unreadable.push(error.to_string());
             }
-            files.unreadable.append(&mut unreadable);
         }
         files.rows = has.iter().filter(|has| **has).count() as u64;
     }
