@@ -1,4 +1,4 @@
-//! What a URDF cannot say about an arm, in TOML beside it. Every key is optional; unknown keys are refused.
+//! Properties of an arm that a URDF has no element for, in TOML beside it. Every key is optional; unknown keys are refused.
 //!
 //! ```toml
 //! default_frame = "flange"          # end-effector frame: a link of the URDF. Default: the chain's last link
@@ -29,14 +29,13 @@
 //! A URDF without a description works with these defaults: no armature, no friction beyond its `<dynamics>`.
 //! `continuous` joints without a `<limit>` have no limits of position, torque or speed.
 
-use crate::robot::{Factors, Joint, Robot, RobotError, TaskAxes, TaskAxis, list};
+use crate::error::{DescriptionError, RobotError, list};
+use crate::factors::Factors;
+use crate::joint::Joint;
+use crate::robot::Robot;
+use crate::task::{TaskAxes, TaskAxis};
 use serde::Deserialize;
 use std::collections::BTreeMap;
-
-/// Why a text is not a description: the TOML parser's message, with line and column.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{0}")]
-pub struct DescriptionError(String);
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]

@@ -11,7 +11,7 @@ pub const SUPPORTED_DOF: [usize; 3] = [3, 6, 7];
 pub struct Refused(String);
 
 impl Refused {
-    /// For a reason that somebody else found.
+    /// For a reason found elsewhere: any error, as its sentence.
     pub fn because(reason: impl std::fmt::Display) -> Self {
         Self(reason.to_string())
     }

@@ -1,7 +1,9 @@
 //! Plain kinematics for any number of joints: for checking and describing a robot as it is loaded.
 
+use crate::joint::{Frame, Joint, JointKind};
 use crate::pose::Pose;
-use crate::robot::{Frame, Joint, JointKind, Robot, TaskAxes, TaskAxis};
+use crate::robot::Robot;
+use crate::task::{TaskAxes, TaskAxis};
 use nalgebra::{Matrix3, Unit, Vector3, Vector6};
 
 /// The Jacobian's columns [v; ω] at the default frame, from axes and origins alone.

@@ -2,7 +2,7 @@
 //!
 //! PURE: no clock, thread, file, environment or randomness, and nothing allocates after a robot is loaded.
 //!
-//! - [`Robot`] is the arm as data: a serial chain read from a URDF, and what a URDF cannot say (armature, friction,
+//! - [`Robot`] is the arm as data: a serial chain read from a URDF, and the properties that a URDF has no element for (armature, friction,
 //!   encoders, gravity, postures) from a [`description`] in TOML.
 //! - [`Model`] is the same arm with its number of joints in the type, ready to compute:
 //!   [`Model::evaluate`] gives everything a controller needs in one pass.
@@ -24,22 +24,37 @@
 //! ```
 #![allow(non_snake_case)]
 
+mod arm;
+mod body;
+mod builtin;
 pub mod description;
 mod dispatch;
 mod dynamics;
+mod error;
+mod factors;
 mod geometry;
+mod joint;
+mod kinematics;
+mod load;
 mod pose;
 mod robot;
+mod shape;
 mod spatial;
 mod start;
+mod task;
+mod terms;
 #[cfg(test)]
 mod tests;
 mod urdf;
 
+pub use arm::{Model, ModelError};
 pub use dispatch::{Refused, SUPPORTED_DOF};
-pub use dynamics::{Model, ModelError, Terms};
+pub use error::{DescriptionError, PostureError, RobotError};
+pub use factors::Factors;
+pub use joint::{Frame, Joint, JointKind};
 pub use pose::Pose;
-pub use robot::{
-    Factors, Frame, Geometry, Joint, JointKind, MAX_DOF, PostureError, Robot, RobotError, RobotSource, Shape, TaskAxes, TaskAxis,
-};
+pub use robot::{Robot, RobotSource};
+pub use shape::{Geometry, Shape};
 pub use start::StartError;
+pub use task::{TaskAxes, TaskAxis};
+pub use terms::Terms;

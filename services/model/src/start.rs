@@ -2,7 +2,9 @@
 
 use shared_types::scenario::Start;
 
-use crate::robot::{JointKind, PostureError, Robot};
+use crate::error::PostureError;
+use crate::joint::JointKind;
+use crate::robot::Robot;
 
 /// Why a start does not fit the robot.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

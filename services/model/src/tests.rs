@@ -1,4 +1,4 @@
-//! Golden data, algorithms that check each other, and what is refused.
+//! Golden data, algorithms that check each other, and refusals.
 
 mod golden;
 mod identities;

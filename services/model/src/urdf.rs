@@ -1,12 +1,15 @@
 //! A serial chain out of a URDF.
 
+use crate::error::{RobotError, list};
+use crate::joint::{Frame, Joint, JointKind};
 use crate::pose::Pose;
-use crate::robot::{Frame, Geometry, Joint, JointKind, MAX_DOF, RobotError, Shape, list};
+use crate::shape::{Geometry, Shape};
 use nalgebra::{Matrix3, Vector3};
+use shared_types::MAX_DOF;
 use std::collections::{BTreeMap, BTreeSet};
 use urdf_rs::JointType;
 
-/// What a URDF says about the chain.
+/// The content of a URDF: a serial chain.
 pub(crate) struct Chain {
     pub(crate) joints: Vec<Joint>,
     pub(crate) frames: Vec<Frame>,
@@ -174,7 +177,7 @@ impl<'a> Tree<'a> {
 
         let base = self.rigid(self.root, held);
         self.attach(&mut chain, None, &base)?;
-        // The link the last joint moved, and what is rigid with it: where the next joint may hang.
+        // The link moved by the last joint and all links rigid with it: the candidates for the next joint's parent.
         let mut carrier = base;
         for (i, joint) in movable.iter().enumerate() {
             let X_PM = carrier
@@ -216,7 +219,7 @@ impl<'a> Tree<'a> {
                 }
             }
             if chain.shapes.len() == before {
-                // What stands for the link in collisions is often simpler.
+                // Collision geometry is often simpler than visual geometry.
                 let shapes = link.collision.iter().filter_map(|collision| {
                     let geometry = geometry(&collision.geometry).ok()?;
                     Some(Shape { joint, X_LS: X_LF * pose(&collision.origin), geometry, colour: None })
@@ -280,7 +283,7 @@ impl<'a> Tree<'a> {
         let mut limit = joint.limit.clone();
         if kind == JointKind::Continuous {
             (limit.lower, limit.upper) = (f64::NEG_INFINITY, f64::INFINITY);
-            // A continuous joint needs no <limit>; the parser then says zero.
+            // A continuous joint needs no <limit>; the parser then gives zero.
             if limit.effort == 0.0 {
                 limit.effort = f64::INFINITY;
             }

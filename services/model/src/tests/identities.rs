@@ -7,9 +7,9 @@ use proptest::prelude::*;
 /// Step of the central differences, s or rad: at joint speeds of 3 rad/s their truncation stays near 1e-9 of the values, their rounding
 /// near 1e-12.
 const H: f64 = 3e-4;
-/// What central differences are trusted to, relative to the values (or to 1).
+/// Tolerance of central differences, relative to the values (or to 1).
 const NUMERIC: f64 = 1e-7;
-/// What two exact algorithms are trusted to, relative to the values (or to 1).
+/// Tolerance between two exact algorithms, relative to the values (or to 1).
 const EXACT: f64 = 1e-12;
 
 /// Joints of every kind, axes in odd directions, inertias with all products, fixed links with mass.

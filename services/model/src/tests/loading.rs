@@ -1,4 +1,4 @@
-//! What is read from a URDF and a description, and what is refused, with which sentence.
+//! Reading of URDFs and descriptions, and the sentence of every refusal.
 
 use super::identities::{ODD, odd};
 use crate::{Factors, Geometry, Model, ModelError, Robot, RobotError, RobotSource, TaskAxes};
@@ -91,7 +91,7 @@ fn a_urdf_alone_gets_the_stated_defaults() {
     assert_eq!(arm.frames.iter().map(|frame| frame.joint).collect::<Vec<_>>(), [None, Some(0), Some(1), Some(1), Some(2), Some(2)]);
 }
 
-/// Two point-like bodies bolted together are one body: kinetic energy says so.
+/// Two point-like bodies bolted together have the second moment of one body.
 #[test]
 fn fixed_links_are_lumped() {
     let arm = odd();
@@ -205,10 +205,10 @@ fn impossible_urdfs_are_refused() {
     assert_says(&refusal(&pendulum(r#"<limit lower="-1" upper="1" effort="1" velocity="-2"/>"#), ""), &["velocity = -2"]);
     assert_says(&refusal(&pendulum(r#"<limit lower="nan" upper="1" effort="1" velocity="1"/>"#), ""), &["lower = NaN"]);
 
-    let names: Vec<String> = (0..9).map(|i| format!("l{i}")).collect();
+    let names: Vec<String> = (0..10).map(|i| format!("l{i}")).collect();
     let mut parts: Vec<String> = names.iter().map(|name| link(name)).collect();
     parts.extend(names.windows(2).map(|pair| joint("revolute", &pair[0], &pair[1], LIMIT)));
-    assert_says(&refusal(&robot(&parts), ""), &["8 movable joints", "at most 7"]);
+    assert_says(&refusal(&robot(&parts), ""), &["9 movable joints", "at most 8"]);
     assert_eq!(load(&robot(&parts), "default_frame = \"l7\"").unwrap().dof(), 7);
 }
 
@@ -245,7 +245,7 @@ fn impossible_descriptions_are_refused() {
     assert_says(&with("[factors]\nkind = \"stanford\""), &["stanford"]);
 }
 
-/// A description cannot claim a factorisation that the geometry does not have.
+/// A factorisation that the geometry does not have is refused.
 #[test]
 fn false_factors_are_refused() {
     let source = Robot::builtin("puma560").unwrap().source;
@@ -279,7 +279,7 @@ fn postures_are_checked() {
     assert_says(&robot.check_posture(&q[..5]).unwrap_err().to_string(), &["5 joint values", "6 joints"]);
 }
 
-/// The idealised PUMA at its triple lock has rank 3, as the paper says; the measured one has 4.
+/// The idealised PUMA at its triple lock has rank 3, as in the paper; the measured one has 4.
 #[test]
 fn triple_lock_has_the_papers_rank_only_without_a3() {
     let rank = |name: &str, q3: f64| {

@@ -1,0 +1,161 @@
+//! An arm with its number of joints in the type.
+
+use crate::body::{Body, body_axes};
+use crate::joint::{Joint, JointKind};
+use crate::pose::Pose;
+use crate::robot::Robot;
+use crate::spatial::LinkInertia;
+use nalgebra::{Matrix3, SVector, Vector3};
+
+/// Why a robot has no model of this size or at this frame.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum ModelError {
+    /// The number of joints in the type is not the robot's.
+    #[error("robot '{robot}' has {actual} joints, not {expected}: use Model::<{actual}>")]
+    Dof {
+        /// The robot's name.
+        robot: String,
+        /// The type's number of joints.
+        expected: usize,
+        /// The robot's number of joints.
+        actual: usize,
+    },
+    /// The robot has no such frame.
+    #[error("robot '{robot}' has no frame '{frame}'; its frames are {known}")]
+    UnknownFrame {
+        /// The robot's name.
+        robot: String,
+        /// The frame asked for.
+        frame: String,
+        /// The frames there are.
+        known: String,
+    },
+}
+
+/// An arm with `N` joints and one end-effector frame, ready to compute.
+///
+/// Immutable: every function is a pure function of its arguments, allocates nothing, and cannot fail. Finite arguments
+/// give finite results; q may be any real posture, inside the limits or not.
+#[derive(Clone, Debug)]
+pub struct Model<const N: usize> {
+    pub(crate) bodies: [Body; N],
+    /// The link that carries E; `None` is the base.
+    pub(crate) ee_body: Option<usize>,
+    /// E in that link's axes (in the base, for the base).
+    pub(crate) X_LE: Pose,
+    pub(crate) gravity: Vector3<f64>,
+    pub(crate) armature: SVector<f64, N>,
+    pub(crate) viscous_friction: SVector<f64, N>,
+    pub(crate) coulomb_friction: SVector<f64, N>,
+    pub(crate) lower: SVector<f64, N>,
+    pub(crate) upper: SVector<f64, N>,
+    pub(crate) effort: SVector<f64, N>,
+    pub(crate) velocity: SVector<f64, N>,
+}
+
+impl<const N: usize> Model<N> {
+    /// The model of `robot` with its end-effector frame at `frame` (its default frame if `None`).
+    ///
+    /// # Errors
+    /// [`ModelError`] if `robot` does not have `N` joints, or no such frame.
+    pub fn new(robot: &Robot, frame: Option<&str>) -> Result<Self, ModelError> {
+        if robot.dof() != N {
+            return Err(ModelError::Dof { robot: robot.name.clone(), expected: N, actual: robot.dof() });
+        }
+        let R_urdf: [Matrix3<f64>; N] = std::array::from_fn(|i| body_axes(&robot.joints[i]).transpose());
+        let bodies = std::array::from_fn(|i| {
+            let joint = &robot.joints[i];
+            let to_parent = if i == 0 { Matrix3::identity() } else { R_urdf[i - 1] };
+            let to_link = R_urdf[i];
+            Body {
+                R_0: to_parent * joint.X_PJ.R * to_link.transpose(),
+                p_0: to_parent * joint.X_PJ.p,
+                prismatic: joint.kind == JointKind::Prismatic,
+                mass: joint.mass,
+                com: to_link * joint.com,
+                inertia: LinkInertia::new(&(to_link * joint.inertia * to_link.transpose())),
+                R_urdf: to_link,
+            }
+        });
+        let column = |f: fn(&Joint) -> f64| SVector::from_fn(|i, _| f(&robot.joints[i]));
+        let base = Self {
+            bodies,
+            ee_body: None,
+            X_LE: Pose::identity(),
+            gravity: robot.gravity,
+            armature: column(|j| j.armature),
+            viscous_friction: column(|j| j.viscous_friction),
+            coulomb_friction: column(|j| j.coulomb_friction),
+            lower: column(|j| j.lower),
+            upper: column(|j| j.upper),
+            effort: column(|j| j.effort),
+            velocity: column(|j| j.velocity),
+        };
+        base.with_frame(robot, frame.unwrap_or(&robot.default_frame))
+    }
+
+    /// The same arm with its end-effector frame at `frame`.
+    ///
+    /// Requires `robot` to be the one this model was made of. Errors: [`ModelError::UnknownFrame`].
+    pub fn with_frame(mut self, robot: &Robot, frame: &str) -> Result<Self, ModelError> {
+        let found = robot.frame(frame).ok_or_else(|| ModelError::UnknownFrame {
+            robot: robot.name.clone(),
+            frame: frame.to_owned(),
+            known: robot.frame_names(),
+        })?;
+        self.ee_body = found.joint;
+        self.X_LE = match found.joint {
+            Some(i) => Pose::rotation(self.bodies[i].R_urdf) * found.X_LF,
+            None => found.X_LF,
+        };
+        Ok(self)
+    }
+
+    /// The same arm with its end-effector frame moved by `X_ET`: a tool T fixed in the present frame E.
+    ///
+    /// Kinematics only; the tool's mass is not added.
+    pub fn with_tool(mut self, X_ET: &Pose) -> Self {
+        self.X_LE = self.X_LE * *X_ET;
+        self
+    }
+
+    /// Acceleration of gravity, base axes, m/s².
+    pub fn gravity_vector(&self) -> &Vector3<f64> {
+        &self.gravity
+    }
+
+    /// Reflected rotor inertias, kg·m² (kg for a sliding joint).
+    pub fn armature(&self) -> &SVector<f64, N> {
+        &self.armature
+    }
+
+    /// Viscous friction, N·m·s/rad.
+    pub fn viscous_friction(&self) -> &SVector<f64, N> {
+        &self.viscous_friction
+    }
+
+    /// Coulomb friction, N·m.
+    pub fn coulomb_friction(&self) -> &SVector<f64, N> {
+        &self.coulomb_friction
+    }
+
+    /// Lower position limits, rad; −∞ for none.
+    pub fn lower(&self) -> &SVector<f64, N> {
+        &self.lower
+    }
+
+    /// Upper position limits, rad; ∞ for none.
+    pub fn upper(&self) -> &SVector<f64, N> {
+        &self.upper
+    }
+
+    /// Torque limits, N·m; ∞ for none.
+    pub fn effort(&self) -> &SVector<f64, N> {
+        &self.effort
+    }
+
+    /// Speed limits, rad/s; ∞ for none.
+    pub fn velocity(&self) -> &SVector<f64, N> {
+        &self.velocity
+    }
+}

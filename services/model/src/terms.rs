@@ -1,0 +1,58 @@
+//! All terms of the equation of motion and of the end-effector's kinematics.
+
+use crate::pose::Pose;
+use crate::spatial::ORIGIN;
+use nalgebra::{ArrayStorage, Matrix3, SMatrix, SVector, Vector3, Vector6};
+
+/// Everything a controller needs of the arm in one state, from one pass.
+///
+/// Base axes and SI units throughout. The equation of motion is A·q̈ + coriolis + gravity = τ.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Terms<const N: usize> {
+    /// Mass matrix, armature included, N×N.
+    pub A: SMatrix<f64, N, N>,
+    /// Coriolis and centrifugal torques C(q, q̇)·q̇.
+    pub coriolis: SVector<f64, N>,
+    /// Gravity torques g(q): the torques that hold the arm still.
+    pub gravity: SVector<f64, N>,
+    /// Geometric Jacobian at E's origin, rows [v; ω], 6×N.
+    pub J: SMatrix<f64, 6, N>,
+    /// J̇·q̇: the acceleration [v̇; ω̇] of E at q̈ = 0.
+    pub Jdot_qdot: Vector6<f64>,
+    /// Pose of E in the base.
+    pub X_BE: Pose,
+    /// Joint axes, unit.
+    pub z: [Vector3<f64>; N],
+    /// Joint (link) origins, m.
+    pub p: [Vector3<f64>; N],
+    /// Link angular velocities, rad/s.
+    pub omega: [Vector3<f64>; N],
+    /// Link angular accelerations at q̈ = 0, rad/s².
+    pub alpha_bias: [Vector3<f64>; N],
+    /// Velocities of the link origins, m/s.
+    pub pdot: [Vector3<f64>; N],
+    /// Accelerations of the link origins at q̈ = 0, m/s².
+    pub pddot_bias: [Vector3<f64>; N],
+}
+
+impl<const N: usize> Terms<N> {
+    pub(crate) const ZERO: Self = Self {
+        A: SMatrix::from_array_storage(ArrayStorage([[0.0; N]; N])),
+        coriolis: SMatrix::from_array_storage(ArrayStorage([[0.0; N]])),
+        gravity: SMatrix::from_array_storage(ArrayStorage([[0.0; N]])),
+        J: SMatrix::from_array_storage(ArrayStorage([[0.0; 6]; N])),
+        Jdot_qdot: Vector6::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        X_BE: Pose { R: Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), p: ORIGIN },
+        z: [ORIGIN; N],
+        p: [ORIGIN; N],
+        omega: [ORIGIN; N],
+        alpha_bias: [ORIGIN; N],
+        pdot: [ORIGIN; N],
+        pddot_bias: [ORIGIN; N],
+    };
+
+    /// C·q̇ + g.
+    pub fn bias(&self) -> SVector<f64, N> {
+        self.coriolis + self.gravity
+    }
+}
