@@ -178,14 +178,7 @@ pub(crate) fn save_blueprint(run: &Run, layout: Layout, path: &Path) -> Result<(
     let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
     let first = chain::Chain::new(&robot, &chain::without_faults(&job.scenario)).map_err(Failure::input)?.step();
     let info = RunInfo { scenario: &job.scenario, robot: &robot, run: &job.run, version: &job.version, seed: job.scenario.seed };
-    let row = TickRow {
-        tick: 0,
-        sensor: Some(&first.sensor),
-        plant_state: Some(&first.truth),
-        estimate: Some(&first.estimate),
-        report: Some(&first.report),
-        command: Some(&first.command),
-    };
+    let row = TickRow::new(0, first.lent());
     with_dof!(robot.dof(), N => viz::save_blueprint::<N>(path, &info, &row, layout)).unwrap_or(Ok(())).map_err(Failure::work)
 }
 

@@ -9,11 +9,11 @@ use launcher::{End, Exit, Failure as Mishap, Plan};
 use model::Robot;
 use runtime::{Difference, Disturbance, Keep, KeepError, Kept, TopicHash, first_difference, random, realtime};
 use serde_json::json;
-use shared_types::graph::TOPICS;
+use shared_types::Message;
 use shared_types::job::{Job, Mode};
 use shared_types::scenario::Scenario;
 use shared_types::summary::TopicSummary;
-use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+use shared_types::topics::{self, Build, ByTopic, COUNT, Each, Family, TOPICS, Topic};
 
 use super::failure::Failure;
 use super::hogs::Hogs;
@@ -105,7 +105,7 @@ struct Ran {
     ticks: u64,
     ticks_per_s: f64,
     /// In the order of [`TOPICS`].
-    topics: [TopicSummary; 5],
+    topics: [TopicSummary; COUNT],
     /// Why it did not come to its end; empty when it did.
     failure: String,
     /// The process that ended it before its time, and how.
@@ -195,57 +195,63 @@ pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<ExitCode, Failu
 }
 
 /// The topics of one thread: their fingerprints, and their messages in a folder where they are wanted.
-struct Topics {
-    sensor: Topic<SensorSample>,
-    truth: Topic<PlantState>,
-    estimate: Topic<StateEstimate>,
-    report: Topic<SingularityReport>,
-    command: Topic<TorqueCommand>,
+struct Topics(ByTopic<Taps>);
+
+struct Taps;
+
+impl Family for Taps {
+    type Of<M: Topic> = Tap<M>;
 }
 
-struct Topic<M: Message> {
+struct Tap<M: Message> {
     hash: TopicHash,
     keep: Option<Keep<M>>,
 }
 
-impl<M: Message> Topic<M> {
-    fn create(folder: Option<&Path>) -> Result<Self, KeepError> {
-        Ok(Self { hash: TopicHash::default(), keep: folder.map(Keep::create).transpose()? })
-    }
-
-    fn add(&mut self, message: &M) -> Result<(), KeepError> {
-        self.hash.add(message);
-        self.keep.as_mut().map_or(Ok(()), |keep| keep.add(message))
-    }
-
-    fn finish(self) -> Result<TopicSummary, KeepError> {
-        self.keep.map(Keep::finish).transpose()?;
-        Ok(TopicSummary { count: self.hash.count(), hash: format!("{:016x}", self.hash.digest()) })
-    }
-}
-
 impl Topics {
     fn create(folder: Option<&Path>) -> Result<Self, KeepError> {
-        Ok(Self {
-            sensor: Topic::create(folder)?,
-            truth: Topic::create(folder)?,
-            estimate: Topic::create(folder)?,
-            report: Topic::create(folder)?,
-            command: Topic::create(folder)?,
-        })
+        struct Create<'a>(Option<&'a Path>);
+        impl Build<Taps> for Create<'_> {
+            type Error = KeepError;
+            fn build<M: Topic>(&mut self) -> Result<Tap<M>, KeepError> {
+                Ok(Tap { hash: TopicHash::default(), keep: self.0.map(Keep::create).transpose()? })
+            }
+        }
+        ByTopic::try_build(&mut Create(folder)).map(Self)
     }
 
     fn add(&mut self, tick: &Tick) -> Result<(), KeepError> {
-        self.sensor.add(&tick.sensor)?;
-        self.truth.add(&tick.truth)?;
-        self.estimate.add(&tick.estimate)?;
-        self.report.add(&tick.report)?;
-        self.command.add(&tick.command)
+        struct Add<'a>(&'a mut ByTopic<Taps>, &'a Tick);
+        impl Each for Add<'_> {
+            type Output = Result<(), KeepError>;
+            fn each<M: Topic>(&mut self) -> Self::Output {
+                let (tap, message) = (M::of_mut(self.0), M::of(self.1));
+                tap.hash.add(message);
+                tap.keep.as_mut().map_or(Ok(()), |keep| keep.add(message))
+            }
+        }
+        topics::try_each(&mut Add(&mut self.0, tick))
     }
 
     /// In the order of [`TOPICS`].
-    fn finish(self) -> Result<[TopicSummary; 5], KeepError> {
-        Ok([self.sensor.finish()?, self.truth.finish()?, self.estimate.finish()?, self.report.finish()?, self.command.finish()?])
+    fn finish(mut self) -> Result<[TopicSummary; COUNT], KeepError> {
+        struct Finish<'a>(&'a mut ByTopic<Taps>);
+        impl Each for Finish<'_> {
+            type Output = Result<(), KeepError>;
+            fn each<M: Topic>(&mut self) -> Self::Output {
+                M::of_mut(self.0).keep.as_mut().map_or(Ok(()), Keep::flush)
+            }
+        }
+        struct Account<'a>(&'a ByTopic<Taps>);
+        impl Each for Account<'_> {
+            type Output = TopicSummary;
+            fn each<M: Topic>(&mut self) -> TopicSummary {
+                let hash = &M::of(self.0).hash;
+                TopicSummary { count: hash.count(), hash: format!("{:016x}", hash.digest()) }
+            }
+        }
+        topics::try_each(&mut Finish(&mut self.0))?;
+        Ok(topics::each(&mut Account(&self.0)))
     }
 }
 
@@ -293,13 +299,14 @@ fn fallen(mishap: Mishap) -> Option<(String, Exit)> {
 
 /// Reads what two runs kept, side by side, up to the first difference.
 fn first_place(reference: &Path, messages: &Path, run: usize) -> Result<Option<Place>, Failure> {
-    let differences = [
-        first_in::<SensorSample>(reference, messages)?,
-        first_in::<PlantState>(reference, messages)?,
-        first_in::<StateEstimate>(reference, messages)?,
-        first_in::<SingularityReport>(reference, messages)?,
-        first_in::<TorqueCommand>(reference, messages)?,
-    ];
+    struct First<'a>(&'a Path, &'a Path);
+    impl Each for First<'_> {
+        type Output = Result<Option<(u64, Difference)>, Failure>;
+        fn each<M: Topic>(&mut self) -> Self::Output {
+            first_in::<M>(self.0, self.1)
+        }
+    }
+    let differences = topics::each(&mut First(reference, messages)).into_iter().collect::<Result<Vec<_>, _>>()?;
     // The earliest; of one tick the first in the order of the data: it is the cause, the others follow from it.
     let found = TOPICS.into_iter().zip(differences).filter_map(|(topic, difference)| Some((topic, difference?)));
     let first = found.min_by_key(|(_, (tick, _))| *tick);
@@ -371,7 +378,7 @@ const WHY: &str =
 fn tell(scenario: &Scenario, reference: &Reference, runs: &[Ran], place: Option<&Place>, is_identical: bool) {
     let headings = [&["", "condition", "ticks/s"], &TOPICS[..]].concat();
     let mut rows = table(&headings);
-    let row = |name: String, ran: &Ran, marks: [String; 5]| {
+    let row = |name: String, ran: &Ran, marks: [String; COUNT]| {
         let head = [name.into(), ran.condition.clone().into(), number(format!("{:.0}", ran.ticks_per_s))];
         head.into_iter().chain(marks.map(Into::into)).collect::<Vec<comfy_table::Cell>>()
     };

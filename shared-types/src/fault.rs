@@ -23,7 +23,7 @@ use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 
 use crate::file::Complaint;
-use crate::wire::{Field, Message};
+use crate::wire::{Field, Layout, Message};
 use crate::{PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
 
 /// Declares an enumeration of words: the variants, their spelling in files and their numbers in shared memory.

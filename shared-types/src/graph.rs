@@ -6,6 +6,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::file::{Complaint, InvalidFile};
+use crate::topics::TOPICS;
 
 /// A process graph.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -67,9 +68,6 @@ const KNOWN: [Known; 5] = [
     Known { name: "controller", reads: &["estimate", "singularity"], feedback: &[], writes: &["torque"] },
     Known { name: "recorder", reads: &TOPICS, feedback: &[], writes: &[] },
 ];
-
-/// All topics of the wire.
-pub const TOPICS: [&str; 5] = ["sensor", "plant_state", "estimate", "singularity", "torque"];
 
 impl Graph {
     /// Reads and validates a graph.

@@ -1,7 +1,8 @@
 //! The wire and the files: everything two processes of armplane, or a process and a person, agree on.
 //!
-//! * [`wire`]: what a message is (fixed size, `repr(C)`, no padding, explicit versioned name), and its layout as data.
-//! * [`messages`]: the five messages of the control chain, field by field with units and frames.
+//! * [`wire`]: what a message and a checkpoint are (fixed size, `repr(C)`, no padding, explicit versioned name), and their layout as data.
+//! * [`messages`]: the messages, field by field with units and frames.
+//! * [`topics`]: THE list of topics, and what is derived from it.
 //! * [`codes`]: the named integers that travel in them.
 //! * [`scenario`]: what a run does: robot, start, task, gains, noise, seed, judgement.
 //! * [`fault`]: what can be made to go wrong, in which process, when.
@@ -20,10 +21,12 @@ pub mod job;
 pub mod messages;
 pub mod scenario;
 pub mod summary;
+pub mod topics;
 pub mod wire;
 
 pub use messages::{PlantState, SensorSample, SingularityReport, SingularityState, StateEstimate, TorqueCommand};
-pub use wire::{Header, Message, Stamps};
+pub use topics::{ByTopic, Topic};
+pub use wire::{Checkpoint, Header, Layout, Message, Stamps};
 
 /// Most joints an arm may have on the wire; arrays of joints have this length and are zero beyond the arm's own.
 pub const MAX_DOF: usize = 8;

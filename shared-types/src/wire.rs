@@ -55,25 +55,12 @@ pub struct Field {
     pub size: usize,
 }
 
-/// A fixed-size message with an explicit name: plain integers and `f64`, no padding (`Pod` asserts it at compile time).
-pub trait Message: Part + Pod + Send + Sync + std::fmt::Debug {
-    /// The topic it travels on; a topic has one type and one writer.
-    const TOPIC: &'static str;
+/// A fixed-size structure with an explicit name: plain integers and `f64`, no padding (`Pod` asserts it at compile time).
+pub trait Layout: Part + Pod + Send + Sync + std::fmt::Debug {
     /// The versioned type name that other languages see too: a layout that changes takes the next version (a test holds to that).
     const TYPE_NAME: &'static str;
     /// The layout, in order.
     const FIELDS: &'static [Field];
-
-    /// The header.
-    fn header(&self) -> &Header;
-
-    /// The header, to be filled by the sender.
-    fn header_mut(&mut self) -> &mut Header;
-
-    /// The reproducible bytes: everything after the stamps. This is what is hashed and compared.
-    fn content(&self) -> &[u8] {
-        &bytemuck::bytes_of(self)[size_of::<Stamps>()..]
-    }
 
     /// A hash of name, size, alignment and every field: two builds that agree on it agree on every byte.
     fn layout_hash() -> u64 {
@@ -91,6 +78,29 @@ pub trait Message: Part + Pod + Send + Sync + std::fmt::Debug {
         hash.0
     }
 }
+
+/// What travels on a topic; its first field is its [`Header`].
+pub trait Message: Layout {
+    /// The topic it travels on; a topic has one type and one writer.
+    const TOPIC: &'static str;
+
+    /// The header.
+    fn header(&self) -> &Header;
+
+    /// The header, to be filled by the sender.
+    fn header_mut(&mut self) -> &mut Header;
+
+    /// The reproducible bytes: everything after the stamps. This is what is hashed and compared.
+    fn content(&self) -> &[u8] {
+        &bytemuck::bytes_of(self)[size_of::<Stamps>()..]
+    }
+}
+
+/// What a process needs of its own past when it is started again.
+///
+/// The process fills it at every tick, the runtime keeps it in the run's shared memory beyond the process's death, and no message carries it.
+/// All zeros is no state: the runtime tells a replacement whether there is a checkpoint.
+pub trait Checkpoint: Layout {}
 
 /// Anything a message is made of: numbers, arrays of them, structures of those.
 pub trait Part {
@@ -152,26 +162,12 @@ impl Fnv {
     }
 }
 
-/// Hash over the layouts of all messages: what a reader requires of a writer before it opens a topic.
-#[must_use]
-pub fn wire_hash() -> u64 {
-    use crate::messages::{PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
-    [
-        SensorSample::layout_hash(),
-        PlantState::layout_hash(),
-        StateEstimate::layout_hash(),
-        SingularityReport::layout_hash(),
-        TorqueCommand::layout_hash(),
-    ]
-    .iter()
-    .fold(0, |hash: u64, layout| hash.rotate_left(7) ^ layout)
-}
-
-/// Declares a wire structure; with a topic it is a [`Message`] whose first field is its [`Header`].
+/// Declares a wire structure: with a topic it is a [`Message`] whose first field is its [`Header`], with the word `checkpoint` a [`Checkpoint`],
+/// else a part of one.
 macro_rules! wire {
     (
         $(#[$meta:meta])*
-        $name:ident $(on $topic:literal version $version:literal)? {
+        $name:ident $(on $topic:literal version $version:literal)? $(checkpoint version $checkpoint:literal)? {
             $( $(#[$field_meta:meta])* $field:ident : $type:ty ),* $(,)?
         }
     ) => {
@@ -203,14 +199,23 @@ macro_rules! wire {
             }
         }
 
-        $( impl $crate::wire::Message for $name {
-            const TOPIC: &'static str = $topic;
+        $( impl $crate::wire::Layout for $name {
             const TYPE_NAME: &'static str = concat!("armplane.", stringify!($name), ".v", $version);
             const FIELDS: &'static [$crate::wire::Field] = Self::LAYOUT;
+        }
+        impl $crate::wire::Message for $name {
+            const TOPIC: &'static str = $topic;
             fn header(&self) -> &$crate::wire::Header { &self.header }
             fn header_mut(&mut self) -> &mut $crate::wire::Header { &mut self.header }
         }
         const _: () = assert!(std::mem::offset_of!($name, header) == 0 && align_of::<$name>() == 8); )?
+
+        $( impl $crate::wire::Layout for $name {
+            const TYPE_NAME: &'static str = concat!("armplane.", stringify!($name), ".v", $checkpoint);
+            const FIELDS: &'static [$crate::wire::Field] = Self::LAYOUT;
+        }
+        impl $crate::wire::Checkpoint for $name {}
+        const _: () = assert!(align_of::<$name>() == 8); )?
     };
 }
 pub(crate) use wire;

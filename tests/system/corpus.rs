@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 use bytemuck::bytes_of;
 use chain::{Chain, Tick};
 use runtime::{Keep, Manifest};
+use shared_types::Message;
 use shared_types::scenario::Scenario;
-use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+use shared_types::topics::{self, COUNT, Each, Topic};
 
 use crate::properties;
 
@@ -42,7 +43,10 @@ fn kept<M: Message>(choice: u8, messages: impl Iterator<Item = M>) -> Done {
     let file = std::fs::read(folder.path().join(format!("{}.kept", M::TOPIC)))?;
     // Whole; and behind the head that the target puts before it.
     seed("kept", &format!("{}-whole", M::TOPIC), &[&[choice], &file[..]].concat())?;
-    let with_head = (8..16).chain(24..32).find(|with_head| with_head % 5 == choice).ok_or("one of eight leaves any rest")?;
+    let with_head = (8..16)
+        .chain(24..32)
+        .find(|with_head| usize::from(*with_head) % COUNT == usize::from(choice))
+        .ok_or("one of sixteen leaves any rest")?;
     seed("kept", &format!("{}-blocks", M::TOPIC), &[&[with_head], &file[24..]].concat())
 }
 
@@ -63,9 +67,9 @@ fn every_fuzz_target_has_something_to_begin_with() -> Done {
         }
         let Ok(ticks) = ticks(name) else { continue };
         let each = |part: fn(&Tick) -> Vec<u8>| ticks.iter().take(8).flat_map(part).collect::<Vec<u8>>();
-        let inputs = each(|tick| [bytes_of(&tick.estimate), bytes_of(&tick.report)].concat());
+        let inputs = each(|tick| [bytes_of(&tick.estimate), bytes_of(&tick.singularity)].concat());
         seed("controller", name, &[&[place, 0, 0], &inputs[..]].concat())?;
-        seed("drive", name, &[&[place], &each(|tick| bytes_of(&tick.command).to_vec())[..]].concat())?;
+        seed("drive", name, &[&[place], &each(|tick| bytes_of(&tick.torque).to_vec())[..]].concat())?;
     }
     seed("graph", "graph", include_bytes!("../../services/graph.toml"))?;
     let robots = Path::new(env!("CARGO_MANIFEST_DIR")).join("services/model/robots");
@@ -73,20 +77,15 @@ fn every_fuzz_target_has_something_to_begin_with() -> Done {
         seed("urdf", &entry.file_name().to_string_lossy(), &std::fs::read(entry.path())?)?;
     }
     let ticks = ticks("fig5-wrist-rotation")?;
-    for (name, bytes) in [
-        ("sensor", bytes_of(&ticks[0].sensor)),
-        ("plant_state", bytes_of(&ticks[0].truth)),
-        ("estimate", bytes_of(&ticks[0].estimate)),
-        ("singularity", bytes_of(&ticks[0].report)),
-        ("torque", bytes_of(&ticks[0].command)),
-    ] {
-        seed("validation", name, bytes)?;
+    struct SeedEach<'a>(&'a [Tick]);
+    impl Each for SeedEach<'_> {
+        type Output = Done;
+        fn each<M: Topic>(&mut self) -> Done {
+            seed("validation", M::TOPIC, bytes_of(M::of(&self.0[0])))?;
+            kept::<M>(M::INDEX as u8, self.0.iter().map(|tick| *M::of(tick)))
+        }
     }
-    kept::<SensorSample>(0, ticks.iter().map(|tick| tick.sensor))?;
-    kept::<PlantState>(1, ticks.iter().map(|tick| tick.truth))?;
-    kept::<StateEstimate>(2, ticks.iter().map(|tick| tick.estimate))?;
-    kept::<SingularityReport>(3, ticks.iter().map(|tick| tick.report))?;
-    kept::<TorqueCommand>(4, ticks.iter().map(|tick| tick.command))?;
+    topics::try_each(&mut SeedEach(&ticks))?;
     seed("manifest", "manifest", properties::MANIFEST.as_bytes())?;
     serde_json::from_str::<Manifest>(properties::MANIFEST)?;
     // A planned kill in the first entry of the ledger: some words, each with its place.

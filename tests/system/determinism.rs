@@ -1,6 +1,7 @@
 //! Same scenario and seed, same bytes on every topic.
 
 use serde_json::Value;
+use shared_types::topics::{self, ByTopic, Each, Family, Topic};
 
 use crate::command::Desk;
 
@@ -23,21 +24,32 @@ fn one_thread_gives_the_bytes_that_five_processes_give() {
     let summary = Desk::new().run(&["--no-record"]);
     let scenario = shared_types::scenario::Scenario::parse("built in", sim::scenarios::text("fig5-wrist-rotation").unwrap(), &[]).unwrap();
     let robot = model::Robot::builtin(&scenario.robot).unwrap();
-    let (mut sensor, mut truth, mut estimate, mut report, mut command) =
-        <(runtime::TopicHash, runtime::TopicHash, runtime::TopicHash, runtime::TopicHash, runtime::TopicHash)>::default();
+    struct Hashes;
+    impl Family for Hashes {
+        type Of<M: Topic> = runtime::TopicHash;
+    }
+    struct Add<'a>(&'a mut ByTopic<Hashes>, &'a chain::Tick);
+    impl Each for Add<'_> {
+        type Output = ();
+        fn each<M: Topic>(&mut self) {
+            M::of_mut(self.0).add(M::of(self.1));
+        }
+    }
+    struct Compare<'a>(&'a ByTopic<Hashes>, &'a Value);
+    impl Each for Compare<'_> {
+        type Output = ();
+        fn each<M: Topic>(&mut self) {
+            let (topic, hash) = (M::TOPIC, M::of(self.0));
+            assert_eq!(self.1["topics"][topic]["hash"], format!("{:016x}", hash.digest()), "{topic}");
+            assert_eq!(self.1["topics"][topic]["count"], hash.count(), "{topic}");
+        }
+    }
+    let mut hashes = ByTopic::<Hashes>::default();
     chain::run(&robot, &scenario, |tick| {
-        sensor.add(&tick.sensor);
-        truth.add(&tick.truth);
-        estimate.add(&tick.estimate);
-        report.add(&tick.report);
-        command.add(&tick.command);
+        topics::each(&mut Add(&mut hashes, tick));
     })
     .unwrap();
-    for (topic, hash) in [("sensor", sensor), ("plant_state", truth), ("estimate", estimate), ("singularity", report), ("torque", command)]
-    {
-        assert_eq!(summary["topics"][topic]["hash"], format!("{:016x}", hash.digest()), "{topic}");
-        assert_eq!(summary["topics"][topic]["count"], hash.count(), "{topic}");
-    }
+    topics::each(&mut Compare(&hashes, &summary));
 }
 
 #[test]

@@ -14,8 +14,9 @@ use shared_types::graph::Graph;
 use shared_types::job::Job;
 use shared_types::scenario::{Scenario, Strategy};
 use shared_types::summary::Summary;
+use shared_types::topics::{self, COUNT, Each, TOPICS, Topic};
 use shared_types::wire::{Field, Part, Stamps};
-use shared_types::{Message, PlantState, SensorSample, SingularityReport, SingularityState, StateEstimate, TorqueCommand};
+use shared_types::{Message, SingularityReport, SingularityState, StateEstimate, TorqueCommand};
 
 /// A scenario is refused with a sentence, or it is valid: written out and read again it is the same.
 pub fn scenario(text: &str) {
@@ -95,11 +96,14 @@ pub fn validation(bytes: &[u8]) {
             assert!(!poisoned.is_finite(), "{poison} at byte {} is not seen: {poisoned:?}", numbers[place]);
         }
     }
-    check::<SensorSample>(bytes);
-    check::<PlantState>(bytes);
-    check::<StateEstimate>(bytes);
-    check::<TorqueCommand>(bytes);
-    check::<SingularityReport>(bytes);
+    struct CheckEach<'a>(&'a [u8]);
+    impl Each for CheckEach<'_> {
+        type Output = ();
+        fn each<M: Topic>(&mut self) {
+            check::<M>(self.0);
+        }
+    }
+    topics::each(&mut CheckEach(bytes));
     let report: SingularityReport = Bytes(bytes).next();
     if let Ok(read) = control::wire::report::<6>(&report) {
         assert!(read.count <= shared_types::MAX_SINGULARITIES);
@@ -405,13 +409,14 @@ pub fn kept(bytes: &[u8]) {
             Keep::<M>::create(run).and_then(Keep::finish).expect("shared memory");
             std::fs::read(run.join(format!("{}.kept", M::TOPIC))).expect("shared memory")
         }
-        match choice % 5 {
-            0 => check::<SensorSample>(&with_head(head::<SensorSample>(run)), run),
-            1 => check::<PlantState>(&with_head(head::<PlantState>(run)), run),
-            2 => check::<StateEstimate>(&with_head(head::<StateEstimate>(run)), run),
-            3 => check::<SingularityReport>(&with_head(head::<SingularityReport>(run)), run),
-            _ => check::<TorqueCommand>(&with_head(head::<TorqueCommand>(run)), run),
+        struct CheckKept<'a>(&'a dyn Fn(Vec<u8>) -> Vec<u8>, &'a Path);
+        impl Each for CheckKept<'_> {
+            type Output = ();
+            fn each<M: Topic>(&mut self) {
+                check::<M>(&(self.0)(head::<M>(self.1)), self.1);
+            }
         }
+        topics::named(TOPICS[usize::from(*choice) % COUNT], &mut CheckKept(&with_head, run));
     });
 }
 

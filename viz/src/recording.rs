@@ -355,7 +355,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         }
         self.part_ticks += 1;
         self.last = Some(row.tick);
-        if !self.blueprint_sent && row.report.is_some() {
+        if !self.blueprint_sent && row.singularity.is_some() {
             self.introduce(row);
         }
         // What an earlier part has is not written again.
@@ -586,8 +586,8 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         let now = [
             life(plant),
             life(row.estimate.map(Message::header)),
-            life(row.report.map(Message::header)),
-            life(row.command.map(Message::header)),
+            life(row.singularity.map(Message::header)),
+            life(row.torque.map(Message::header)),
         ];
         for (i, incarnation) in now.into_iter().enumerate() {
             let text = match incarnation {
@@ -612,7 +612,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             self.lanes.drive = Some(sensor.drive);
             self.lane(row.tick, "drive", name_of(DRIVES, sensor.drive));
         }
-        if let Some(command) = row.command {
+        if let Some(command) = row.torque {
             if self.lanes.phase != Some(command.phase) {
                 self.lanes.phase = Some(command.phase);
                 self.lane(row.tick, "phase", name_of(PHASES, command.phase));
@@ -630,9 +630,9 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             }
         }
         // A tick or two without a command is no story.
-        self.unheard = if row.command.is_some() { 0 } else { self.unheard + 1 };
+        self.unheard = if row.torque.is_some() { 0 } else { self.unheard + 1 };
         let situation = Situation::of(row);
-        let told = row.command.is_some() && row.report.is_some() || self.unheard >= 5;
+        let told = row.torque.is_some() && row.singularity.is_some() || self.unheard >= 5;
         if told && self.situation != Some(situation) {
             self.situation = Some(situation);
             self.log(row.tick, entity::NOW, &TextDocument::from_markdown(situation.markdown()));
@@ -648,13 +648,13 @@ impl<const N: usize, W: Storage> Recording<N, W> {
     fn see(&mut self, row: &TickRow) {
         let Some(q) = row.q() else { return };
         let links = self.arm.link_poses(&SVector::from_column_slice(&q[..N])).map(|X| placement(&X));
-        let desired = row.command.map(|command| pose(&command.p_BE_d, &command.R_BE_d));
+        let desired = row.torque.map(|command| pose(&command.p_BE_d, &command.R_BE_d));
         let hand = row
             .plant_state
             .map(|state| pose(&state.p_BE, &state.R_BE))
             .unwrap_or_else(|| placement(&self.arm.forward_kinematics(&SVector::from_column_slice(&q[..N]))));
         let marks: Vec<Mark> =
-            row.report.map_or(Vec::new(), |report| row.singularities().iter().map(|one| Mark::new(one, report.p_BC)).collect());
+            row.singularity.map_or(Vec::new(), |report| row.singularities().iter().map(|one| Mark::new(one, report.p_BC)).collect());
         self.write_marks(row.tick, row.singularities(), &marks);
         if self.motion.update(row) {
             self.write_ghosts(row.tick, false);
@@ -664,7 +664,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         }
         let unit = self.mark_size();
         self.picture.push(row.tick, &links, &hand, desired.as_ref(), &marks, unit);
-        if let Some(report) = row.report {
+        if let Some(report) = row.singularity {
             self.see_ability(row.tick, q, report.p_BC, row.singularities(), &marks);
         }
     }

@@ -164,7 +164,7 @@ impl NullMotion {
                 return true;
             }
         }
-        let tracks = row.command.is_some_and(|command| {
+        let tracks = row.torque.is_some_and(|command| {
             let of = |(one, mode): (&SingularityState, &u32)| one.inside == 1 && one.class == TYPE_1 && *mode == MODE_TRACK;
             row.singularities().iter().zip(&command.mode).any(of)
         });
@@ -223,6 +223,7 @@ mod tests {
     use super::*;
     use shared_types::codes::TYPE_2;
     use shared_types::messages::{PlantState, SingularityReport, TorqueCommand};
+    use shared_types::topics::ByTopic;
 
     fn wrist(s: f64, inside: u32) -> SingularityState {
         SingularityState {
@@ -261,8 +262,9 @@ mod tests {
         let mut motion = NullMotion::new(0.43);
         let identity = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
         let mut state = PlantState { R_BE: identity, ..PlantState::default() };
-        let update =
-            |motion: &mut NullMotion, state: &PlantState| motion.update(&TickRow { plant_state: Some(state), ..TickRow::default() });
+        let update = |motion: &mut NullMotion, state: &PlantState| {
+            motion.update(&TickRow::new(0, ByTopic { plant_state: Some(state), ..ByTopic::default() }))
+        };
         // Rest, then joints 4 and 6 against each other with the hand still.
         assert!(!update(&mut motion, &state));
         (state.qdot[3], state.qdot[5]) = (1.0, -1.0);
@@ -294,7 +296,10 @@ mod tests {
         (state.qdot[2], state.V_BE[0]) = (1.0, 0.1);
         let mut command = TorqueCommand::default();
         let mut update = |command: &TorqueCommand| {
-            motion.update(&TickRow { plant_state: Some(&state), report: Some(&report), command: Some(command), ..TickRow::default() })
+            motion.update(&TickRow::new(
+                0,
+                ByTopic { plant_state: Some(&state), singularity: Some(&report), torque: Some(command), ..ByTopic::default() },
+            ))
         };
         assert!(!update(&command), "the hand moves, and not by the null space");
         command.mode[0] = MODE_TRACK;

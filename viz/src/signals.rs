@@ -1,11 +1,12 @@
-//! The numbers of a run: from the five messages of a tick to columns at the control rate. PURE.
+//! The numbers of a run: from the messages of a tick to columns at the control rate. PURE.
 //!
 //! One wide table, one row per tick: every chunk of a file carries the whole schema of its entity, so few wide entities are cheap
 //! where many narrow ones are not. Positions are f64, as they came; the rest is f32, 7 digits, which halves the file.
 
 use model::Robot;
 use nalgebra::{Matrix3, Rotation3, Vector3};
-use shared_types::messages::{PlantState, SensorSample, SingularityReport, SingularityState, StateEstimate, TorqueCommand};
+use shared_types::messages::{PlantState, SingularityState, TorqueCommand};
+use shared_types::topics::{ByTopic, Lent};
 use shared_types::wire::{HOPS, Stamps};
 
 /// The messages of one tick, as a recorder has them; in real time some may be missing.
@@ -13,16 +14,24 @@ use shared_types::wire::{HOPS, Stamps};
 pub struct TickRow<'a> {
     /// The tick they belong to.
     pub tick: u64,
-    /// What the arm's sensors said.
-    pub sensor: Option<&'a SensorSample>,
-    /// The simulator's truth.
-    pub plant_state: Option<&'a PlantState>,
-    /// What the estimator believed.
-    pub estimate: Option<&'a StateEstimate>,
-    /// Where the arm was singular.
-    pub report: Option<&'a SingularityReport>,
-    /// What the controller commanded.
-    pub command: Option<&'a TorqueCommand>,
+    /// Those that have come.
+    pub messages: ByTopic<Lent<'a>>,
+}
+
+impl<'a> TickRow<'a> {
+    /// These messages of a tick.
+    #[must_use]
+    pub fn new(tick: u64, messages: ByTopic<Lent<'a>>) -> Self {
+        Self { tick, messages }
+    }
+}
+
+impl<'a> std::ops::Deref for TickRow<'a> {
+    type Target = ByTopic<Lent<'a>>;
+
+    fn deref(&self) -> &ByTopic<Lent<'a>> {
+        &self.messages
+    }
 }
 
 impl TickRow<'_> {
@@ -38,15 +47,15 @@ impl TickRow<'_> {
 
     /// The singularities reported.
     pub(crate) fn singularities(&self) -> &[SingularityState] {
-        self.report.map_or(&[], |report| &report.singularities[..(report.count as usize).min(report.singularities.len())])
+        self.singularity.map_or(&[], |report| &report.singularities[..(report.count as usize).min(report.singularities.len())])
     }
 
     /// Stamps of as many hops as the data has passed.
     fn stamps(&self) -> Option<Stamps> {
         let last = self
-            .command
+            .torque
             .map(|m| &m.header)
-            .or(self.report.map(|m| &m.header))
+            .or(self.singularity.map(|m| &m.header))
             .or(self.estimate.map(|m| &m.header))
             .or(self.sensor.map(|m| &m.header));
         last.map(|header| header.stamps)
@@ -204,7 +213,7 @@ pub(crate) fn sample(row: &TickRow, limits: &Limits, mut put: impl FnMut(Signal,
         put(Signal::Speed, &mut qdot[..n].iter().copied());
         put(Signal::SpeedRatio, &mut ratio(qdot, &limits.speed));
     }
-    if let Some(command) = row.command {
+    if let Some(command) = row.torque {
         put(Signal::TorqueTask, &mut command.tau_task[..n].iter().copied());
         put(Signal::TorqueNull, &mut command.tau_null[..n].iter().copied());
         put(Signal::TorqueTaskRatio, &mut ratio(&command.tau_task, &limits.torque));
@@ -214,14 +223,14 @@ pub(crate) fn sample(row: &TickRow, limits: &Limits, mut put: impl FnMut(Signal,
         put(Signal::AuxiliaryReference, &mut command.aux_d[..count].iter().copied());
         put(Signal::Beta, &mut command.beta[..count].iter().copied());
     }
-    if let Some(report) = row.report {
+    if let Some(report) = row.singularity {
         put(Signal::Measure, &mut row.singularities().iter().map(|singularity| singularity.s));
         put(Signal::Auxiliary, &mut row.singularities().iter().map(|singularity| singularity.aux));
         put(Signal::SingularValues, &mut report.sigma[..n.min(6)].iter().copied());
     }
     if let Some(state) = row.plant_state {
         put(Signal::Contact, &mut std::iter::once(Vector3::from(state.contact_force_n).norm()));
-        if let Some(command) = row.command {
+        if let Some(command) = row.torque {
             let error = TaskError::new(state, command, row.singularities());
             put(Signal::PositionError, &mut error.position_m.into_iter().map(|e| 1e3 * e));
             put(Signal::OrientationError, &mut error.orientation_rad.into_iter().map(f64::to_degrees));
@@ -294,6 +303,7 @@ fn hops_us(stamps: &Stamps) -> Option<[f64; 7]> {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use shared_types::StateEstimate;
 
     #[test]
     fn an_error_along_zeta_is_not_across_it() {
@@ -340,7 +350,9 @@ mod tests {
         let limits = Limits::new(&robot);
         let mut seen = Vec::new();
         let estimate = StateEstimate::default();
-        sample(&TickRow { estimate: Some(&estimate), ..TickRow::default() }, &limits, |signal, values| seen.push((signal, values.count())));
+        sample(&TickRow::new(0, ByTopic { estimate: Some(&estimate), ..ByTopic::default() }), &limits, |signal, values| {
+            seen.push((signal, values.count()))
+        });
         assert_eq!(seen, [(Signal::Position, 6), (Signal::PositionInRange, 6), (Signal::Speed, 6), (Signal::SpeedRatio, 6)]);
     }
 
@@ -353,7 +365,7 @@ mod tests {
             state.q[i] = if i % 2 == 0 { joint.upper } else { joint.lower };
             state.qdot[i] = joint.velocity;
         }
-        sample(&TickRow { plant_state: Some(&state), ..TickRow::default() }, &limits, |signal, values| {
+        sample(&TickRow::new(0, ByTopic { plant_state: Some(&state), ..ByTopic::default() }), &limits, |signal, values| {
             for (i, value) in values.enumerate() {
                 match signal {
                     Signal::PositionInRange => assert!((value - if i % 2 == 0 { 1.0 } else { -1.0 }).abs() < 1e-12),

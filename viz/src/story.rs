@@ -80,11 +80,11 @@ impl Situation {
     pub(crate) fn of(row: &TickRow) -> Self {
         let mut situation = Self { count: row.singularities().len(), ..Self::default() };
         for (i, one) in row.singularities().iter().enumerate() {
-            let mode = row.command.map_or(MODE_REGULAR, |command| command.mode[i]);
+            let mode = row.torque.map_or(MODE_REGULAR, |command| command.mode[i]);
             situation.singularities[i] =
                 Singular { kind: one.kind, class: one.class, inside: one.inside == 1, angular: one.angular == 1, mode };
         }
-        if let Some(command) = row.command {
+        if let Some(command) = row.torque {
             situation.phase = Some(command.phase);
             situation.segment = command.segment;
             situation.clipped = command.clipped == 1;
@@ -201,6 +201,7 @@ fn colour_name(class: u32) -> &'static str {
 mod tests {
     use super::*;
     use shared_types::messages::{SensorSample, SingularityReport, TorqueCommand};
+    use shared_types::topics::ByTopic;
 
     #[test]
     fn words_name_the_singularity_and_what_is_lost() {
@@ -210,7 +211,7 @@ mod tests {
             SingularityState { kind: KIND_WRIST, class: TYPE_2, inside: 1, angular: 1, ..SingularityState::default() };
         let mut command = TorqueCommand::default();
         command.mode[1] = MODE_REORIENT;
-        let row = TickRow { report: Some(&report), command: Some(&command), ..TickRow::default() };
+        let row = TickRow::new(0, ByTopic { singularity: Some(&report), torque: Some(&command), ..ByTopic::default() });
         let words = Situation::of(&row).markdown();
         for expected in ["wrist singularity (type 2)", "cannot turn about ζ", "magenta arc", "**reorient**"] {
             assert!(words.contains(expected), "{expected:?} is not in {words}");
@@ -223,7 +224,8 @@ mod tests {
     fn without_a_command_the_words_say_what_the_drive_does() {
         let report = SingularityReport { count: 1, ..SingularityReport::default() };
         let sensor = SensorSample { drive: DRIVE_BRAKED, ..SensorSample::default() };
-        let words = Situation::of(&TickRow { report: Some(&report), sensor: Some(&sensor), ..TickRow::default() }).markdown();
+        let words =
+            Situation::of(&TickRow::new(0, ByTopic { singularity: Some(&report), sensor: Some(&sensor), ..ByTopic::default() })).markdown();
         assert!(words.contains("No command reaches the arm") && words.contains("**braked**") && !words.contains("plain"), "{words}");
     }
 

@@ -4,7 +4,8 @@
 use model::{Factors, Model, Robot};
 use nalgebra::{Matrix3, Rotation3, SVector, Vector3};
 use shared_types::codes::*;
-use shared_types::messages::{PlantState, SensorSample, SingularityReport, SingularityState, StateEstimate, TorqueCommand};
+use shared_types::messages::{SingularityReport, SingularityState};
+use shared_types::topics::{self, ByTopic, Each, Topic, Whole};
 use shared_types::wire::Stamps;
 
 /// What a scenario would say of it.
@@ -18,20 +19,8 @@ q_deg = [20, -60, 170, 0, 0, 0]
 duration_s = 9.0
 "#;
 
-/// The five messages of a tick.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Messages {
-    /// See the message.
-    pub(crate) sensor: SensorSample,
-    /// See the message.
-    pub(crate) plant_state: PlantState,
-    /// See the message.
-    pub(crate) estimate: StateEstimate,
-    /// See the message.
-    pub(crate) report: SingularityReport,
-    /// See the message.
-    pub(crate) command: TorqueCommand,
-}
+/// The messages of a tick.
+pub(crate) type Messages = ByTopic<Whole>;
 
 /// The moving arm.
 pub(crate) struct Run {
@@ -40,6 +29,16 @@ pub(crate) struct Run {
     lengths: [f64; 3],
     inside: [bool; 3],
     tick: u64,
+}
+
+/// Gives every message of a tick the same header.
+struct Begin<'a>(&'a mut Messages, shared_types::Header);
+
+impl Each for Begin<'_> {
+    type Output = ();
+    fn each<M: Topic>(&mut self) {
+        *M::of_mut(self.0).header_mut() = self.1;
+    }
 }
 
 /// A quintic from 0 to 1 over [from, to] and its rate.
@@ -116,10 +115,7 @@ impl Run {
             sent_ns: std::array::from_fn(|i| stamp(2 * i as u64 + 1)),
             due_ns: 0,
         };
-        for header in [&mut m.sensor.header, &mut m.plant_state.header, &mut m.estimate.header, &mut m.report.header, &mut m.command.header]
-        {
-            *header = shared_types::Header { stamps, tick, incarnation: 1, flags: 0 };
-        }
+        topics::each(&mut Begin(&mut m, shared_types::Header { stamps, tick, incarnation: 1, flags: 0 }));
         let pad = |v: &SVector<f64, 6>| std::array::from_fn(|i| v.as_slice().get(i).copied().unwrap_or(0.0));
         m.sensor.q_encoder = pad(&q);
         m.plant_state.q = pad(&q);
@@ -129,7 +125,7 @@ impl Run {
         m.plant_state.V_BE = *V.as_slice().first_chunk().expect("six");
         m.estimate.q = pad(&q);
         m.estimate.qdot = pad(&qdot);
-        self.report(&q, &terms, &mut m.report);
+        self.report(&q, &terms, &mut m.singularity);
         self.command(t, tick, &q, &qdot, &qddot, &mut m);
         m
     }
@@ -182,7 +178,7 @@ impl Run {
         let null = t < 2.5;
         let (p, R) = (Vector3::from(m.plant_state.p_BE), Matrix3::from_column_slice(&m.plant_state.R_BE));
         let wobble = 2e-5 * noise(tick, 40);
-        let command = &mut m.command;
+        let command = &mut m.torque;
         for i in 0..6 {
             let null_part = if null && i >= 3 { tau[i] } else { 0.0 } + 2e-4 * self.effort[i] * noise(tick, 20 + i as u64);
             command.tau_null[i] = null_part;
@@ -199,7 +195,7 @@ impl Run {
         command.path_time_s = t;
         command.phase = if t > 8.85 { PHASE_SETTLING } else { PHASE_RUNNING };
         command.segment = u32::from(t > 2.5) + u32::from(t > 4.3);
-        for (i, one) in m.report.singularities.iter().take(3).enumerate() {
+        for (i, one) in m.singularity.singularities.iter().take(3).enumerate() {
             let blend = smoothstep((one.s.abs() - one.eta_in) / (one.eta_out - one.eta_in));
             command.beta[i] = blend;
             command.aux_d[i] = one.aux + 0.01 * noise(tick / 50, 60);

@@ -5,22 +5,10 @@
 use model::{Refused, Robot};
 use shared_types::codes::{PHASE_REFUSED, REFUSALS, name_of};
 use shared_types::scenario::Scenario;
-use shared_types::{PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+use shared_types::topics::{ByTopic, Whole};
 
 /// One tick of the whole chain: what each process would have published.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Tick {
-    /// From the plant.
-    pub sensor: SensorSample,
-    /// From the plant.
-    pub truth: PlantState,
-    /// From the estimator.
-    pub estimate: StateEstimate,
-    /// From the analyzer.
-    pub report: SingularityReport,
-    /// From the controller.
-    pub command: TorqueCommand,
-}
+pub type Tick = ByTopic<Whole>;
 
 /// The five cycles but the recorder's, hand in hand.
 pub struct Chain {
@@ -53,17 +41,17 @@ impl Chain {
 
     /// One tick: sample, estimate, analyse, control, move.
     pub fn step(&mut self) -> Tick {
-        let (mut sensor, mut truth) = self.plant.sample(self.tick);
-        (sensor.header.incarnation, truth.header.incarnation) = (1, 1);
+        let (mut sensor, mut plant_state) = self.plant.sample(self.tick);
+        (sensor.header.incarnation, plant_state.header.incarnation) = (1, 1);
         let mut estimate = self.estimator.step(&sensor);
         estimate.header.incarnation = 1;
-        let mut report = self.analyzer.step(&estimate);
-        report.header.incarnation = 1;
-        let mut command = self.controller.step(&estimate, &report);
-        command.header.incarnation = 1;
-        self.plant.step(Some(&command));
+        let mut singularity = self.analyzer.step(&estimate);
+        singularity.header.incarnation = 1;
+        let mut torque = self.controller.step(&estimate, &singularity);
+        torque.header.incarnation = 1;
+        self.plant.step(Some(&torque));
         self.tick += 1;
-        Tick { sensor, truth, estimate, report, command }
+        Tick { sensor, plant_state, estimate, singularity, torque }
     }
 
     /// Whether the task is over.
@@ -97,9 +85,9 @@ pub fn run(robot: &Robot, scenario: &Scenario, mut each: impl FnMut(&Tick)) -> R
 /// [`Refused`] where a cycle does not accept the robot or the scenario, or the control law refuses the first tick.
 pub fn try_first_tick(robot: &Robot, scenario: &Scenario) -> Result<(), Refused> {
     let first = Chain::new(robot, &without_faults(scenario))?.step();
-    match first.command.phase {
+    match first.torque.phase {
         PHASE_REFUSED => {
-            let why = name_of(REFUSALS, first.command.refusal);
+            let why = name_of(REFUSALS, first.torque.refusal);
             Err(Refused::because(format_args!("the control law refuses the start: {why}")))
         }
         _ => Ok(()),

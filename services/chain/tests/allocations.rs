@@ -76,7 +76,7 @@ fn nothing_is_allocated_where_singularities_are_found_by_number() {
         let (robot, scenario) = parsed(name, &["analysis.numeric=true", "plant.model=\"reference\""]);
         let mut chain = Chain::new(&robot, &scenario).unwrap();
         let mut moved = 0.0_f64;
-        let count = counted(|| (0..1_500).for_each(|_| moved = moved.max(chain.step().command.path_time_s)));
+        let count = counted(|| (0..1_500).for_each(|_| moved = moved.max(chain.step().torque.path_time_s)));
         assert!(moved > 0.5, "{name}: the path goes on");
         assert_eq!(count, 0, "{name}: allocations");
     }

@@ -51,25 +51,25 @@ fn run(robot: &Robot, scenario: &Scenario) -> Figures {
         let mut step = 0.0_f64;
         let mut jump = 0.0;
         for (i, joint) in robot.joints.iter().enumerate().take(n) {
-            out.speed = out.speed.max(tick.truth.qdot[i].abs() / joint.velocity);
-            out.torque = out.torque.max(tick.command.tau[i].abs() / joint.effort);
+            out.speed = out.speed.max(tick.plant_state.qdot[i].abs() / joint.velocity);
+            out.torque = out.torque.max(tick.torque.tau[i].abs() / joint.effort);
             if let Some(last) = &last {
-                let change = tick.command.tau[i] - last.command.tau[i];
+                let change = tick.torque.tau[i] - last.torque.tau[i];
                 step = step.max(change.abs() / joint.effort);
-                jump += change * tick.truth.qdot[i];
+                jump += change * tick.plant_state.qdot[i];
             }
         }
         steps.push(step);
         if let Some(last) = &last {
-            let changes = (0..4).filter(|i| last.command.mode[*i] != tick.command.mode[*i]).count();
+            let changes = (0..4).filter(|i| last.torque.mode[*i] != tick.torque.mode[*i]).count();
             out.switches += changes;
             out.switch_j += if changes > 0 { jump.abs() * SWITCH_S } else { 0.0 };
         }
-        out.saturated_ticks += usize::from(tick.command.saturation_mask != 0);
-        phase = tick.command.phase;
-        out.clean &= phase != PHASE_REFUSED && tick.truth.limit_mask == 0;
+        out.saturated_ticks += usize::from(tick.torque.saturation_mask != 0);
+        phase = tick.torque.phase;
+        out.clean &= phase != PHASE_REFUSED && tick.plant_state.limit_mask == 0;
         ticks += 1;
-        last = Some(tick.clone());
+        last = Some(*tick);
     };
     chain::run(robot, scenario, each).unwrap();
     steps.sort_by(f64::total_cmp);
@@ -81,12 +81,12 @@ fn run(robot: &Robot, scenario: &Scenario) -> Figures {
 
 /// Error along the engaged singular directions, and across them: (mm, degrees) each.
 fn split(tick: &Tick) -> ([f64; 2], [f64; 2]) {
-    let (truth, command) = (&tick.truth, &tick.command);
+    let (truth, command) = (&tick.plant_state, &tick.torque);
     let matrix = |R: &[f64; 9]| Matrix3::from_column_slice(R);
     let p = Vector3::from(command.p_BE_d) - Vector3::from(truth.p_BE);
     let w = Rotation3::from_matrix_unchecked(matrix(&command.R_BE_d) * matrix(&truth.R_BE).transpose()).scaled_axis();
     let (mut linear, mut angular) = (p, w);
-    for (i, s) in tick.report.singularities[..tick.report.count as usize].iter().enumerate() {
+    for (i, s) in tick.singularity.singularities[..tick.singularity.count as usize].iter().enumerate() {
         if command.mode[i] == MODE_REGULAR {
             continue;
         }

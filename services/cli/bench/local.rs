@@ -1,6 +1,7 @@
 //! What one tick of each process computes, without any message.
 
 use std::hint::black_box;
+use std::path::Path;
 
 use chain::Chain;
 use model::{Model, Robot};
@@ -9,7 +10,7 @@ use recorder::{Judge, Row, Tick};
 use runtime::{Keep, KeepError, now_ns};
 use shared_types::job::Mode;
 use shared_types::scenario::Scenario;
-use shared_types::{PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+use shared_types::topics::{self, Build, ByTopic, Each, Family, Topic};
 
 use super::super::failure::Failure;
 use super::super::run;
@@ -145,20 +146,17 @@ pub(super) fn record(robot: &Robot, scenario: &Scenario) -> Result<(Vec<BenchRow
     let mut tape = recorder::Tape::<N>::start(robot, &job, 1).map_err(Failure::work)?;
     let mut judge = Judge::new(recorder::limits(robot), scenario.goal.clone(), scenario.duration_s() * f64::from(scenario.rate_hz));
     let parts = folder.path().join("parts");
-    let (mut sensor, mut truth) = (Keep::<SensorSample>::create(&parts), Keep::<PlantState>::create(&parts));
-    let (mut estimate, mut report) = (Keep::<StateEstimate>::create(&parts), Keep::<SingularityReport>::create(&parts));
-    let mut command = Keep::<TorqueCommand>::create(&parts);
+    let mut files = ByTopic::<Files>::try_build(&mut Create(&parts)).map_err(Failure::work)?;
     let mut times: [_; 3] = std::array::from_fn(|_| histogram());
     chain::run(robot, scenario, |tick| {
-        let chain::Tick { sensor: s, truth: t, estimate: e, report: r, command: c } = tick;
-        let row = Row { tick: s.header.tick, sensor: Some(*s), truth: Some(*t), estimate: Some(*e), report: Some(*r), command: Some(*c) };
+        let row = Row::new(tick.sensor.header.tick, tick.into());
         let began = now_ns();
-        judge.tick(Tick { sensor: s, truth: t, estimate: e, report: r, command: c });
+        Tick::of(&tick.lent()).into_iter().for_each(|tick| judge.tick(tick));
         let judged = now_ns();
         tape.tick(&row);
         let taped = now_ns();
         // A full disk is told by the run below.
-        let _ = (keep(&mut sensor, s), keep(&mut truth, t), keep(&mut estimate, e), keep(&mut report, r), keep(&mut command, c));
+        let _ = topics::try_each(&mut Add(&mut files, tick));
         for (times, lap) in times.iter_mut().zip([judged - began, taped - judged, now_ns() - taped]) {
             times.saturating_record(lap);
         }
@@ -182,6 +180,27 @@ pub(super) fn record(robot: &Robot, scenario: &Scenario) -> Result<(Vec<BenchRow
     Ok((rows, recorded))
 }
 
-fn keep<M: shared_types::Message>(keep: &mut Result<Keep<M>, KeepError>, message: &M) -> bool {
-    keep.as_mut().is_ok_and(|keep| keep.add(message).is_ok())
+/// A file of kept messages for each topic.
+struct Files;
+
+impl Family for Files {
+    type Of<M: Topic> = Keep<M>;
+}
+
+struct Create<'a>(&'a Path);
+
+impl Build<Files> for Create<'_> {
+    type Error = KeepError;
+    fn build<M: Topic>(&mut self) -> Result<Keep<M>, KeepError> {
+        Keep::create(self.0)
+    }
+}
+
+struct Add<'a>(&'a mut ByTopic<Files>, &'a chain::Tick);
+
+impl Each for Add<'_> {
+    type Output = Result<(), KeepError>;
+    fn each<M: Topic>(&mut self) -> Self::Output {
+        M::of_mut(self.0).add(M::of(self.1))
+    }
 }

@@ -1,6 +1,5 @@
 //! One run under one law, in numbers.
 
-use chain::Tick;
 use model::{Model, Refused, Robot, with_dof};
 use nalgebra::{Cholesky, SVector};
 use recorder::{Judge, TaskError, Verdict, limits};
@@ -74,8 +73,7 @@ fn sized<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<Score, Re
     let mut judge = Judge::new(limits(robot), scenario.goal.clone(), planned);
     let mut meter = Meter::<N>::new(robot, scenario)?;
     chain::run(robot, scenario, |tick| {
-        let Tick { sensor, truth, estimate, report, command } = tick;
-        let tick = recorder::Tick { sensor, truth, estimate, report, command };
+        let Some(tick) = recorder::Tick::of(&tick.lent()) else { return };
         judge.tick(tick);
         meter.tick(&tick);
     })?;

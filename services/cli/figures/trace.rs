@@ -99,8 +99,9 @@ fn sized<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<Trace, Re
     let is_planar = !robot.task.0[2];
     let mut trace = Trace { samples: Vec::new(), dt: scenario.dt_s() };
     chain::run(robot, scenario, |tick| {
-        let chain::Tick { sensor, truth, estimate, report, command } = tick;
-        let error = TaskError::of(&recorder::Tick { sensor, truth, estimate, report, command });
+        let Some(judged) = recorder::Tick::of(&tick.lent()) else { return };
+        let error = TaskError::of(&judged);
+        let recorder::Tick { truth, report, command, .. } = judged;
         let q = SVector::<f64, N>::from_fn(|i, _| truth.q[i]);
         let terms = model.evaluate(&q, &SVector::zeros());
         let (p, R) = (Vector3::from(truth.p_BE), Matrix3::from_column_slice(&truth.R_BE));

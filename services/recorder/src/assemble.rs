@@ -1,35 +1,82 @@
-//! From five streams of messages to whole ticks.
+//! From streams of messages to whole ticks.
 
 use std::collections::VecDeque;
 
-use shared_types::{PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+use shared_types::topics::{self, ByTopic, COUNT, Each, Received, Topic};
+
+/// Topics, one bit each, at their places in the list.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Set(u32);
+
+const _: () = assert!(COUNT <= 32);
+
+impl Set {
+    /// The topics of the list of which this is so.
+    pub fn of(mut is_in: impl FnMut(&str) -> bool) -> Self {
+        (0..).zip(topics::TOPICS).filter(|(_, topic)| is_in(topic)).fold(Self(0), |set, (place, _)| Self(set.0 | 1 << place))
+    }
+
+    fn add<M: Topic>(&mut self) {
+        self.0 |= 1 << M::INDEX;
+    }
+
+    fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+}
 
 /// What has come of one tick so far.
 #[derive(Clone, Debug, Default)]
 pub struct Row {
     /// The tick.
     pub tick: u64,
-    /// From the plant.
-    pub sensor: Option<SensorSample>,
-    /// From the plant.
-    pub truth: Option<PlantState>,
-    /// From the estimator.
-    pub estimate: Option<StateEstimate>,
-    /// From the analyzer.
-    pub report: Option<SingularityReport>,
-    /// From the controller.
-    pub command: Option<TorqueCommand>,
+    messages: ByTopic<Received>,
+    come: Set,
 }
 
 impl Row {
-    /// Becomes the row of a tick of which nothing has come; writes no more than that.
-    fn begin(&mut self, tick: u64) {
-        self.tick = tick;
-        (self.sensor, self.truth, self.estimate, self.report, self.command) = (None, None, None, None, None);
+    /// The row of a tick, with these messages of it.
+    #[must_use]
+    pub fn new(tick: u64, messages: ByTopic<Received>) -> Self {
+        struct Come<'a>(&'a ByTopic<Received>, Set);
+        impl Each for Come<'_> {
+            type Output = ();
+            fn each<M: Topic>(&mut self) {
+                if M::of(self.0).is_some() {
+                    self.1.add::<M>();
+                }
+            }
+        }
+        let mut come = Come(&messages, Set::default());
+        topics::each(&mut come);
+        let come = come.1;
+        Self { tick, messages, come }
     }
 
-    fn is_whole(&self) -> bool {
-        self.sensor.is_some() && self.truth.is_some() && self.estimate.is_some() && self.report.is_some() && self.command.is_some()
+    /// What has come.
+    #[must_use]
+    pub fn messages(&self) -> &ByTopic<Received> {
+        &self.messages
+    }
+
+    /// Takes a message in.
+    pub fn put<M: Topic>(&mut self, message: &M) {
+        *M::of_mut(&mut self.messages) = Some(*message);
+        self.come.add::<M>();
+    }
+
+    /// Becomes the row of a tick of which nothing has come; writes no more than that.
+    fn begin(&mut self, tick: u64) {
+        struct Clear<'a>(&'a mut ByTopic<Received>);
+        impl Each for Clear<'_> {
+            type Output = ();
+            fn each<M: Topic>(&mut self) {
+                *M::of_mut(self.0) = None;
+            }
+        }
+        self.tick = tick;
+        self.come = Set::default();
+        topics::each(&mut Clear(&mut self.messages));
     }
 }
 
@@ -43,16 +90,18 @@ pub struct Assembler {
     given: Option<Box<Row>>,
     spare: Vec<Box<Row>>,
     next: u64,
+    /// What a tick is whole with.
+    expected: Set,
     patience: u64,
     horizon: u64,
 }
 
 impl Assembler {
-    /// An assembler that waits `patience` ticks for what is missing. Ticks of which nothing has come are given out empty; where there are more
+    /// An assembler of ticks that are whole with the messages of the topics `expected`. It waits `patience` ticks for what is missing. Ticks of which nothing has come are given out empty; where there are more
     /// than `horizon` of them on end they are not, and what comes after them has to wait for its time: the tick may be a wrong one.
     #[must_use]
-    pub fn new(patience: u64, horizon: u64) -> Self {
-        Self { rows: VecDeque::new(), given: None, spare: Vec::new(), next: 0, patience, horizon }
+    pub fn new(expected: Set, patience: u64, horizon: u64) -> Self {
+        Self { rows: VecDeque::new(), given: None, spare: Vec::new(), next: 0, expected, patience, horizon }
     }
 
     /// Goes on where an earlier assembler had come to, with the rows that it had not given out.
@@ -94,7 +143,7 @@ impl Assembler {
         let gap = front.tick - self.next;
         let is_jump = gap > self.horizon;
         let is_old = if is_jump { front.tick < now } else { self.next.saturating_add(self.patience) < now };
-        if !(is_old || flush || gap == 0 && front.is_whole()) {
+        if !(is_old || flush || gap == 0 && front.come.contains(self.expected)) {
             return None;
         }
         self.spare.extend(self.given.take());
@@ -114,19 +163,21 @@ impl Assembler {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use shared_types::SensorSample;
+    use shared_types::topics::Whole;
 
     fn fill(assembler: &mut Assembler, tick: u64) {
-        let row = assembler.row(tick).unwrap();
-        row.sensor = Some(SensorSample::default());
-        row.truth = Some(PlantState::default());
-        row.estimate = Some(StateEstimate::default());
-        row.report = Some(SingularityReport::default());
-        row.command = Some(TorqueCommand::default());
+        let whole = ByTopic::<Received>::from(&ByTopic::<Whole>::default());
+        *assembler.row(tick).unwrap() = Row::new(tick, whole);
+    }
+
+    fn assembler(patience: u64, horizon: u64) -> Assembler {
+        Assembler::new(Set::of(|_| true), patience, horizon)
     }
 
     #[test]
     fn rows_come_whole_and_in_order() {
-        let mut assembler = Assembler::new(10, 20);
+        let mut assembler = assembler(10, 20);
         fill(&mut assembler, 1);
         assert!(assembler.pop(0, false).is_none(), "tick 0 is still missing");
         fill(&mut assembler, 0);
@@ -137,22 +188,22 @@ mod tests {
 
     #[test]
     fn what_is_missing_is_not_waited_for_for_ever() {
-        let mut assembler = Assembler::new(3, 6);
-        assembler.row(0).unwrap().sensor = Some(SensorSample::default());
+        let mut assembler = assembler(3, 6);
+        assembler.row(0).unwrap().put(&SensorSample::default());
         (1..=3).for_each(|tick| fill(&mut assembler, tick));
         assert!(assembler.pop(3, false).is_none(), "the rest of tick 0 may still be in a buffer");
         let torn = assembler.pop(4, false).unwrap();
-        assert!(torn.tick == 0 && torn.truth.is_none());
+        assert!(torn.tick == 0 && torn.messages().plant_state.is_none());
         assert_eq!(assembler.pop(4, false).unwrap().tick, 1);
     }
 
     #[test]
     fn ticks_of_which_nothing_came_are_given_out_empty() {
-        let mut assembler = Assembler::new(3, 6);
+        let mut assembler = assembler(3, 6);
         (0..8).filter(|tick| !(2..4).contains(tick)).for_each(|tick| fill(&mut assembler, tick));
         let mut rows = Vec::new();
         while let Some(row) = assembler.pop(7, false) {
-            rows.push((row.tick, row.is_whole(), row.sensor.is_some()));
+            rows.push((row.tick, row.come == Set::of(|_| true), row.messages().sensor.is_some()));
         }
         let expected: Vec<_> = (0..8).map(|tick| (tick, !(2..4).contains(&tick), !(2..4).contains(&tick))).collect();
         assert_eq!(rows, expected);
@@ -160,38 +211,41 @@ mod tests {
 
     #[test]
     fn topics_that_are_drained_one_after_the_other_lose_nothing() {
-        let mut assembler = Assembler::new(256, 2048);
-        for place in 0..5 {
-            for tick in 0..1024 {
-                let row = assembler.row(tick).unwrap();
-                match place {
-                    0 => row.sensor = Some(SensorSample::default()),
-                    1 => row.truth = Some(PlantState::default()),
-                    2 => row.estimate = Some(StateEstimate::default()),
-                    3 => row.report = Some(SingularityReport::default()),
-                    _ => row.command = Some(TorqueCommand::default()),
-                }
+        let mut assembler = assembler(256, 2048);
+        struct Drain<'a>(&'a mut Assembler);
+        impl Each for Drain<'_> {
+            type Output = ();
+            fn each<M: Topic>(&mut self) {
+                (0..1024).for_each(|tick| self.0.row(tick).unwrap().put(&M::zeroed()));
             }
         }
-        let whole = std::iter::from_fn(|| assembler.pop(0, false).map(Row::is_whole)).collect::<Vec<_>>();
+        topics::each(&mut Drain(&mut assembler));
+        let whole = std::iter::from_fn(|| assembler.pop(0, false).map(|row| row.come == Set::of(|_| true))).collect::<Vec<_>>();
         assert_eq!(whole, [true; 1024]);
     }
 
     #[test]
+    fn a_tick_is_whole_without_the_topics_that_nobody_writes() {
+        let mut assembler = Assembler::new(Set::of(|topic| topic == "sensor"), 10, 20);
+        assembler.row(0).unwrap().put(&SensorSample::default());
+        assert!(assembler.pop(0, false).is_some());
+    }
+
+    #[test]
     fn the_end_gives_out_everything() {
-        let mut assembler = Assembler::new(3, 6);
-        assembler.row(1).unwrap().sensor = Some(SensorSample::default());
+        let mut assembler = assembler(3, 6);
+        assembler.row(1).unwrap().put(&SensorSample::default());
         assert_eq!((assembler.pop(0, true).unwrap().tick, assembler.pop(0, true).unwrap().tick), (0, 1));
         assert!(assembler.pop(0, true).is_none());
     }
 
     #[test]
     fn a_tick_from_nowhere_costs_nothing_but_itself() {
-        let mut assembler = Assembler::new(3, 6);
+        let mut assembler = assembler(3, 6);
         fill(&mut assembler, 0);
-        assembler.row(1_000_000_000).unwrap().sensor = Some(SensorSample::default());
+        assembler.row(1_000_000_000).unwrap().put(&SensorSample::default());
         fill(&mut assembler, 1);
-        assembler.row(2).unwrap().sensor = Some(SensorSample::default());
+        assembler.row(2).unwrap().put(&SensorSample::default());
         let mut ticks = |now: u64, flush| std::iter::from_fn(|| assembler.pop(now, flush).map(|row| row.tick)).collect::<Vec<_>>();
         assert_eq!(ticks(3, false), [0, 1]);
         assert_eq!((ticks(6, false), ticks(500, false), ticks(6, true)), (vec![2], vec![], vec![1_000_000_000]));

@@ -1,5 +1,6 @@
 //! What a recorder that is started again must know: how far its predecessor had come, and what it had gathered.
 
+use std::convert::Infallible;
 use std::fs::{File, OpenOptions};
 use std::io;
 use std::os::unix::fs::{FileExt, OpenOptionsExt};
@@ -9,8 +10,8 @@ use std::time::{Duration, Instant};
 use bytemuck::{bytes_of, bytes_of_mut, try_pod_read_unaligned};
 use runtime::TopicHash;
 use serde::{Deserialize, Serialize};
-use shared_types::Message;
 use shared_types::summary::RecorderSummary;
+use shared_types::topics::{self, Build, ByTopic, COUNT, Each, Received, Topic};
 use viz::Written;
 
 use crate::assemble::Row;
@@ -31,7 +32,7 @@ pub(crate) const EVERY_TICKS: u64 = 4096;
 #[derive(Debug, Serialize, Deserialize)]
 pub(crate) struct Checkpoint {
     pub(crate) judge: Judge,
-    pub(crate) progress: [Progress; 5],
+    pub(crate) progress: [Progress; COUNT],
     /// The next tick to be assembled.
     pub(crate) next: u64,
     pub(crate) rows: Vec<StoredRow>,
@@ -56,31 +57,31 @@ pub(crate) struct Progress {
 
 /// A row that is still waiting for messages: a tick, and the bytes of the messages that have come.
 #[derive(Debug, Serialize, Deserialize)]
-pub(crate) struct StoredRow(u64, [Option<Vec<u8>>; 5]);
+pub(crate) struct StoredRow(u64, [Option<Vec<u8>>; COUNT]);
 
 impl From<&Row> for StoredRow {
     fn from(row: &Row) -> Self {
-        fn bytes<M: Message>(message: &Option<M>) -> Option<Vec<u8>> {
-            message.as_ref().map(|message| bytes_of(message).to_vec())
+        struct Bytes<'a>(&'a ByTopic<Received>);
+        impl Each for Bytes<'_> {
+            type Output = Option<Vec<u8>>;
+            fn each<M: Topic>(&mut self) -> Self::Output {
+                M::of(self.0).as_ref().map(|message| bytes_of(message).to_vec())
+            }
         }
-        let Row { tick, sensor, truth, estimate, report, command } = row;
-        Self(*tick, [bytes(sensor), bytes(truth), bytes(estimate), bytes(report), bytes(command)])
+        Self(row.tick, topics::each(&mut Bytes(row.messages())))
     }
 }
 
 impl From<StoredRow> for Row {
-    fn from(StoredRow(tick, [sensor, truth, estimate, report, command]): StoredRow) -> Self {
-        fn message<M: Message>(bytes: Option<Vec<u8>>) -> Option<M> {
-            try_pod_read_unaligned(&bytes?).ok()
+    fn from(StoredRow(tick, bytes): StoredRow) -> Self {
+        struct Messages([Option<Vec<u8>>; COUNT]);
+        impl Build<Received> for Messages {
+            type Error = Infallible;
+            fn build<M: Topic>(&mut self) -> Result<Option<M>, Infallible> {
+                Ok(self.0[M::INDEX].as_deref().and_then(|bytes| try_pod_read_unaligned(bytes).ok()))
+            }
         }
-        Self {
-            tick,
-            sensor: message(sensor),
-            truth: message(truth),
-            estimate: message(estimate),
-            report: message(report),
-            command: message(command),
-        }
+        Self::new(tick, ByTopic::build(&mut Messages(bytes)))
     }
 }
 

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use shared_types::codes::{self, MODE_REGULAR};
 use shared_types::scenario::Goal;
 use shared_types::summary::{JointSummary, Latency, ModeChange, SingularitySummary, TaskSummary, TurnSummary};
+use shared_types::topics::{ByTopic, Lent};
 use shared_types::wire::HOPS;
 use shared_types::{MAX_SINGULARITIES, PlantState, SensorSample, SingularityReport, SingularityState, StateEstimate, TorqueCommand};
 
@@ -24,6 +25,20 @@ pub struct Tick<'a> {
     pub report: &'a SingularityReport,
     /// From the controller.
     pub command: &'a TorqueCommand,
+}
+
+impl<'a> Tick<'a> {
+    /// What is judged of a tick; `None` where something of it is missing.
+    #[must_use]
+    pub fn of(messages: &ByTopic<Lent<'a>>) -> Option<Self> {
+        Some(Self {
+            sensor: messages.sensor?,
+            truth: messages.plant_state?,
+            estimate: messages.estimate?,
+            report: messages.singularity?,
+            command: messages.torque?,
+        })
+    }
 }
 
 /// What the judge needs to know of the arm: limits, one entry a joint.

@@ -13,16 +13,17 @@ use std::time::Duration;
 use bytemuck::{bytes_of, try_pod_read_unaligned};
 use model::{Robot, with_dof};
 use runtime::{Count, Drain, Keep, Mode, ProcessError, Shell, TopicHash};
+use shared_types::Message;
 use shared_types::job::{self, Job};
 use shared_types::scenario::{Record, Scenario};
 use shared_types::summary::{RecorderSummary, Summary, TopicSummary};
-use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+use shared_types::topics::{self, Build, ByTopic, COUNT, Each, Family, Topic};
 use viz::{Level, RecordError, Recording, RunInfo, TickRow, Written};
 
 use checkpoint::{Checkpoint, Memory, Progress, StoredRow};
 use witness::Witness;
 
-pub use assemble::{Assembler, Row};
+pub use assemble::{Assembler, Row, Set};
 pub use judge::{Judge, Limits, TaskError, Tick, Verdict};
 
 /// Name of the recorder's part of the summary in the run's directory.
@@ -83,14 +84,14 @@ fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Pat
     let unusable = |error| ProcessError::setup(format!("cannot keep what a replacement must know in {}: {error}", run_dir.display()));
     let mut memory = Memory::open(run_dir).map_err(unusable)?;
     let past = if shell.incarnation() > 1 { memory.last() } else { None };
-    let mut assembler = Assembler::new(PATIENCE, HORIZON);
+    let mut assembler = Assembler::new(Set::of(|topic| shell.reads(topic)), PATIENCE, HORIZON);
     let mut judge = Judge::new(limits(robot), job.scenario.goal.clone(), job.scenario.duration_s() * f64::from(job.scenario.rate_hz));
     if shell.mode() == Mode::Realtime {
         judge = judge.on_grid(shell.manifest().period_ns());
     }
     let mut tape = Tape::<N>::start(robot, job, shell.incarnation())?;
     let mut witness = Witness::default();
-    let mut progress = <[Progress; 5]>::default();
+    let mut progress = <[Progress; COUNT]>::default();
     if shell.incarnation() > 1 {
         tape.go_on_after(memory.written());
     }
@@ -141,12 +142,10 @@ fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Pat
 }
 
 fn take<const N: usize>(row: &Row, judge: &mut Judge, tape: &mut Tape<N>) {
-    if let Row {
-        sensor: Some(sensor), truth: Some(truth), estimate: Some(estimate), report: Some(report), command: Some(command), ..
-    } = row
-    {
-        judge.tick(Tick { sensor, truth, estimate, report, command });
-    } else if let Some(sensor) = &row.sensor {
+    let messages = row.messages().lent();
+    if let Some(tick) = Tick::of(&messages) {
+        judge.tick(tick);
+    } else if let Some(sensor) = messages.sensor {
         judge.torn(sensor);
     }
     tape.tick(row);
@@ -226,14 +225,7 @@ impl<const N: usize> Tape<N> {
     /// Adds a tick; what is missing of it is left out.
     pub fn tick(&mut self, row: &Row) {
         let Some(recording) = &mut self.recording else { return };
-        let row = TickRow {
-            tick: row.tick,
-            sensor: row.sensor.as_ref(),
-            plant_state: row.truth.as_ref(),
-            estimate: row.estimate.as_ref(),
-            report: row.report.as_ref(),
-            command: row.command.as_ref(),
-        };
+        let row = TickRow::new(row.tick, row.messages().lent());
         let full = recording.part_ticks() >= self.limits.ticks || recording.part_bytes() >= self.limits.bytes;
         let turned = if full { recording.next_part(&self.folder) } else { Ok(()) };
         if full {
@@ -311,7 +303,7 @@ struct Kept {
     error: String,
 }
 
-impl<M: Message> Tap<M> {
+impl<M: Topic> Tap<M> {
     /// A replacement goes on where its predecessor was killed: `each` is given what that one had kept after its last checkpoint, and
     /// the first [`drain`](Self::drain) what was on its way to it.
     fn open(shell: &Shell, messages: Option<&Path>, past: &Progress, mut each: impl FnMut(&M)) -> Result<Self, ProcessError> {
@@ -341,7 +333,7 @@ impl<M: Message> Tap<M> {
         Ok(Self { drain, hash, last, keep, kept })
     }
 
-    fn drain(&mut self, assembler: &mut Assembler, place: impl Fn(&mut Row) -> &mut Option<M>) -> Result<(), ProcessError> {
+    fn drain(&mut self, assembler: &mut Assembler) -> Result<(), ProcessError> {
         let Self { drain, hash, last, keep, kept } = self;
         drain.drain(|message| {
             hash.add(message);
@@ -354,7 +346,7 @@ impl<M: Message> Tap<M> {
                 *keep = None;
             }
             if let Some(row) = assembler.row(message.header().tick) {
-                *place(row) = Some(*message);
+                row.put(message);
             }
         })?;
         Ok(())
@@ -390,74 +382,101 @@ impl<M: Message> Tap<M> {
     }
 }
 
-struct Topics {
-    sensor: Tap<SensorSample>,
-    truth: Tap<PlantState>,
-    estimate: Tap<StateEstimate>,
-    report: Tap<SingularityReport>,
-    command: Tap<TorqueCommand>,
+/// The end of each topic that the graph has.
+struct Taps;
+
+impl Family for Taps {
+    type Of<M: Topic> = Option<Tap<M>>;
 }
 
+struct Topics(ByTopic<Taps>);
+
 impl Topics {
-    fn open(shell: &Shell, messages: Option<&Path>, past: &[Progress; 5], assembler: &mut Assembler) -> Result<Self, ProcessError> {
-        let [sensor, truth, estimate, report, command] = past;
-        // What comes again of ticks that have been given out already is not needed again.
-        macro_rules! into {
-            ($place:ident) => {
-                |message| assembler.row(message.header.tick).into_iter().for_each(|row| row.$place = Some(*message))
-            };
+    fn open(shell: &Shell, messages: Option<&Path>, past: &[Progress; COUNT], assembler: &mut Assembler) -> Result<Self, ProcessError> {
+        struct Open<'a>(&'a Shell, Option<&'a Path>, &'a [Progress; COUNT], &'a mut Assembler);
+        impl Build<Taps> for Open<'_> {
+            type Error = ProcessError;
+            fn build<M: Topic>(&mut self) -> Result<Option<Tap<M>>, ProcessError> {
+                let Self(shell, messages, past, assembler) = self;
+                if !shell.reads(M::TOPIC) {
+                    return Ok(None);
+                }
+                // What comes again of ticks that have been given out already is not needed again.
+                let again = |message: &M| assembler.row(message.header().tick).into_iter().for_each(|row| row.put(message));
+                Tap::open(shell, *messages, &past[M::INDEX], again).map(Some)
+            }
         }
-        Ok(Self {
-            sensor: Tap::<SensorSample>::open(shell, messages, sensor, into!(sensor))?,
-            truth: Tap::<PlantState>::open(shell, messages, truth, into!(truth))?,
-            estimate: Tap::<StateEstimate>::open(shell, messages, estimate, into!(estimate))?,
-            report: Tap::<SingularityReport>::open(shell, messages, report, into!(report))?,
-            command: Tap::<TorqueCommand>::open(shell, messages, command, into!(command))?,
-        })
+        ByTopic::try_build(&mut Open(shell, messages, past, assembler)).map(Self)
     }
 
     /// Ends the keeping of messages: how many bytes there are, and the first thing that went wrong.
     fn finish(&mut self) -> Kept {
-        let all = [self.sensor.finish(), self.truth.finish(), self.estimate.finish(), self.report.finish(), self.command.finish()];
+        struct Finish<'a>(&'a mut ByTopic<Taps>);
+        impl Each for Finish<'_> {
+            type Output = Kept;
+            fn each<M: Topic>(&mut self) -> Kept {
+                M::of_mut(self.0).as_mut().map(Tap::finish).unwrap_or_default()
+            }
+        }
+        let all = topics::each(&mut Finish(&mut self.0));
         let error = all.iter().find(|kept| !kept.error.is_empty()).map(|kept| kept.error.clone()).unwrap_or_default();
         Kept { bytes: all.iter().map(|kept| kept.bytes).sum(), error }
     }
 
     fn drain(&mut self, assembler: &mut Assembler) -> Result<(), ProcessError> {
-        self.sensor.drain(assembler, |row| &mut row.sensor)?;
-        self.truth.drain(assembler, |row| &mut row.truth)?;
-        self.estimate.drain(assembler, |row| &mut row.estimate)?;
-        self.report.drain(assembler, |row| &mut row.report)?;
-        self.command.drain(assembler, |row| &mut row.command)
+        struct Drain<'a>(&'a mut ByTopic<Taps>, &'a mut Assembler);
+        impl Each for Drain<'_> {
+            type Output = Result<(), ProcessError>;
+            fn each<M: Topic>(&mut self) -> Self::Output {
+                M::of_mut(self.0).as_mut().map_or(Ok(()), |tap| tap.drain(self.1))
+            }
+        }
+        topics::try_each(&mut Drain(&mut self.0, assembler))
     }
 
     fn flush(&mut self) {
-        self.sensor.flush();
-        self.truth.flush();
-        self.estimate.flush();
-        self.report.flush();
-        self.command.flush();
+        struct Flush<'a>(&'a mut ByTopic<Taps>);
+        impl Each for Flush<'_> {
+            type Output = ();
+            fn each<M: Topic>(&mut self) {
+                M::of_mut(self.0).iter_mut().for_each(Tap::flush);
+            }
+        }
+        topics::each(&mut Flush(&mut self.0));
     }
 
     fn has_failed(&self) -> bool {
-        [&self.sensor.kept, &self.truth.kept, &self.estimate.kept, &self.report.kept, &self.command.kept]
-            .iter()
-            .any(|kept| !kept.error.is_empty())
+        struct Failed<'a>(&'a ByTopic<Taps>);
+        impl Each for Failed<'_> {
+            type Output = bool;
+            fn each<M: Topic>(&mut self) -> bool {
+                M::of(self.0).as_ref().is_some_and(|tap| !tap.kept.error.is_empty())
+            }
+        }
+        topics::each(&mut Failed(&self.0)).contains(&true)
     }
 
-    fn progress(&self) -> [Progress; 5] {
-        [self.sensor.progress(), self.truth.progress(), self.estimate.progress(), self.report.progress(), self.command.progress()]
+    fn progress(&self) -> [Progress; COUNT] {
+        struct Come<'a>(&'a ByTopic<Taps>);
+        impl Each for Come<'_> {
+            type Output = Progress;
+            fn each<M: Topic>(&mut self) -> Progress {
+                M::of(self.0).as_ref().map(Tap::progress).unwrap_or_default()
+            }
+        }
+        topics::each(&mut Come(&self.0))
     }
 
-    /// Per topic: name and hash.
-    fn account(&self) -> [(&'static str, &TopicHash); 5] {
-        [
-            (SensorSample::TOPIC, &self.sensor.hash),
-            (PlantState::TOPIC, &self.truth.hash),
-            (StateEstimate::TOPIC, &self.estimate.hash),
-            (SingularityReport::TOPIC, &self.report.hash),
-            (TorqueCommand::TOPIC, &self.command.hash),
-        ]
+    /// Name and hash of each topic that the graph has.
+    fn account(&self) -> Vec<(&'static str, TopicHash)> {
+        struct Hashes<'a>(&'a ByTopic<Taps>);
+        impl Each for Hashes<'_> {
+            type Output = Option<(&'static str, TopicHash)>;
+            fn each<M: Topic>(&mut self) -> Self::Output {
+                M::of(self.0).as_ref().map(|tap| (M::TOPIC, tap.hash))
+            }
+        }
+        topics::each(&mut Hashes(&self.0)).into_iter().flatten().collect()
     }
 }
 

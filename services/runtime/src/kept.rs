@@ -379,7 +379,7 @@ fn read_whole(file: &mut impl Read, buffer: &mut [u8]) -> std::io::Result<usize>
 mod tests {
     use super::*;
     use crate::RunDir;
-    use shared_types::{PlantState, SensorSample};
+    use shared_types::{Layout, PlantState, SensorSample};
 
     fn message(tick: u64) -> SensorSample {
         let mut message = SensorSample::default();

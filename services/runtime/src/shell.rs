@@ -551,6 +551,12 @@ impl Shell {
         self.shared.manifest.mode
     }
 
+    /// Whether the graph lets this process read a topic.
+    #[must_use]
+    pub fn reads(&self, topic: &str) -> bool {
+        self.shared.manifest.processes[self.shared.me].reads.iter().any(|one| one == topic)
+    }
+
     /// The run as all its processes know it.
     #[must_use]
     pub fn manifest(&self) -> &Manifest {

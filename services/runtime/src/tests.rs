@@ -255,7 +255,7 @@ fn another_wire_format_is_refused_with_both_versions() {
     let _board = Board::create(&run).unwrap();
     let _hub = Hub::create_speaking(&run, &manifest, 0xabad_cafe).unwrap();
     let error = Shell::open(run.path(), "plant").unwrap().writer::<SensorSample>().map(|_| ()).unwrap_err();
-    let ours = format!("{:016x}", shared_types::wire::wire_hash());
+    let ours = format!("{:016x}", shared_types::topics::wire_hash());
     assert!(matches!(error, TopicError::WireFormat { .. }));
     assert!(error.to_string().contains("00000000abadcafe") && error.to_string().contains(&ours), "{error}");
 }

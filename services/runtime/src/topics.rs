@@ -9,8 +9,8 @@ use iceoryx2::prelude::*;
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 use iceoryx2::service::builder::publish_subscribe::Builder;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
-use shared_types::wire::wire_hash;
-use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+use shared_types::topics::{self, Each, TOPICS, wire_hash};
+use shared_types::{Message, Topic};
 
 use crate::manifest::Manifest;
 use crate::run_dir::{RunDir, SHM};
@@ -233,15 +233,15 @@ impl Hub {
     }
 }
 
-/// The one list of messages: a topic's name decides its type.
+/// A topic's name decides its message.
 fn create_by_name(node: &Node<ipc::Service>, topic: &str, wire: u64) -> Result<Box<dyn Any>, TopicError> {
-    macro_rules! by_name {
-        ($($message:ty),*) => {
-            match topic {
-                $(<$message>::TOPIC => create::<$message>(node, wire),)*
-                _ => Err(TopicError::Unknown { topic: topic.to_owned(), known: [$(<$message>::TOPIC),*].join(", ") }),
-            }
-        };
+    struct Create<'a>(&'a Node<ipc::Service>, u64);
+    impl Each for Create<'_> {
+        type Output = Result<Box<dyn Any>, TopicError>;
+        fn each<M: Topic>(&mut self) -> Self::Output {
+            create::<M>(self.0, self.1)
+        }
     }
-    by_name!(SensorSample, PlantState, StateEstimate, SingularityReport, TorqueCommand)
+    topics::named(topic, &mut Create(node, wire))
+        .unwrap_or_else(|| Err(TopicError::Unknown { topic: topic.to_owned(), known: TOPICS.join(", ") }))
 }

@@ -61,14 +61,7 @@ fn begin(volume: &Volume, robot: &Robot) -> Result<Recording<6, Volume>, RecordE
 }
 
 fn row(tick: u64, m: &Messages) -> TickRow<'_> {
-    TickRow {
-        tick,
-        sensor: Some(&m.sensor),
-        plant_state: Some(&m.plant_state),
-        estimate: Some(&m.estimate),
-        report: Some(&m.report),
-        command: Some(&m.command),
-    }
+    TickRow::new(tick, m.lent())
 }
 
 /// Whole messages, and whether the stream ended well.
@@ -143,8 +136,8 @@ fn every_number_is_read_back() {
     let torque = rows::<Float32Type>(&signals, Signal::TorqueNull.name());
     for (tick, m) in sent.iter().enumerate() {
         assert_eq!(q[tick].as_deref(), Some(&m.plant_state.q[..6]), "tick {tick}");
-        assert_eq!(s[tick], Some(m.report.singularities[..3].iter().map(|one| one.s as f32).collect()), "tick {tick}");
-        assert_eq!(torque[tick], Some(m.command.tau_null[..6].iter().map(|tau| *tau as f32).collect()), "tick {tick}");
+        assert_eq!(s[tick], Some(m.singularity.singularities[..3].iter().map(|one| one.s as f32).collect()), "tick {tick}");
+        assert_eq!(torque[tick], Some(m.torque.tau_null[..6].iter().map(|tau| *tau as f32).collect()), "tick {tick}");
     }
 }
 
@@ -354,11 +347,11 @@ fn missing_messages_leave_gaps_and_are_told() {
     for tick in 0..100 {
         let mut m = run.step();
         if tick >= 60 {
-            m.report.header.incarnation = 2;
+            m.singularity.header.incarnation = 2;
         }
         let mut row = row(tick, &m);
         if (20..60).contains(&tick) {
-            (row.report, row.command) = (None, None);
+            (row.messages.singularity, row.messages.torque) = (None, None);
         }
         recording.tick(&row).expect("room");
     }
@@ -419,7 +412,7 @@ fn what_is_recorded_is_read_back() {
             recording.next_part(&folder).expect("room");
         }
         let mut row = row(tick as u64, m);
-        row.report = row.report.filter(|_| tick != 60);
+        row.messages.singularity = row.singularity.filter(|_| tick != 60);
         recording.tick(&row).expect("room");
     }
     recording.event(250, Level::Warning, "the end");
@@ -481,7 +474,7 @@ fn what_is_recorded_is_read_back() {
     assert_eq!(ticks, (0..250).collect::<Vec<u64>>());
     for (k, m) in sent.iter().enumerate() {
         assert_eq!(q5[k], m.plant_state.q[4]);
-        assert_eq!(s[k], (k != 60).then_some(f64::from(m.report.singularities[1].s as f32)), "tick {k}");
+        assert_eq!(s[k], (k != 60).then_some(f64::from(m.singularity.singularities[1].s as f32)), "tick {k}");
     }
     assert_eq!(log.last(), Some(&(250, "WARN".to_owned(), "the end".to_owned())));
     assert_eq!(wrist, [(0, "reorient".to_owned()), (120, "reorient".to_owned())], "each part says where it begins");

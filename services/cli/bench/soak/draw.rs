@@ -6,7 +6,7 @@ use model::Robot;
 use runtime::random;
 use shared_types::fault::{Fault, Kind, Way};
 use shared_types::wire::Field;
-use shared_types::{Message, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+use shared_types::{Layout, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
 
 /// Mean time from one blow to the next; s.
 const MEAN_GAP_S: f64 = 1.4;

@@ -14,7 +14,8 @@ use shared_types::fault::Kind;
 use shared_types::job::{Job, Mode};
 use shared_types::scenario::Scenario;
 use shared_types::summary::{Deadlines, Summary};
-use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+use shared_types::topics::{self, COUNT, Each, Topic};
+use shared_types::{Message, PlantState, SensorSample};
 
 use super::super::super::failure::Failure;
 use super::super::super::physics::{Motion, Promise, SPEED_MARGIN_AT_FULL_TORQUE};
@@ -489,9 +490,9 @@ impl Seen {
 }
 
 /// Reads the kept messages back: what the arm did, when the drives stopped it, and how many there are of each topic.
-fn read(mut motion: Motion, messages: &Path) -> (Motion, Vec<Stop>, Files, [u64; 5]) {
+fn read(mut motion: Motion, messages: &Path) -> (Motion, Vec<Stop>, Files, [u64; COUNT]) {
     let (mut files, mut stops) = (Files::default(), Vec::<Stop>::new());
-    let truth = count::<PlantState>(messages, &mut files, |state| {
+    each::<PlantState>(messages, &mut files, |state| {
         motion.add(state);
         let tick = state.header.tick;
         if matches!(state.drive, DRIVE_STOPPING | DRIVE_BRAKED) {
@@ -501,14 +502,19 @@ fn read(mut motion: Motion, messages: &Path) -> (Motion, Vec<Stop>, Files, [u64;
             }
         }
     });
-    let sensor = count::<SensorSample>(messages, &mut files, |sample| motion.add_age(sample));
-    let estimate = count::<StateEstimate>(messages, &mut files, |_| ());
-    let report = count::<SingularityReport>(messages, &mut files, |_| ());
-    let command = count::<TorqueCommand>(messages, &mut files, |_| ());
-    (motion, stops, files, [sensor, truth, estimate, report, command])
+    each::<SensorSample>(messages, &mut files, |sample| motion.add_age(sample));
+    struct CountEach<'a>(&'a Path, &'a mut Files);
+    impl Each for CountEach<'_> {
+        type Output = u64;
+        fn each<M: Topic>(&mut self) -> u64 {
+            each::<M>(self.0, self.1, |_| ())
+        }
+    }
+    let counts = topics::each(&mut CountEach(messages, &mut files));
+    (motion, stops, files, counts)
 }
 
-fn count<M: Message>(messages: &Path, files: &mut Files, mut each: impl FnMut(&M)) -> u64 {
+fn each<M: Message>(messages: &Path, files: &mut Files, mut each: impl FnMut(&M)) -> u64 {
     let mut n = 0;
     let mut read = || -> Result<(), KeepError> {
         let mut kept = Kept::<M>::open(messages)?;

@@ -1,0 +1,343 @@
+//! THE list of topics, and what is derived from it: a structure with one field per topic, a visitor, the hash of the wire.
+//!
+//! A new topic is a message in [`messages`](crate::messages) and one line in [`for_each_topic`]; the graph says which process writes it.
+
+use std::convert::Infallible;
+use std::fmt::Debug;
+use std::marker::PhantomData;
+
+use crate::messages::{PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+use crate::wire::Message;
+
+/// The list: each topic with its message, in the order in which a tick's data flows.
+macro_rules! for_each_topic {
+    ($callback:ident) => {
+        $callback! {
+            sensor: SensorSample,
+            plant_state: PlantState,
+            estimate: StateEstimate,
+            singularity: SingularityReport,
+            torque: TorqueCommand,
+        }
+    };
+}
+
+/// One type for each message: what a [`ByTopic`] holds of a topic.
+pub trait Family {
+    /// What it holds of the topic of `M`.
+    type Of<M: Topic>;
+}
+
+/// A message that is in the list.
+pub trait Topic: Message {
+    /// Its place in [`TOPICS`].
+    const INDEX: usize;
+
+    /// What a bundle holds of this topic.
+    fn of<F: Family>(all: &ByTopic<F>) -> &F::Of<Self>;
+
+    /// What a bundle holds of this topic, to be changed.
+    fn of_mut<F: Family>(all: &mut ByTopic<F>) -> &mut F::Of<Self>;
+}
+
+/// Makes a bundle, topic by topic.
+pub trait Build<F: Family> {
+    /// Why a part cannot be made.
+    type Error;
+
+    /// The part of one topic.
+    ///
+    /// # Errors
+    /// The first one ends the making of the bundle.
+    fn build<M: Topic>(&mut self) -> Result<F::Of<M>, Self::Error>;
+}
+
+/// Does something for each topic: a closure that is generic over the message.
+pub trait Each {
+    /// What comes of one topic.
+    type Output;
+
+    /// Does it for the topic of `M`.
+    fn each<M: Topic>(&mut self) -> Self::Output;
+}
+
+macro_rules! derive {
+    ($($topic:ident: $message:ident),* $(,)?) => {
+        /// The names of all topics, in the order of the list.
+        pub const TOPICS: [&str; COUNT] = [$($message::TOPIC),*];
+
+        /// How many topics there are.
+        pub const COUNT: usize = [$(stringify!($topic)),*].len();
+
+        $( const _: () = assert!(is_same($message::TOPIC, stringify!($topic)), "the list and the message disagree on the topic's name"); )*
+
+        /// Something of each topic: a message, its hash, its file, its place in a buffer.
+        pub struct ByTopic<F: Family> {
+            $( #[doc = concat!("Of topic `", stringify!($topic), "`: [`", stringify!($message), "`].")] pub $topic: F::Of<$message> ),*
+        }
+
+        impl<F: Family> ByTopic<F> {
+            /// Makes the part of each topic, in the order of the list.
+            ///
+            /// # Errors
+            /// The first that a part has.
+            pub fn try_build<B: Build<F>>(parts: &mut B) -> Result<Self, B::Error> {
+                Ok(Self { $( $topic: parts.build::<$message>()? ),* })
+            }
+        }
+
+        impl<F: Family> Default for ByTopic<F> where $( F::Of<$message>: Default ),* {
+            fn default() -> Self {
+                Self { $( $topic: Default::default() ),* }
+            }
+        }
+
+        impl<F: Family> Clone for ByTopic<F> where $( F::Of<$message>: Clone ),* {
+            fn clone(&self) -> Self {
+                Self { $( $topic: self.$topic.clone() ),* }
+            }
+        }
+
+        impl<F: Family> Copy for ByTopic<F> where $( F::Of<$message>: Copy ),* {}
+
+        impl<F: Family> Debug for ByTopic<F> where $( F::Of<$message>: Debug ),* {
+            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.debug_struct("ByTopic")$( .field(stringify!($topic), &self.$topic) )*.finish()
+            }
+        }
+
+        impl<F: Family> PartialEq for ByTopic<F> where $( F::Of<$message>: PartialEq ),* {
+            fn eq(&self, other: &Self) -> bool {
+                true $( && self.$topic == other.$topic )*
+            }
+        }
+
+        $( impl Topic for $message {
+            const INDEX: usize = place($message::TOPIC);
+
+            fn of<F: Family>(all: &ByTopic<F>) -> &F::Of<Self> {
+                &all.$topic
+            }
+
+            fn of_mut<F: Family>(all: &mut ByTopic<F>) -> &mut F::Of<Self> {
+                &mut all.$topic
+            }
+        } )*
+
+        /// Does something for each topic, in the order of the list; what came of each.
+        pub fn each<E: Each>(work: &mut E) -> [E::Output; COUNT] {
+            [$( work.each::<$message>() ),*]
+        }
+
+        /// Does something for the topic of that name; `None` where there is none.
+        pub fn named<E: Each>(topic: &str, work: &mut E) -> Option<E::Output> {
+            match topic {
+                $( stringify!($topic) => Some(work.each::<$message>()), )*
+                _ => None,
+            }
+        }
+    };
+}
+
+for_each_topic!(derive);
+
+const fn is_same(a: &str, b: &str) -> bool {
+    let (a, b) = (a.as_bytes(), b.as_bytes());
+    let mut i = 0;
+    while i < a.len() && i < b.len() && a[i] == b[i] {
+        i += 1;
+    }
+    i == a.len() && i == b.len()
+}
+
+/// The place of a topic in the list; it does not compile for one that is not there.
+const fn place(topic: &str) -> usize {
+    let mut i = 0;
+    while !is_same(TOPICS[i], topic) {
+        i += 1;
+    }
+    i
+}
+
+/// Does something that may fail for each topic, in the order of the list, up to the first error.
+///
+/// # Errors
+/// The first of them.
+pub fn try_each<E>(work: &mut impl Each<Output = Result<(), E>>) -> Result<(), E> {
+    struct UpToFirst<'a, W, E>(&'a mut W, Result<(), E>);
+    impl<W: Each<Output = Result<(), E>>, E> Each for UpToFirst<'_, W, E> {
+        type Output = ();
+        fn each<M: Topic>(&mut self) {
+            if self.1.is_ok() {
+                self.1 = self.0.each::<M>();
+            }
+        }
+    }
+    let mut all = UpToFirst(work, Ok(()));
+    each(&mut all);
+    all.1
+}
+
+impl<F: Family> ByTopic<F> {
+    /// Makes the part of each topic, in the order of the list.
+    pub fn build<B: Build<F, Error = Infallible>>(parts: &mut B) -> Self {
+        match Self::try_build(parts) {
+            Ok(all) => all,
+            Err(never) => match never {},
+        }
+    }
+}
+
+/// The messages themselves.
+#[derive(Clone, Copy, Debug)]
+pub struct Whole;
+
+impl Family for Whole {
+    type Of<M: Topic> = M;
+}
+
+/// The messages that have come so far.
+#[derive(Clone, Copy, Debug)]
+pub struct Received;
+
+impl Family for Received {
+    type Of<M: Topic> = Option<M>;
+}
+
+/// References to messages, where there are some.
+#[derive(Clone, Copy, Debug)]
+pub struct Lent<'a>(PhantomData<&'a ()>);
+
+impl<'a> Family for Lent<'a> {
+    type Of<M: Topic> = Option<&'a M>;
+}
+
+impl ByTopic<Whole> {
+    /// References to all of them.
+    #[must_use]
+    pub fn lent(&self) -> ByTopic<Lent<'_>> {
+        struct Lend<'a>(&'a ByTopic<Whole>);
+        impl<'a> Build<Lent<'a>> for Lend<'a> {
+            type Error = Infallible;
+            fn build<M: Topic>(&mut self) -> Result<Option<&'a M>, Infallible> {
+                Ok(Some(M::of(self.0)))
+            }
+        }
+        ByTopic::build(&mut Lend(self))
+    }
+}
+
+impl ByTopic<Received> {
+    /// References to those that have come.
+    #[must_use]
+    pub fn lent(&self) -> ByTopic<Lent<'_>> {
+        struct Lend<'a>(&'a ByTopic<Received>);
+        impl<'a> Build<Lent<'a>> for Lend<'a> {
+            type Error = Infallible;
+            fn build<M: Topic>(&mut self) -> Result<Option<&'a M>, Infallible> {
+                Ok(M::of(self.0).as_ref())
+            }
+        }
+        ByTopic::build(&mut Lend(self))
+    }
+}
+
+impl From<&ByTopic<Whole>> for ByTopic<Received> {
+    fn from(whole: &ByTopic<Whole>) -> Self {
+        struct Take<'a>(&'a ByTopic<Whole>);
+        impl Build<Received> for Take<'_> {
+            type Error = Infallible;
+            fn build<M: Topic>(&mut self) -> Result<Option<M>, Infallible> {
+                Ok(Some(*M::of(self.0)))
+            }
+        }
+        Self::build(&mut Take(whole))
+    }
+}
+
+/// Hash over the layouts of all messages: what a reader requires of a writer before it opens a topic.
+#[must_use]
+pub fn wire_hash() -> u64 {
+    struct Hash;
+    impl Each for Hash {
+        type Output = u64;
+        fn each<M: Topic>(&mut self) -> u64 {
+            M::layout_hash()
+        }
+    }
+    each(&mut Hash).iter().fold(0, |hash: u64, layout| hash.rotate_left(7) ^ layout)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wire::Stamps;
+
+    #[test]
+    fn every_message_covers_every_byte_and_knows_its_place() {
+        struct Check;
+        impl Each for Check {
+            type Output = ();
+            fn each<M: Topic>(&mut self) {
+                let mut end = 0;
+                for field in M::FIELDS {
+                    assert_eq!(field.offset, end, "{}.{}: padding before it", M::TYPE_NAME, field.name);
+                    end = field.offset + field.size;
+                }
+                assert_eq!(end, size_of::<M>(), "{}: padding at its end", M::TYPE_NAME);
+                assert_eq!(TOPICS[M::INDEX], M::TOPIC);
+                assert_eq!(M::zeroed().content().len(), size_of::<M>() - size_of::<Stamps>());
+            }
+        }
+        each(&mut Check);
+    }
+
+    #[test]
+    fn a_bundle_gives_the_part_of_each_message() {
+        struct Tick(u64);
+        impl Build<Whole> for Tick {
+            type Error = Infallible;
+            fn build<M: Topic>(&mut self) -> Result<M, Infallible> {
+                let mut message = M::zeroed();
+                message.header_mut().tick = self.0;
+                self.0 += 1;
+                Ok(message)
+            }
+        }
+        let whole = ByTopic::<Whole>::build(&mut Tick(0));
+        assert_eq!((whole.sensor.header.tick, SensorSample::of(&whole).header.tick), (0, 0));
+        assert_eq!(PlantState::of(&whole).header.tick, PlantState::INDEX as u64);
+        let mut received = ByTopic::<Received>::from(&whole);
+        assert_eq!(received.lent(), whole.lent());
+        *StateEstimate::of_mut(&mut received) = None;
+        assert!(received.lent().estimate.is_none() && received.lent().torque.is_some());
+    }
+
+    #[test]
+    fn a_topic_is_found_by_its_name() {
+        struct Size;
+        impl Each for Size {
+            type Output = usize;
+            fn each<M: Topic>(&mut self) -> usize {
+                size_of::<M>()
+            }
+        }
+        assert_eq!(named("sensor", &mut Size), Some(size_of::<SensorSample>()));
+        assert_eq!(named("weather", &mut Size), None);
+        assert_eq!(TOPICS.map(|topic| named(topic, &mut Size)), each(&mut Size).map(Some));
+    }
+
+    #[test]
+    fn the_first_error_ends_the_visit() {
+        struct Fail(usize);
+        impl Each for Fail {
+            type Output = Result<(), usize>;
+            fn each<M: Topic>(&mut self) -> Self::Output {
+                self.0 += 1;
+                if M::INDEX == 1 { Err(self.0) } else { Ok(()) }
+            }
+        }
+        let mut fail = Fail(0);
+        assert_eq!((try_each(&mut fail), fail.0), (Err(2), 2));
+    }
+}
