@@ -9,11 +9,12 @@ use std::process::ExitCode;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use launcher::End;
+use message_log::LogReader;
 use model::Robot;
-use runtime::{Board, Kept, RunDir, random};
+use runtime::{ControlPage, RunDir, random};
 use serde::Serialize;
 use shared_types::codes::{DRIVE_ACTIVE, DRIVE_BRAKED};
-use shared_types::fault::{Fault, Kind, Strike, Way};
+use shared_types::fault::{Fault, Kind, ScheduledFault, Way};
 use shared_types::job::{Job, Mode};
 use shared_types::scenario::Scenario;
 use shared_types::summary::{Summary, TopicSummary};
@@ -197,9 +198,9 @@ impl<'a> Drill<'a> {
         Ok(Self { job, robot, span, folder })
     }
 
-    fn strike(&self, fault: &Fault, seed: u64) -> Result<Strike, Failure> {
+    fn strike(&self, fault: &Fault, seed: u64) -> Result<ScheduledFault, Failure> {
         let place = self.job.graph.process.iter().position(|process| process.name == fault.process).unwrap_or_default();
-        fault.strike(place as u32, self.job.scenario.rate_hz, seed).map_err(|complaint| Failure::Input(complaint.to_string()))
+        fault.schedule(place as u32, self.job.scenario.rate_hz, seed).map_err(|complaint| Failure::Input(complaint.to_string()))
     }
 
     fn cell(&self, plan: &Plan, base: &Ran) -> Result<Cell, Failure> {
@@ -213,7 +214,7 @@ impl<'a> Drill<'a> {
     }
 
     /// Runs the scenario in its processes.
-    fn run(&self, scenario: &Scenario, live: &[Strike], records: bool) -> Result<Ran, Failure> {
+    fn run(&self, scenario: &Scenario, live: &[ScheduledFault], records: bool) -> Result<Ran, Failure> {
         // What an earlier run left there must not be taken for this one's.
         let _ = std::fs::remove_dir_all(&self.job.out);
         let cannot = |error: std::io::Error| Failure::Work(format!("cannot write to {}: {error}", self.folder.display()));
@@ -221,8 +222,8 @@ impl<'a> Drill<'a> {
         let job = Job { scenario: scenario.clone(), record: records, ..self.job.clone() };
         // As `armplane fault` would request them, before the first tick.
         let mut begin = |run: &RunDir| {
-            let board = Board::open(run).map_err(Failure::work)?;
-            match live.iter().any(|strike| board.ledger().request(strike).is_none()) {
+            let control_page = ControlPage::open(run).map_err(Failure::work)?;
+            match live.iter().any(|strike| control_page.fault_table().request(strike).is_none()) {
                 true => Err(Failure::Work(format!("a run has room for {} faults", runtime::MOST_FAULTS))),
                 false => Ok(()),
             }
@@ -236,8 +237,8 @@ impl<'a> Drill<'a> {
         let summary = run::summarise(&job, &outcome, account);
         let messages = self.job.out.join(recorder::MESSAGES);
         // A full volume ends the messages early, and they are whole up to there.
-        let truth = Kept::open(&messages).map(whole).unwrap_or_default();
-        let samples = Kept::open(&messages).map(whole).unwrap_or_default();
+        let truth = LogReader::open(&messages).map(whole).unwrap_or_default();
+        let samples = LogReader::open(&messages).map(whole).unwrap_or_default();
         let topics = summary.topics.clone();
         Ok(Ran { summary, topics, end: outcome.end, truth, samples, left_behind })
     }
@@ -307,7 +308,7 @@ impl<'a> Drill<'a> {
 }
 
 /// All messages of a topic, to the last whole block.
-fn whole<M: Message>(mut kept: Kept<M>) -> Vec<M> {
+fn whole<M: Message>(mut kept: LogReader<M>) -> Vec<M> {
     std::iter::from_fn(|| kept.next_message().ok().flatten()).collect()
 }
 

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use runtime::{Board, Manifest, RunDir, SHM, random};
+use runtime::{ControlPage, Manifest, RunDir, SHM, random};
 use serde_json::json;
 use shared_types::fault::{Fault, Kind, Way};
 use shared_types::job::Job;
@@ -54,7 +54,7 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure
     let name = top::choose(args.run.as_deref())?;
     let run = RunDir::open(&Path::new(SHM).join(&name)).map_err(Failure::input)?;
     let manifest = Manifest::read(&run).map_err(Failure::work)?;
-    let board = Board::open(&run).map_err(Failure::work)?;
+    let control_page = ControlPage::open(&run).map_err(Failure::work)?;
     let fault = Fault {
         way: args.way,
         for_ticks: args.length.and_then(|length| if let Length::Ticks(ticks) = length { Some(ticks) } else { None }),
@@ -79,12 +79,12 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure
     }
     // Any seed will do: the run records it with the fault.
     let seed = random(runtime::now_ns(), u64::from(std::process::id()));
-    let strike = fault.strike(index as u32, manifest.rate_hz, seed).map_err(|complaint| Failure::Input(complaint.to_string()))?;
-    let Some(place) = board.ledger().request(&strike) else {
+    let strike = fault.schedule(index as u32, manifest.rate_hz, seed).map_err(|complaint| Failure::Input(complaint.to_string()))?;
+    let Some(place) = control_page.fault_table().request(&strike) else {
         return Err(Failure::Work(format!("the run {name} has had {} faults and has room for no more", runtime::MOST_FAULTS)));
     };
     let asked = Instant::now();
-    while !board.ledger().is_in_force(place) {
+    while !control_page.fault_table().is_in_force(place) {
         if asked.elapsed() > PATIENCE || !run.path().exists() {
             return Err(Failure::Work(format!(
                 "the run {name} has begun no tick since: the fault takes effect with its next one, if there is one"
@@ -92,7 +92,7 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure
         }
         std::thread::sleep(Duration::from_micros(200));
     }
-    let in_force = board.ledger().account(place).and_then(|account| account.strike.fault(process));
+    let in_force = control_page.fault_table().record(place).and_then(|account| account.scheduled.fault(process));
     let Some(in_force) = in_force else { return Err(Failure::Work(format!("the run {name} does not know this fault"))) };
     if as_json {
         say!("{}", json!({ "run": name, "tick": in_force.at_tick, "fault": in_force }));

@@ -5,11 +5,12 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use indicatif::ProgressBar;
+use message_log::{Difference, Differences, FieldDifference, LogError, LogReader, first_difference};
 use model::{Refused, Robot};
-use runtime::{Difference, Differences, FieldDifference, KeepError, Kept, first_difference, leaves_as};
+use runtime::leaves_as;
 use serde_json::json;
 use shared_types::codes::{DRIVE_ABSENT, DRIVE_STALE};
-use shared_types::fault::{Fault, Kind, MOST_DELAY_TICKS, Strike};
+use shared_types::fault::{Fault, Kind, MOST_DELAY_TICKS, ScheduledFault};
 use shared_types::job::Job;
 use shared_types::scenario::Scenario;
 use shared_types::summary::Summary;
@@ -102,7 +103,7 @@ fn job(run: &Path) -> Result<Job, Failure> {
 }
 
 /// The faults that happened to a process, planned or not: the summary knows of all, and without one (the run was stopped) the plan counts.
-fn strikes(run: &Path, job: &Job, process: &str) -> Result<Vec<Strike>, Failure> {
+fn strikes(run: &Path, job: &Job, process: &str) -> Result<Vec<ScheduledFault>, Failure> {
     let summary = std::fs::read(run.join("summary.json")).ok().and_then(|text| serde_json::from_slice::<Summary>(&text).ok());
     let happened = |summary: Summary| summary.faults.into_iter().filter_map(|fault| fault.fault).collect::<Vec<Fault>>();
     let faults = summary.map_or_else(|| job.scenario.fault.clone(), happened);
@@ -132,12 +133,12 @@ struct Tape<'a> {
     /// Who is computed again ...
     process: &'a str,
     /// ... and what happened to it.
-    strikes: Vec<Strike>,
+    strikes: Vec<ScheduledFault>,
 }
 
 impl Tape<'_> {
     fn open<M: Message>(&self) -> Result<Cursor<M>, Failure> {
-        match Kept::open(&self.folder) {
+        match LogReader::open(&self.folder) {
             Ok(kept) => Ok(Cursor { kept, ahead: None }),
             Err(error) if error.is_absent() => Err(Failure::Input(format!(
                 "the run in {} kept no messages of topic {:?}: run it again without --no-messages, `armplane replay` reads {}",
@@ -212,8 +213,8 @@ impl Tape<'_> {
     fn plant(&self, robot: &Robot, scenario: &Scenario) -> Result<Replayed, Failure> {
         let (mut samples, mut truths, mut commands) = (self.in_order::<SensorSample>()?, self.open()?, self.open::<TorqueCommand>()?);
         let mut cycle = plant::cycle(robot, scenario).map_err(Failure::input)?;
-        let of_physics = |strike: &&Strike| matches!(strike.kind(), Some(Kind::Sensor | Kind::Drive));
-        let faults: Vec<Strike> = self.strikes.iter().filter(of_physics).copied().collect();
+        let of_physics = |strike: &&ScheduledFault| matches!(strike.kind(), Some(Kind::Sensor | Kind::Drive));
+        let faults: Vec<ScheduledFault> = self.strikes.iter().filter(of_physics).copied().collect();
         let (mut sensor, mut state) = (Comparison::<SensorSample>::default(), Comparison::<PlantState>::default());
         let mut ended = String::new();
         let mut truth: Option<PlantState> = truths.next_message().map_err(Failure::work)?;
@@ -226,7 +227,7 @@ impl Tape<'_> {
                 ended = format!("tick {tick} {what}: the replay of the plant ends there");
                 break;
             }
-            let strikes: Vec<Strike> = faults.iter().filter(|strike| strike.concerns(tick)).copied().collect();
+            let strikes: Vec<ScheduledFault> = faults.iter().filter(|strike| strike.concerns(tick)).copied().collect();
             let was_struck = faults.iter().any(|strike| tick > 0 && strike.concerns(tick - 1));
             if was_struck || !strikes.is_empty() {
                 cycle.afflict(tick, &strikes);
@@ -258,35 +259,35 @@ trait Inputs {
     /// All of one tick.
     type Of;
     /// The next tick that there is something of.
-    fn next_tick(&mut self) -> Result<Option<u64>, KeepError>;
+    fn next_tick(&mut self) -> Result<Option<u64>, LogError>;
     /// All of a tick; nothing where something is missing.
-    fn at(&mut self, tick: u64) -> Result<Option<Self::Of>, KeepError>;
+    fn at(&mut self, tick: u64) -> Result<Option<Self::Of>, LogError>;
 }
 
 impl<M: Message> Inputs for Cursor<M> {
     type Of = M;
-    fn next_tick(&mut self) -> Result<Option<u64>, KeepError> {
+    fn next_tick(&mut self) -> Result<Option<u64>, LogError> {
         self.ahead = self.next_message()?;
         Ok(self.ahead.as_ref().map(|message| message.header().tick))
     }
-    fn at(&mut self, tick: u64) -> Result<Option<M>, KeepError> {
+    fn at(&mut self, tick: u64) -> Result<Option<M>, LogError> {
         self.at(tick)
     }
 }
 
 impl<A: Message, B: Message> Inputs for (Cursor<A>, Cursor<B>) {
     type Of = (A, B);
-    fn next_tick(&mut self) -> Result<Option<u64>, KeepError> {
+    fn next_tick(&mut self) -> Result<Option<u64>, LogError> {
         self.0.next_tick()
     }
-    fn at(&mut self, tick: u64) -> Result<Option<(A, B)>, KeepError> {
+    fn at(&mut self, tick: u64) -> Result<Option<(A, B)>, LogError> {
         Ok(self.0.at(tick)?.zip(self.1.at(tick)?))
     }
 }
 
 /// Kept messages in the order of their ticks, each tick once: faults make them late, old, or two.
 struct InOrder<M> {
-    kept: Kept<M>,
+    kept: LogReader<M>,
     ahead: BTreeMap<u64, M>,
     /// The first tick that has not been handed out.
     next: u64,
@@ -296,7 +297,7 @@ impl<M: Message> InOrder<M> {
     /// More than a fault can hold a message back; messages.
     const AHEAD: usize = 2 * MOST_DELAY_TICKS as usize + 4;
 
-    fn next_message(&mut self) -> Result<Option<M>, KeepError> {
+    fn next_message(&mut self) -> Result<Option<M>, LogError> {
         while self.ahead.len() < Self::AHEAD
             && let Some(message) = self.kept.next_message()?
         {
@@ -313,13 +314,13 @@ impl<M: Message> InOrder<M> {
 
 /// Kept messages, looked for by tick.
 struct Cursor<M: Message> {
-    kept: Kept<M>,
+    kept: LogReader<M>,
     /// A message that came before it was asked for.
     ahead: Option<M>,
 }
 
 impl<M: Message> Cursor<M> {
-    fn next_message(&mut self) -> Result<Option<M>, KeepError> {
+    fn next_message(&mut self) -> Result<Option<M>, LogError> {
         match self.ahead.take() {
             Some(message) => Ok(Some(message)),
             None => self.kept.next_message(),
@@ -327,7 +328,7 @@ impl<M: Message> Cursor<M> {
     }
 
     /// The message of a tick; those of earlier ones are passed over.
-    fn at(&mut self, tick: u64) -> Result<Option<M>, KeepError> {
+    fn at(&mut self, tick: u64) -> Result<Option<M>, LogError> {
         while let Some(message) = self.next_message()? {
             if message.header().tick == tick {
                 return Ok(Some(message));

@@ -7,7 +7,7 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressStyle};
 use launcher::{Child, End, Event, Launcher, Limits, Outcome, Plan, Restart};
 use runtime::realtime::allowed_cores;
-use runtime::{Account, RunDir};
+use runtime::{FaultRecord, RunDir};
 use shared_types::graph::{self, Graph};
 use shared_types::job::{Job, Mode};
 use shared_types::scenario::Scenario;
@@ -209,18 +209,18 @@ pub(crate) fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) 
 }
 
 /// What a fault was and what became of it.
-fn fault_summary(job: &Job, account: &Account) -> FaultSummary {
-    let process = job.graph.process.get(account.strike.process as usize).map(|process| process.name.clone()).unwrap_or_default();
-    let fault = account.strike.fault(&process);
-    let since_ms = |ns: u64| (account.struck_ns != 0 && ns != 0).then(|| ns.saturating_sub(account.struck_ns) as f64 * 1e-6);
+fn fault_summary(job: &Job, account: &FaultRecord) -> FaultSummary {
+    let process = job.graph.process.get(account.scheduled.process as usize).map(|process| process.name.clone()).unwrap_or_default();
+    let fault = account.scheduled.fault(&process);
+    let since_ms = |ns: u64| (account.injected_ns != 0 && ns != 0).then(|| ns.saturating_sub(account.injected_ns) as f64 * 1e-6);
     FaultSummary {
-        tick: account.strike.at,
+        tick: account.scheduled.at,
         kind: fault.as_ref().map(|fault| fault.kind.name().to_owned()).unwrap_or_default(),
         detail: fault.as_ref().map(ToString::to_string).unwrap_or_default(),
         origin: account.origin.name().to_owned(),
-        struck: account.struck_ns != 0,
-        detected_ms: since_ms(account.noticed_ns),
-        restored_ms: since_ms(account.restored_ns),
+        struck: account.injected_ns != 0,
+        detected_ms: since_ms(account.detected_ns),
+        restored_ms: since_ms(account.recovered_ns),
         fault,
         process,
     }

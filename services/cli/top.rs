@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use runtime::{Account, Board, Counts, Glimpse, Manifest, Mode, RunDir, SHM, SingularityGlimpse, Spread, State, Stop};
+use runtime::{ControlPage, Counts, Distribution, FaultRecord, LiveSingularity, LiveState, Manifest, Mode, RunDir, SHM, State, Stop};
 use serde_json::{Value, json};
 use shared_types::codes::{self, name_of, singularity_name};
 use shared_types::fault::Kind;
@@ -22,27 +22,27 @@ struct Seen {
     state: State,
     ticks: u64,
     counts: Counts,
-    step: Spread,
-    age: Spread,
+    step: Distribution,
+    age: Distribution,
 }
 
 struct Look {
     at: Instant,
     processes: Vec<Seen>,
-    arm: Glimpse,
-    faults: Vec<Account>,
+    arm: LiveState,
+    faults: Vec<FaultRecord>,
 }
 
 pub(crate) fn top(args: &TopArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let name = choose(args.run.as_deref())?;
     let run = RunDir::open(&Path::new(SHM).join(&name)).map_err(Failure::input)?;
     let manifest = Manifest::read(&run).map_err(Failure::work)?;
-    let board = Board::open(&run).map_err(Failure::work)?;
+    let control_page = ControlPage::open(&run).map_err(Failure::work)?;
     let every = Duration::from_millis(args.every_ms);
-    let mut before = look(&board, &manifest);
+    let mut before = look(&control_page, &manifest);
     loop {
         std::thread::sleep(every);
-        let now = look(&board, &manifest);
+        let now = look(&control_page, &manifest);
         if as_json {
             say!("{}", machine(&name, &manifest, &before, &now));
         } else {
@@ -52,7 +52,7 @@ pub(crate) fn top(args: &TopArgs, as_json: bool) -> Result<ExitCode, Failure> {
             }
             people(&name, &manifest, &before, &now);
         }
-        let is_over = board.stop() != Stop::No || !run.path().exists();
+        let is_over = control_page.stop() != Stop::No || !run.path().exists();
         if args.once || is_over {
             if is_over && !as_json {
                 say!("the run has ended");
@@ -79,9 +79,9 @@ fn listed(names: &[String]) -> String {
     if names.is_empty() { "none".to_owned() } else { names.join(", ") }
 }
 
-fn look(board: &Board, manifest: &Manifest) -> Look {
+fn look(control_page: &ControlPage, manifest: &Manifest) -> Look {
     let seen = |index: usize| {
-        let line = board.line(index);
+        let line = control_page.process(index);
         Seen {
             pid: line.pid(),
             incarnation: line.incarnation(),
@@ -95,8 +95,8 @@ fn look(board: &Board, manifest: &Manifest) -> Look {
     Look {
         at: Instant::now(),
         processes: (0..manifest.processes.len()).map(seen).collect(),
-        arm: board.glimpse(),
-        faults: board.ledger().accounts().map(|(_, account)| account).collect(),
+        arm: control_page.live_state(),
+        faults: control_page.fault_table().records().map(|(_, account)| account).collect(),
     }
 }
 
@@ -129,20 +129,20 @@ fn mode(manifest: &Manifest) -> &'static str {
 }
 
 /// A fault of the ledger in words: to whom, what, from where, since when, and whether it acts now.
-fn fault(account: &Account, manifest: &Manifest, now: &Look) -> (String, &'static str, bool) {
-    let process = manifest.processes.get(account.strike.process as usize).map(|process| process.name.clone()).unwrap_or_default();
+fn fault(account: &FaultRecord, manifest: &Manifest, now: &Look) -> (String, &'static str, bool) {
+    let process = manifest.processes.get(account.scheduled.process as usize).map(|process| process.name.clone()).unwrap_or_default();
     let tick = now.processes.iter().map(|seen| seen.ticks).max().unwrap_or(0);
-    (process, account.strike.kind().map_or("unknown", Kind::name), account.strike.concerns(tick))
+    (process, account.scheduled.kind().map_or("unknown", Kind::name), account.scheduled.concerns(tick))
 }
 
 /// Percentiles of what came between two looks.
-fn quantiles(before: &Spread, now: &Spread) -> [Option<f64>; 3] {
+fn quantiles(before: &Distribution, now: &Distribution) -> [Option<f64>; 3] {
     let spread = now.since(before);
     [0.5, 0.99, 0.999].map(|share| spread.quantile_us(share))
 }
 
 /// "p50 / p99 / longest" in µs; empty for who computes nothing.
-fn times(before: &Spread, now: &Spread) -> String {
+fn times(before: &Distribution, now: &Distribution) -> String {
     let part = |time: Option<f64>| time.map_or("–".to_owned(), digits);
     let [p50, p99, _] = quantiles(before, now);
     if now.count() == 0 { String::new() } else { format!("{} / {} / {}", part(p50), part(p99), digits(now.longest_us())) }
@@ -174,19 +174,19 @@ fn people(name: &str, manifest: &Manifest, before: &Look, now: &Look) {
     let arm = &now.arm;
     let stale = if arm.stale_ticks > 0 { format!(", no fresh torque for {} ticks", arm.stale_ticks) } else { String::new() };
     say!("arm   drive {}{stale}; task {}", name_of(codes::DRIVES, arm.drive), name_of(codes::PHASES, arm.phase));
-    for (place, SingularityGlimpse { kind, class, is_inside, s, mode }) in arm.singularities.iter().enumerate() {
+    for (place, LiveSingularity { kind, class, is_inside, s, mode }) in arm.singularities.iter().enumerate() {
         let (name, class) = (singularity_name(*kind, place), name_of(codes::TYPES, *class));
         say!("      {name:<9} s = {s:+.4}, {}, {class}, {}", if *is_inside { "inside" } else { "outside" }, name_of(codes::MODES, *mode));
     }
     for account in &now.faults {
         let (process, kind, acts) = fault(account, manifest, now);
         let acts = if acts { "acts now" } else { "not now" };
-        say!("fault {kind} of {process} from tick {}, {}, {acts}", account.strike.at, account.origin.name());
+        say!("fault {kind} of {process} from tick {}, {}, {acts}", account.scheduled.at, account.origin.name());
     }
 }
 
 fn machine(name: &str, manifest: &Manifest, before: &Look, now: &Look) -> Value {
-    let spread = |before: &Spread, now: &Spread| {
+    let spread = |before: &Distribution, now: &Distribution| {
         let [p50, p99, p999] = quantiles(before, now);
         json!({"count": now.since(before).count(), "p50": p50, "p99": p99, "p999": p999, "max": now.longest_us()})
     };
@@ -198,15 +198,15 @@ fn machine(name: &str, manifest: &Manifest, before: &Look, now: &Look) -> Value 
             "step_us": spread(&earlier.step, &seen.step), "age_us": spread(&earlier.age, &seen.age),
         })
     });
-    let singularity = |(place, one): (usize, &SingularityGlimpse)| {
+    let singularity = |(place, one): (usize, &LiveSingularity)| {
         json!({
             "name": singularity_name(one.kind, place), "s": one.s, "inside": one.is_inside, "type": name_of(codes::TYPES, one.class),
             "mode": name_of(codes::MODES, one.mode),
         })
     };
-    let faulty = |account: &Account| {
+    let faulty = |account: &FaultRecord| {
         let (process, kind, acts) = fault(account, manifest, now);
-        json!({"process": process, "kind": kind, "origin": account.origin.name(), "tick": account.strike.at, "active": acts})
+        json!({"process": process, "kind": kind, "origin": account.origin.name(), "tick": account.scheduled.at, "active": acts})
     };
     json!({
         "faults": now.faults.iter().map(faulty).collect::<Vec<_>>(),

@@ -6,8 +6,9 @@ use std::time::{Duration, Instant};
 
 use chain::Tick;
 use launcher::{End, Exit, Failure as Mishap, Plan};
+use message_log::{Difference, LogError, LogReader, LogWriter, TopicHash, first_difference};
 use model::Robot;
-use runtime::{Difference, Disturbance, Keep, KeepError, Kept, TopicHash, first_difference, random, realtime};
+use runtime::{Disturbance, random, realtime};
 use serde_json::json;
 use shared_types::Message;
 use shared_types::job::{Job, Mode};
@@ -205,25 +206,25 @@ impl Family for Taps {
 
 struct Tap<M: Message> {
     hash: TopicHash,
-    keep: Option<Keep<M>>,
+    keep: Option<LogWriter<M>>,
 }
 
 impl Topics {
-    fn create(folder: Option<&Path>) -> Result<Self, KeepError> {
+    fn create(folder: Option<&Path>) -> Result<Self, LogError> {
         struct Create<'a>(Option<&'a Path>);
         impl Build<Taps> for Create<'_> {
-            type Error = KeepError;
-            fn build<M: Topic>(&mut self) -> Result<Tap<M>, KeepError> {
-                Ok(Tap { hash: TopicHash::default(), keep: self.0.map(Keep::create).transpose()? })
+            type Error = LogError;
+            fn build<M: Topic>(&mut self) -> Result<Tap<M>, LogError> {
+                Ok(Tap { hash: TopicHash::default(), keep: self.0.map(LogWriter::create).transpose()? })
             }
         }
         ByTopic::try_build(&mut Create(folder)).map(Self)
     }
 
-    fn add(&mut self, tick: &Tick) -> Result<(), KeepError> {
+    fn add(&mut self, tick: &Tick) -> Result<(), LogError> {
         struct Add<'a>(&'a mut ByTopic<Taps>, &'a Tick);
         impl Each for Add<'_> {
-            type Output = Result<(), KeepError>;
+            type Output = Result<(), LogError>;
             fn each<M: Topic>(&mut self) -> Self::Output {
                 let (tap, message) = (M::of_mut(self.0), M::of(self.1));
                 tap.hash.add(message);
@@ -234,12 +235,12 @@ impl Topics {
     }
 
     /// In the order of [`TOPICS`].
-    fn finish(mut self) -> Result<[TopicSummary; COUNT], KeepError> {
+    fn finish(mut self) -> Result<[TopicSummary; COUNT], LogError> {
         struct Finish<'a>(&'a mut ByTopic<Taps>);
         impl Each for Finish<'_> {
-            type Output = Result<(), KeepError>;
+            type Output = Result<(), LogError>;
             fn each<M: Topic>(&mut self) -> Self::Output {
-                M::of_mut(self.0).keep.as_mut().map_or(Ok(()), Keep::flush)
+                M::of_mut(self.0).keep.as_mut().map_or(Ok(()), LogWriter::flush)
             }
         }
         struct Account<'a>(&'a ByTopic<Taps>);
@@ -315,7 +316,8 @@ fn first_place(reference: &Path, messages: &Path, run: usize) -> Result<Option<P
 
 /// Where two series of kept messages of one topic first differ: the tick, and in what. Either may lack what the other has.
 fn first_in<M: Message>(reference: &Path, messages: &Path) -> Result<Option<(u64, Difference)>, Failure> {
-    let (mut expected, mut found) = (Kept::<M>::open(reference).map_err(Failure::work)?, Kept::<M>::open(messages).map_err(Failure::work)?);
+    let (mut expected, mut found) =
+        (LogReader::<M>::open(reference).map_err(Failure::work)?, LogReader::<M>::open(messages).map_err(Failure::work)?);
     let whole =
         |expected: &str, found: &str| Difference { field: "the message".to_owned(), expected: expected.into(), found: found.into() };
     loop {

@@ -16,7 +16,7 @@
 //! for_s = 0.5
 //! ```
 //!
-//! A fault is tied to ticks, so a run with planned faults has the same bytes every time. A [`Fault`] becomes a [`Strike`], the fixed-size form
+//! A fault is tied to ticks, so a run with planned faults has the same bytes every time. A [`Fault`] becomes a [`ScheduledFault`], the fixed-size form
 //! that all processes of a run share; a strike turns back into the fault that repeats it.
 
 use bytemuck::{Pod, Zeroable};
@@ -293,7 +293,7 @@ pub struct Fault {
 /// A fault as the processes of a run carry it out: fixed size, in shared memory.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-pub struct Strike {
+pub struct ScheduledFault {
     /// Index of the process in the manifest.
     pub process: u32,
     /// Number of its [`Kind`].
@@ -316,7 +316,7 @@ pub struct Strike {
     pub seed: u64,
 }
 
-impl Strike {
+impl ScheduledFault {
     /// What happens; `None` for a number that no kind has.
     #[must_use]
     pub fn kind(&self) -> Option<Kind> {
@@ -415,7 +415,7 @@ impl Fault {
     ///
     /// # Errors
     /// [`Complaint`], its path relative to the fault: what does not belong to its kind, or is out of range.
-    pub fn strike(&self, index: u32, rate_hz: u32, seed: u64) -> Result<Strike, Complaint> {
+    pub fn schedule(&self, index: u32, rate_hz: u32, seed: u64) -> Result<ScheduledFault, Complaint> {
         let rule = self.kind.rule();
         let (kind, process) = (self.kind, self.process.as_str());
         if !ALL.contains(&process) {
@@ -462,7 +462,7 @@ impl Fault {
                 joint.checked_sub(1).ok_or_else(|| Complaint::new("joint", "there is no joint 0", "joints count from 1"))
             })?,
         };
-        Ok(Strike {
+        Ok(ScheduledFault {
             process: index,
             kind: kind as u32,
             way: way.map_or(0, |way| way as u32),
@@ -610,9 +610,9 @@ mod tests {
                 let ways: Vec<_> = kind.ways().map(Some).collect();
                 for way in if ways.is_empty() { vec![None] } else { ways } {
                     let fault = Fault { way, at_tick: Some(70), ..Fault::new(process, kind) };
-                    let strike = fault.strike(3, 1000, 99).unwrap();
+                    let strike = fault.schedule(3, 1000, 99).unwrap();
                     let again = strike.fault(process).unwrap();
-                    assert_eq!(again.strike(3, 1000, 0).unwrap(), Strike { seed: again.seed.unwrap_or(0), ..strike }, "{fault}");
+                    assert_eq!(again.schedule(3, 1000, 0).unwrap(), ScheduledFault { seed: again.seed.unwrap_or(0), ..strike }, "{fault}");
                     assert!(strike.concerns(70) && !strike.concerns(69));
                     let text = toml::to_string(&again).unwrap();
                     assert_eq!(parse(&text), again);
@@ -624,7 +624,7 @@ mod tests {
     #[test]
     fn seconds_become_ticks_and_fields_become_places() {
         let fault = parse("process='controller'\nkind='corrupt'\nas='inf'\nfield='tau_null[2]'\nat_s=0.25\nfor_s=0.01\nprobability=0.5");
-        let strike = fault.strike(0, 2000, 5).unwrap();
+        let strike = fault.schedule(0, 2000, 5).unwrap();
         assert_eq!((strike.at, strike.until, strike.seed, strike.way()), (500, 520, 5, Some(Way::Inf)));
         let (field, place) = strike.field("controller").unwrap();
         assert_eq!((field.name, place), ("tau_null", 2));
@@ -633,7 +633,7 @@ mod tests {
     #[test]
     fn what_makes_no_sense_is_refused_with_its_remedy() {
         let refused = |text: &str| {
-            let Complaint { path, message, remedy } = parse(text).strike(0, 1000, 0).unwrap_err();
+            let Complaint { path, message, remedy } = parse(text).schedule(0, 1000, 0).unwrap_err();
             format!("{path}: {message} ({remedy})")
         };
         assert!(refused("process='nobody'\nkind='kill'").contains("no process `nobody`"));

@@ -19,7 +19,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::fault::{Fault, Strike};
+use crate::fault::{Fault, ScheduledFault};
 use crate::file::{Complaint, InvalidFile};
 
 /// A validated scenario file. Every field but `name`, `robot`, `start` and `segment` has a default that works.
@@ -623,13 +623,13 @@ impl Scenario {
     ///
     /// # Errors
     /// [`Complaint`]: a fault that makes no sense, or of a process that the graph does not have.
-    pub fn strikes(&self, index: impl Fn(&str) -> Option<u32>) -> Result<Vec<Strike>, Complaint> {
+    pub fn strikes(&self, index: impl Fn(&str) -> Option<u32>) -> Result<Vec<ScheduledFault>, Complaint> {
         let strike = |(i, fault): (usize, &Fault)| {
             let place = index(&fault.process).ok_or_else(|| {
                 Complaint::new("process", format!("the graph has no process `{}`", fault.process), "take the fault out, or the process in")
             });
             let seed = self.seed.wrapping_mul(0x0100_0000_01b3).wrapping_add(i as u64);
-            place.and_then(|place| fault.strike(place, self.rate_hz, seed)).map_err(|complaint| complaint.within(&format!("fault.{i}")))
+            place.and_then(|place| fault.schedule(place, self.rate_hz, seed)).map_err(|complaint| complaint.within(&format!("fault.{i}")))
         };
         self.fault.iter().enumerate().map(strike).collect()
     }

@@ -177,7 +177,7 @@ pub struct ModeChange {
     pub mode: String,
 }
 
-/// A fault, planned or live or noticed, and what became of it; or a process's end that ended the run (`kind` `"exit"`).
+/// A fault, planned, live or detected, and what became of it; or a process's end that ended the run (`kind` `"exit"`).
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct FaultSummary {
@@ -189,7 +189,7 @@ pub struct FaultSummary {
     pub kind: String,
     /// One sentence.
     pub detail: String,
-    /// `"planned"`, `"live"` or `"noticed"`.
+    /// `"planned"`, `"live"` or `"detected"`.
     pub origin: String,
     /// Whether it came to pass: the run may have ended before.
     pub struck: bool,

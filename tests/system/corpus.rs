@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 use bytemuck::bytes_of;
 use chain::{Chain, Tick};
-use runtime::{Keep, Manifest};
+use message_log::LogWriter;
+use runtime::Manifest;
 use shared_types::Message;
 use shared_types::scenario::Scenario;
 use shared_types::topics::{self, COUNT, Each, Topic};
@@ -35,19 +36,19 @@ fn ticks(name: &str) -> Result<Vec<Tick>, Box<dyn std::error::Error>> {
 /// A file of kept messages as the target takes it: a choice, then the file.
 fn kept<M: Message>(choice: u8, messages: impl Iterator<Item = M>) -> Done {
     let folder = tempfile::tempdir()?;
-    let mut keep = Keep::<M>::create(folder.path())?;
+    let mut keep = LogWriter::<M>::create(folder.path())?;
     for message in messages {
         keep.add(&message)?;
     }
     keep.finish()?;
-    let file = std::fs::read(folder.path().join(format!("{}.kept", M::TOPIC)))?;
+    let file = std::fs::read(folder.path().join(format!("{}.log", M::TOPIC)))?;
     // Whole; and behind the head that the target puts before it.
-    seed("kept", &format!("{}-whole", M::TOPIC), &[&[choice], &file[..]].concat())?;
+    seed("message_log", &format!("{}-whole", M::TOPIC), &[&[choice], &file[..]].concat())?;
     let with_head = (8..16)
         .chain(24..32)
         .find(|with_head| usize::from(*with_head) % COUNT == usize::from(choice))
         .ok_or("one of sixteen leaves any rest")?;
-    seed("kept", &format!("{}-blocks", M::TOPIC), &[&[with_head], &file[24..]].concat())
+    seed("message_log", &format!("{}-blocks", M::TOPIC), &[&[with_head], &file[24..]].concat())
 }
 
 #[test]
@@ -90,7 +91,7 @@ fn every_fuzz_target_has_something_to_begin_with() -> Done {
     serde_json::from_str::<Manifest>(properties::MANIFEST)?;
     // A planned kill in the first entry of the ledger: some words, each with its place.
     let words = [(4_u32, 1_u64), (8, 2), (9, 1)].map(|(place, word)| [&place.to_ne_bytes()[..], &word.to_ne_bytes()[..]].concat());
-    seed("board", "words", &words.concat())?;
+    seed("control_page", "words", &words.concat())?;
     seed("results", "job", properties::job().as_bytes())?;
     let summary = serde_json::to_vec(&shared_types::summary::Summary::default())?;
     seed("results", "summary", &summary)?;

@@ -26,7 +26,7 @@ fn one_thread_gives_the_bytes_that_five_processes_give() {
     let robot = model::Robot::builtin(&scenario.robot).unwrap();
     struct Hashes;
     impl Family for Hashes {
-        type Of<M: Topic> = runtime::TopicHash;
+        type Of<M: Topic> = message_log::TopicHash;
     }
     struct Add<'a>(&'a mut ByTopic<Hashes>, &'a chain::Tick);
     impl Each for Add<'_> {

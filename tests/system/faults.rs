@@ -72,7 +72,7 @@ fn a_recorder_killed_from_outside_loses_nothing_either() {
     let long = ["run", "--set", "segment.1.duration_s=30", "--json", "--out"];
     let whole: Value = serde_json::from_str(&desk.armplane(&[&long[..], &["whole"]].concat()).out).unwrap();
     let child = desk.start(&[&long[..], &["killed"]].concat());
-    let kept = desk.path().join("killed/messages/torque.kept");
+    let kept = desk.path().join("killed/messages/torque.log");
     until("messages to be kept", || std::fs::metadata(&kept).is_ok_and(|file| file.len() > 500_000));
     let victim = children_of_run(child.id()).into_iter().find(|(name, _)| name == "recorder").unwrap().1;
     signal(victim, "KILL");
@@ -85,7 +85,7 @@ fn a_recorder_killed_from_outside_loses_nothing_either() {
         (&killed["task"], &killed["joints"], &killed["modes"]),
         "and the figures"
     );
-    assert_eq!((&killed["faults"][0]["origin"], &killed["recorder"]["parts"]), (&"noticed".into(), &2.into()));
+    assert_eq!((&killed["faults"][0]["origin"], &killed["recorder"]["parts"]), (&"detected".into(), &2.into()));
     let mut ticks = Vec::new();
     let collect = |piece: viz::Piece| {
         if let viz::Piece::Rows(rows) = piece {

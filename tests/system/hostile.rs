@@ -103,12 +103,12 @@ proptest! {
 
     #[test]
     fn kept_messages_are_read_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
-        properties::kept(&bytes);
+        properties::message_log(&bytes);
     }
 
     #[test]
     fn no_control_page_leads_astray(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
-        properties::board(&bytes);
+        properties::control_page(&bytes);
     }
 
     #[test]
@@ -137,14 +137,14 @@ fn a_runs_memory_is_its_users_alone() {
         assert_eq!(metadata.mode() & 0o077, 0, "{} has mode {:o}", path.display(), metadata.mode());
     }
     let inside = names().into_iter().find(|name| !name.contains('.')).unwrap();
-    for secret in ["board", "manifest.json", "job.json"] {
+    for secret in ["control_page", "manifest.json", "job.json"] {
         assert!(Path::new("/dev/shm").join(&inside).join(secret).exists(), "behind a door that only the user opens: {secret}");
     }
     let is_root = std::fs::metadata("/proc/self").is_ok_and(|own| own.uid() == 0);
     if is_root {
         // Only root can be somebody else.
         let paths = names().into_iter().map(|name| format!("/dev/shm/{name}"));
-        let insides = ["", "/board", "/job.json", "/nodes"].map(|name| format!("/dev/shm/{inside}{name}"));
+        let insides = ["", "/control_page", "/job.json", "/nodes"].map(|name| format!("/dev/shm/{inside}{name}"));
         for path in paths.chain(insides).filter(|path| Path::new(path).exists()) {
             for attempt in ["cat \"$1\"", "ls \"$1/\"", "echo x >> \"$1\"", "touch \"$1/x\"", "rm -rf \"$1\"", "mv \"$1\" /dev/shm/mine"] {
                 let mut somebody = Command::new("sh");
@@ -190,8 +190,8 @@ fn a_results_folder_that_was_tampered_with_is_one_sentence() {
         ("job.json", &[report, layout, replay]),
         ("summary.json", &[report, replay]),
         ("run.rrd", &[report, csv]),
-        ("messages/torque.kept", &[replay]),
-        ("messages/estimate.kept", &[replay]),
+        ("messages/torque.log", &[replay]),
+        ("messages/estimate.log", &[replay]),
     ];
     for (k, (name, commands)) in files.into_iter().enumerate() {
         let path = run.join(name);

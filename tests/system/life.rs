@@ -55,7 +55,7 @@ fn the_death_of_a_process_is_mended_and_recorded() {
         let summary: Value = serde_json::from_str(&said.out).unwrap();
         assert_eq!(summary["outcome"], "interrupted", "{process}: {}\n{}", summary["reason"], said.err);
         let fault = &summary["faults"][0];
-        assert_eq!((&fault["process"], &fault["kind"], &fault["origin"]), (&process.into(), &"kill".into(), &"noticed".into()), "{fault}");
+        assert_eq!((&fault["process"], &fault["kind"], &fault["origin"]), (&process.into(), &"kill".into(), &"detected".into()), "{fault}");
         let restarts = summary["processes"].as_array().unwrap().iter().find(|one| one["name"] == process).unwrap()["restarts"].as_u64();
         assert_eq!(restarts, Some(1));
         assert_nothing_left(said.launcher);

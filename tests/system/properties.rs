@@ -7,8 +7,9 @@ use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::rc::Rc;
 
+use message_log::{LogReader, LogWriter};
 use model::{Robot, RobotSource};
-use runtime::{Board, Keep, Kept, MAX_PROCESSES, MOST_FAULTS, Manifest, RunDir};
+use runtime::{ControlPage, MAX_PROCESSES, MOST_FAULTS, Manifest, RunDir};
 use shared_types::fault::{Fault, Kind};
 use shared_types::graph::Graph;
 use shared_types::job::Job;
@@ -375,11 +376,11 @@ pub fn fingers(bytes: &[u8]) {
 }
 
 /// A file of kept messages of any bytes is read to its end or refused with a sentence, and who goes on writing it spoils nothing.
-pub fn kept(bytes: &[u8]) {
+pub fn message_log(bytes: &[u8]) {
     fn check<M: Message>(bytes: &[u8], run: &Path) {
-        let path = run.join(format!("{}.kept", M::TOPIC));
+        let path = run.join(format!("{}.log", M::TOPIC));
         let read = || -> Result<Vec<M>, String> {
-            let mut kept = Kept::<M>::open(run).map_err(|error| error.to_string())?;
+            let mut kept = LogReader::<M>::open(run).map_err(|error| error.to_string())?;
             let mut messages = Vec::new();
             while let Some(message) = kept.next_message().map_err(|error| error.to_string())? {
                 messages.push(message);
@@ -389,7 +390,7 @@ pub fn kept(bytes: &[u8]) {
         let more: [M; 3] = [M::zeroed(); 3];
         std::fs::write(&path, bytes).expect("shared memory");
         let before = read();
-        match Keep::<M>::resume(run, 0, |_| {}) {
+        match LogWriter::<M>::resume(run, 0, |_| {}) {
             Ok(mut keep) => {
                 more.iter().for_each(|message| keep.add(message).expect("shared memory"));
                 keep.finish().expect("shared memory");
@@ -406,8 +407,8 @@ pub fn kept(bytes: &[u8]) {
         let run = run.path();
         let with_head = |head: Vec<u8>| if choice & 8 != 0 { [head, rest.to_vec()].concat() } else { rest.to_vec() };
         fn head<M: Message>(run: &Path) -> Vec<u8> {
-            Keep::<M>::create(run).and_then(Keep::finish).expect("shared memory");
-            std::fs::read(run.join(format!("{}.kept", M::TOPIC))).expect("shared memory")
+            LogWriter::<M>::create(run).and_then(LogWriter::finish).expect("shared memory");
+            std::fs::read(run.join(format!("{}.log", M::TOPIC))).expect("shared memory")
         }
         struct CheckKept<'a>(&'a dyn Fn(Vec<u8>) -> Vec<u8>, &'a Path);
         impl Each for CheckKept<'_> {
@@ -445,41 +446,41 @@ pub fn manifest(bytes: &[u8]) {
 }
 
 /// Whatever stands on a run's control page, who looks at it is not led astray: counts, times, the arm's state, every fault in the ledger.
-pub fn board(bytes: &[u8]) {
+pub fn control_page(bytes: &[u8]) {
     RUN.with(|run| {
-        let path = run.path().join("board");
+        let path = run.path().join("control_page");
         let _ = std::fs::remove_file(&path);
-        drop(Board::create(run).expect("shared memory"));
+        drop(ControlPage::create(run).expect("shared memory"));
         let file = std::fs::OpenOptions::new().write(true).open(&path).expect("shared memory");
         let size = file.metadata().expect("shared memory").len();
         let mut hand = Hand(bytes);
         while !hand.0.is_empty() {
-            // Behind the mark by which a board is known.
+            // Behind the mark by which a control page is known.
             let (place, word) = (u64::from(u32::from_ne_bytes(hand.take())), hand.take::<8>());
             file.write_all_at(&word, 8 + 8 * (place % (size / 8 - 1))).expect("shared memory");
         }
-        let board = Board::open(run).expect("its size and mark are right");
-        let _ = (board.stop(), board.glimpse());
+        let control_page = ControlPage::open(run).expect("its size and mark are right");
+        let _ = (control_page.stop(), control_page.live_state());
         for index in 0..MAX_PROCESSES {
-            let line = board.line(index);
+            let line = control_page.process(index);
             let (step, age) = (line.step(), line.age());
             let _ = (line.state(), line.counts(), line.pid(), step.count(), step.since(&age).quantile_us(0.99), age.longest_us());
         }
-        let accounts: Vec<_> = board.ledger().accounts().collect();
+        let accounts: Vec<_> = control_page.fault_table().records().collect();
         assert!(accounts.len() <= MOST_FAULTS);
         for (_, account) in accounts {
             for process in ["plant", "controller", "recorder", "nobody"] {
-                if let Some(fault) = account.strike.fault(process) {
-                    let _ = (fault.to_string(), fault.strike(account.strike.process, 1000, 1));
+                if let Some(fault) = account.scheduled.fault(process) {
+                    let _ = (fault.to_string(), fault.schedule(account.scheduled.process, 1000, 1));
                 }
             }
         }
-        let strike = Fault::new("controller", Kind::Kill).strike(3, 1000, 7).expect("a fault that makes sense");
-        if let Some(place) = board.ledger().request(&strike) {
-            assert!(place < MOST_FAULTS && !board.ledger().is_in_force(place));
+        let strike = Fault::new("controller", Kind::Kill).schedule(3, 1000, 7).expect("a fault that makes sense");
+        if let Some(place) = control_page.fault_table().request(&strike) {
+            assert!(place < MOST_FAULTS && !control_page.fault_table().is_in_force(place));
         }
-        board.ledger().notice(3, 5, 5);
-        board.ring_all();
+        control_page.fault_table().mark_detected(3, 5, 5);
+        control_page.ring_all();
     });
 }
 

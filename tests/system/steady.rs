@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use runtime::{Board, Manifest, RunDir};
+use runtime::{ControlPage, Manifest, RunDir};
 
 use crate::command::{Desk, assert_nothing_left, children_of_run, finish, in_shared_memory, until};
 
@@ -94,8 +94,8 @@ fn in_the_steady_state(mode: &str, judge: impl Fn(&str, &BTreeMap<u64, u64>)) {
     until("five processes", || children_of_run(child.id()).len() == 5);
     let name = in_shared_memory(child.id()).into_iter().find(|name| !name.contains('.')).unwrap();
     let run = RunDir::open(&Path::new("/dev/shm").join(name)).unwrap();
-    let (manifest, board) = (Manifest::read(&run).unwrap(), Board::open(&run).unwrap());
-    let ticks = |process: &str| board.line(manifest.index_of(process).unwrap()).ticks();
+    let (manifest, control_page) = (Manifest::read(&run).unwrap(), ControlPage::open(&run).unwrap());
+    let ticks = |process: &str| control_page.process(manifest.index_of(process).unwrap()).ticks();
     until("the steady state", || ticks("controller") > 500);
     let children = children_of_run(child.id());
     for process in ["plant", "estimator", "analyzer", "controller"] {

@@ -41,7 +41,7 @@ fn dependencies_of(folder: &str) -> Vec<String> {
     section.lines().filter_map(|line| line.split(['.', '=', ' ']).next()).filter(|name| !name.is_empty()).map(str::to_owned).collect()
 }
 
-const CRATES: [&str; 13] = [
+const CRATES: [&str; 14] = [
     "shared-types",
     "sim",
     "viz",
@@ -51,6 +51,7 @@ const CRATES: [&str; 13] = [
     "services/controller",
     "services/estimator",
     "services/launcher",
+    "services/message_log",
     "services/model",
     "services/plant",
     "services/recorder",

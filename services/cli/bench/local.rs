@@ -4,10 +4,11 @@ use std::hint::black_box;
 use std::path::Path;
 
 use chain::Chain;
+use message_log::{LogError, LogWriter};
 use model::{Model, Robot};
 use nalgebra::SVector;
 use recorder::{Judge, Row, Tick};
-use runtime::{Keep, KeepError, now_ns};
+use runtime::now_ns;
 use shared_types::job::Mode;
 use shared_types::scenario::Scenario;
 use shared_types::topics::{self, Build, ByTopic, Each, Family, Topic};
@@ -184,22 +185,22 @@ pub(super) fn record(robot: &Robot, scenario: &Scenario) -> Result<(Vec<BenchRow
 struct Files;
 
 impl Family for Files {
-    type Of<M: Topic> = Keep<M>;
+    type Of<M: Topic> = LogWriter<M>;
 }
 
 struct Create<'a>(&'a Path);
 
 impl Build<Files> for Create<'_> {
-    type Error = KeepError;
-    fn build<M: Topic>(&mut self) -> Result<Keep<M>, KeepError> {
-        Keep::create(self.0)
+    type Error = LogError;
+    fn build<M: Topic>(&mut self) -> Result<LogWriter<M>, LogError> {
+        LogWriter::create(self.0)
     }
 }
 
 struct Add<'a>(&'a mut ByTopic<Files>, &'a chain::Tick);
 
 impl Each for Add<'_> {
-    type Output = Result<(), KeepError>;
+    type Output = Result<(), LogError>;
     fn each<M: Topic>(&mut self) -> Self::Output {
         M::of_mut(self.0).add(M::of(self.1))
     }

@@ -294,7 +294,7 @@ fn go<E: Ends>(
         realtime::enter(Some(PRIORITY)).iter().for_each(|right| eprintln!("measured without {right}"));
     }
     // Nobody measures before everybody is connected, whichever mechanism comes first.
-    shell.pace(0).next()?;
+    shell.tick_source(0).next()?;
     if me == 0 {
         let measured = drive(ring, &mut ends)?;
         let text = serde_json::to_vec(&measured).map_err(ProcessError::setup)?;

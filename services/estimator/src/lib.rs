@@ -55,7 +55,7 @@ pub fn run(shell: &Shell, robot: &Robot, scenario: &Scenario) -> Result<(), Proc
     while let Some(sample) = sensors.next()? {
         let estimate = cycle.step(sample);
         if cycle.doubts() {
-            shell.notice_message();
+            shell.mark_message_fault_detected();
         }
         estimates.send(estimate)?;
     }

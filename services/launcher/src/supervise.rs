@@ -8,13 +8,13 @@ use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use runtime::{
-    Account, Board, BoardError, Hub, MOST_FAULTS, Manifest, ManifestError, Mode, Origin, Phase, Process, RunDir, RunDirError, State, Stop,
-    TopicError, now_ns,
+    ControlPage, ControlPageError, FaultRecord, Hub, MOST_FAULTS, Manifest, ManifestError, Mode, Origin, Phase, Process, RunDir,
+    RunDirError, State, Stop, TopicError, now_ns,
 };
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::process::Signal;
 use rustix::time::Timespec;
-use shared_types::fault::{Fault, Kind, Strike, Way};
+use shared_types::fault::{Fault, Kind, ScheduledFault, Way};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 
@@ -86,7 +86,7 @@ pub struct Plan {
     /// How long the launcher is patient.
     pub limits: Limits,
     /// What goes wrong, and when.
-    pub faults: Vec<Strike>,
+    pub faults: Vec<ScheduledFault>,
 }
 
 /// What happens while a run goes on.
@@ -141,7 +141,7 @@ pub enum LaunchError {
     Manifest(#[from] ManifestError),
     /// Its control page.
     #[error(transparent)]
-    Board(#[from] BoardError),
+    ControlPage(#[from] ControlPageError),
     /// Its topics.
     #[error(transparent)]
     Topic(#[from] TopicError),
@@ -270,7 +270,7 @@ pub struct Outcome {
     /// Its processes, in the order of the plan.
     pub processes: Vec<ProcessOutcome>,
     /// Its faults, planned and live, in the order in which they were known.
-    pub faults: Vec<Account>,
+    pub faults: Vec<FaultRecord>,
 }
 
 /// The usual command for a process: this same program again, `armplane NAME --run DIR`.
@@ -285,20 +285,20 @@ pub fn reexec(process: &str, run: &Path) -> io::Result<Command> {
 
 /// Whether a fault has stopped its process for a time, and it has not gone on yet. The kind is looked at too: a way is a number, 0 where a kind
 /// has none.
-fn is_paused(account: &Account) -> bool {
-    let Account { strike, struck_ns, restored_ns, .. } = account;
-    strike.kind() == Some(Kind::Hang) && strike.way() == Some(Way::Paused) && *struck_ns != 0 && *restored_ns == 0
+fn is_paused(account: &FaultRecord) -> bool {
+    let FaultRecord { scheduled: strike, injected_ns, recovered_ns, .. } = account;
+    strike.kind() == Some(Kind::Hang) && strike.way() == Some(Way::Paused) && *injected_ns != 0 && *recovered_ns == 0
 }
 
-/// A prepared run: its directory, board and topics exist, and no process yet.
+/// A prepared run: its directory, control page and topics exist, and no process yet.
 ///
 /// It must be run on the thread that stays: the kernel kills the children when the thread that started them ends.
 #[derive(Debug)]
 pub struct Launcher {
-    // Dropped in this order: no child may live without the board, no file may outlive the directory.
+    // Dropped in this order: no child may live without the control page, no file may outlive the directory.
     nursery: Nursery,
     hub: Hub,
-    board: Board,
+    control_page: ControlPage,
     run: RunDir,
     plan: Plan,
 }
@@ -339,7 +339,7 @@ type Commands<'a> = &'a dyn Fn(&str, &Path) -> io::Result<Command>;
 type Report<'a> = &'a mut dyn FnMut(Event<'_>);
 
 impl Launcher {
-    /// Makes the run's directory, manifest, board and topics.
+    /// Makes the run's directory, manifest, control page and topics.
     ///
     /// # Errors
     /// When shared memory cannot be used or the graph contradicts itself; nothing is left then.
@@ -352,15 +352,15 @@ impl Launcher {
             processes: plan.children.iter().map(|child| child.process.clone()).collect(),
         };
         manifest.write(&run)?;
-        let board = Board::create(&run)?;
+        let control_page = ControlPage::create(&run)?;
         for fault in &plan.faults {
-            if board.ledger().enter(fault, Origin::Planned).is_none() {
+            if control_page.fault_table().enter(fault, Origin::Planned).is_none() {
                 return Err(LaunchError::TooManyFaults { count: plan.faults.len() });
             }
         }
         let hub = Hub::create(&run, &manifest)?;
         let slots = plan.children.iter().map(|_| Slot::default()).collect();
-        Ok(Self { nursery: Nursery(slots), hub, board, run, plan })
+        Ok(Self { nursery: Nursery(slots), hub, control_page, run, plan })
     }
 
     /// The run's directory, for files that the processes shall find there (the scenario).
@@ -383,7 +383,7 @@ impl Launcher {
         let until = Instant::now() + self.plan.limits.start;
         for (state, next) in [(State::Ready, Phase::Connect), (State::Connected, Phase::Work)] {
             self.await_all(state, until, &mut signals, report)?;
-            self.board.begin(next);
+            self.control_page.begin(next);
         }
         report(Event::Go);
         let end = self.watch(commands, &mut signals, report);
@@ -394,17 +394,17 @@ impl Launcher {
             (End::Completed, Some(failure)) => End::Failed(failure),
             (end, _) => end,
         };
-        let faults = self.board.ledger().accounts().map(|(_, account)| account).collect();
+        let faults = self.control_page.fault_table().records().map(|(_, account)| account).collect();
         let outcome = Outcome { end, ticks: self.ticks(), processes: self.process_outcomes(), faults };
-        let Self { nursery, hub, board, run, .. } = self;
-        drop((nursery, hub, board));
+        let Self { nursery, hub, control_page, run, .. } = self;
+        drop((nursery, hub, control_page));
         run.remove().map_err(LaunchError::LeftBehind)?;
         Ok(outcome)
     }
 
     fn start(&mut self, index: usize, commands: Commands<'_>) -> Result<(), LaunchError> {
         let name = self.name(index).to_owned();
-        let line = self.board.line(index);
+        let line = self.control_page.process(index);
         line.begin_incarnation();
         let command = commands(&name, self.run.path());
         let program = command.as_ref().map(|c| PathBuf::from(c.get_program())).unwrap_or_default();
@@ -426,7 +426,7 @@ impl Launcher {
             if let Some(signal) = signals.pending() {
                 return Err(LaunchError::Interrupted { signal });
             }
-            let laggard = (0..self.plan.children.len()).find(|&index| self.board.line(index).state() != state);
+            let laggard = (0..self.plan.children.len()).find(|&index| self.control_page.process(index).state() != state);
             match laggard {
                 None => return Ok(()),
                 Some(index) if Instant::now() > until => {
@@ -475,31 +475,31 @@ impl Launcher {
     /// A death that a fault explains has been noticed; one that nobody planned becomes a fault, so that nobody waits for the dead, and
     /// so that the run can be repeated.
     fn enter_death(&self, index: usize) {
-        let ledger = self.board.ledger();
-        let is_explained = |account: &Account| {
-            account.strike.process as usize == index
-                && account.strike.kind().is_some_and(Kind::takes_down)
-                && account.struck_ns != 0
-                && account.restored_ns == 0
+        let table = self.control_page.fault_table();
+        let is_explained = |account: &FaultRecord| {
+            account.scheduled.process as usize == index
+                && account.scheduled.kind().is_some_and(Kind::takes_down)
+                && account.injected_ns != 0
+                && account.recovered_ns == 0
         };
-        let is_known = ledger.accounts().any(|(_, account)| is_explained(&account));
+        let is_known = table.records().any(|(_, account)| is_explained(&account));
         if !is_known {
             let fault = Fault { at_tick: Some(self.first_tick_missed(index)), ..Fault::new(self.name(index), Kind::Kill) };
             // A process that the vocabulary does not know cannot be waited for by its ticks either.
-            if let Ok(strike) = fault.strike(index as u32, self.plan.rate_hz, 0)
-                && let Some(place) = ledger.enter(&strike, Origin::Noticed)
+            if let Ok(strike) = fault.schedule(index as u32, self.plan.rate_hz, 0)
+                && let Some(place) = table.enter(&strike, Origin::Detected)
             {
-                ledger.has_struck(place, now_ns());
+                table.mark_injected(place, now_ns());
             }
         }
-        ledger.notice(index, self.ticks(), now_ns());
-        self.board.ring_all();
+        table.mark_detected(index, self.ticks(), now_ns());
+        self.control_page.ring_all();
     }
 
     /// The first tick of which nothing has come from a dead process. In lockstep everybody waits for it by now, so that its readers say how
     /// far it came: it may have died between sending and saying so. In real time nobody waits.
     fn first_tick_missed(&self, index: usize) -> u64 {
-        let closed = self.board.line(index).ticks();
+        let closed = self.control_page.process(index).ticks();
         if self.plan.mode == Mode::Realtime {
             return closed;
         }
@@ -508,20 +508,20 @@ impl Launcher {
         let has_got = |(other, child): (usize, &Child)| {
             // Who makes the ticks says when it begins one, the others when they end it.
             let head_start = u64::from(child.process.makes_ticks);
-            reads(&child.process) && self.board.line(other).ticks() > closed + head_start
+            reads(&child.process) && self.control_page.process(other).ticks() > closed + head_start
         };
         closed + u64::from(self.plan.children.iter().enumerate().any(has_got))
     }
 
     /// Continues those that a fault has stopped for a time.
     fn continue_paused(&self) {
-        for (_, account) in self.board.ledger().accounts() {
-            let Account { strike, struck_ns, .. } = account;
+        for (_, account) in self.control_page.fault_table().records() {
+            let FaultRecord { scheduled: strike, injected_ns, .. } = account;
             if !is_paused(&account) {
                 continue;
             }
             let passed_ns = strike.until.saturating_sub(strike.at).saturating_mul(1_000_000_000 / u64::from(self.plan.rate_hz.max(1)));
-            if (self.ticks() >= strike.until || now_ns() >= struck_ns.saturating_add(passed_ns))
+            if (self.ticks() >= strike.until || now_ns() >= injected_ns.saturating_add(passed_ns))
                 && let Some(child) = self.nursery.0.get(strike.process as usize).and_then(|slot| slot.child.as_ref())
             {
                 child.signal(Signal::CONT);
@@ -533,7 +533,7 @@ impl Launcher {
     fn end_silence(&mut self, report: Report<'_>) {
         let source = self.ticks();
         for index in 0..self.plan.children.len() {
-            let (line, plan) = (self.board.line(index), &self.plan.children[index]);
+            let (line, plan) = (self.control_page.process(index), &self.plan.children[index]);
             let slot = &mut self.nursery.0[index];
             let Some(child) = slot.child.as_ref() else { continue };
             let (ticks, now) = (line.ticks(), Instant::now());
@@ -549,16 +549,19 @@ impl Launcher {
             };
             let silent = now - since;
             if child.is_stopped() {
-                self.board.ledger().notice(index, source, now_ns());
+                self.control_page.fault_table().mark_detected(index, source, now_ns());
             }
             let limit = if child.is_stopped() { SILENCE_STOPPED } else { SILENCE };
             let is_late = child.is_stopped() || (ticks < source && !plan.process.polled && line.state() == State::Running);
-            let is_paused =
-                self.board.ledger().accounts().any(|(_, account)| account.strike.process as usize == index && is_paused(&account));
+            let is_paused = self
+                .control_page
+                .fault_table()
+                .records()
+                .any(|(_, account)| account.scheduled.process as usize == index && is_paused(&account));
             if is_late && !is_paused && silent > limit {
                 child.signal(Signal::KILL);
                 slot.seen = None;
-                self.board.ledger().notice(index, source, now_ns());
+                self.control_page.fault_table().mark_detected(index, source, now_ns());
                 report(Event::Silenced { process: &plan.process.name, silent });
             }
         }
@@ -583,7 +586,7 @@ impl Launcher {
                 return Some(self.died(index));
             }
             self.nursery.0[index].restarts += 1;
-            let (pid, incarnation) = (self.nursery.0[index].pid, self.board.line(index).incarnation());
+            let (pid, incarnation) = (self.nursery.0[index].pid, self.control_page.process(index).incarnation());
             report(Event::Restarted { process: self.name(index), exit, pid, incarnation });
         }
         None
@@ -592,9 +595,9 @@ impl Launcher {
     /// Stops the chain, then the polled processes; returns the first thing that went wrong meanwhile.
     fn stop(&mut self, signals: &mut Interrupts, report: Report<'_>) -> Option<Failure> {
         let Limits { stop, stop_polled, .. } = self.plan.limits;
-        self.board.request_stop(Stop::Chain);
+        self.control_page.request_stop(Stop::Chain);
         let chain = self.stop_those(false, stop, signals, report);
-        self.board.request_stop(Stop::Everything);
+        self.control_page.request_stop(Stop::Everything);
         let polled = self.stop_those(true, stop_polled, signals, report);
         chain.or(polled)
     }
@@ -671,9 +674,9 @@ impl Launcher {
                 report(Event::Line { process: &self.plan.children[index].process.name, line });
             }
             (slot.exit, slot.last_words, slot.child) = (Some(exit), last_words, None);
-            self.board.line(index).end();
+            self.control_page.process(index).end();
             if !exit.is_success() {
-                self.board.ledger().notice(index, ticks, now_ns());
+                self.control_page.fault_table().mark_detected(index, ticks, now_ns());
             }
             ended.push(index);
         }
@@ -686,7 +689,7 @@ impl Launcher {
             process: self.name(index).to_owned(),
             pid: slot.pid,
             exit: slot.exit.unwrap_or(Exit::Code(0)),
-            tick: self.board.line(index).ticks(),
+            tick: self.control_page.process(index).ticks(),
             restarts: slot.restarts,
             suspect: self.stood_still().filter(|&other| other != index).map(|other| self.name(other).to_owned()),
             last_words: slot.last_words.clone(),
@@ -695,7 +698,7 @@ impl Launcher {
 
     /// The first process in the order of the data that is a tick behind its source and still lives: the others may have waited for it.
     fn stood_still(&self) -> Option<usize> {
-        let ticks = |index: usize| self.board.line(index).ticks();
+        let ticks = |index: usize| self.control_page.process(index).ticks();
         let chain = (0..self.plan.children.len()).filter(|&index| !self.plan.children[index].process.polled);
         let ahead = chain.clone().map(ticks).max()?;
         let behind = chain.clone().find(|&index| ticks(index) < ahead)?;
@@ -708,7 +711,7 @@ impl Launcher {
 
     fn ticks(&self) -> u64 {
         let source = self.plan.children.iter().position(|child| child.ends_run).unwrap_or(0);
-        if self.plan.children.is_empty() { 0 } else { self.board.line(source).ticks() }
+        if self.plan.children.is_empty() { 0 } else { self.control_page.process(source).ticks() }
     }
 
     fn process_outcomes(&self) -> Vec<ProcessOutcome> {
@@ -717,7 +720,7 @@ impl Launcher {
             pid: slot.pid,
             restarts: slot.restarts,
             exit: slot.exit.unwrap_or(Exit::Signal(rustix::process::Signal::KILL.as_raw())),
-            counts: self.board.line(index).counts(),
+            counts: self.control_page.process(index).counts(),
         };
         self.nursery.0.iter().enumerate().map(outcome).collect()
     }
@@ -735,7 +738,7 @@ impl Urgency {
 
     /// For this thread, where the machine allows.
     fn begin() -> Self {
-        let raised = runtime::realtime::rise(Self::PRIORITY);
+        let raised = runtime::realtime::set_fifo_priority(Self::PRIORITY);
         let is_raised = raised.inspect_err(|missing| tracing::info!("the launcher runs without {missing}")).is_ok();
         Self { is_raised }
     }
@@ -744,7 +747,7 @@ impl Urgency {
 impl Drop for Urgency {
     fn drop(&mut self) {
         if self.is_raised {
-            runtime::realtime::stand_back();
+            runtime::realtime::set_ordinary_scheduling();
         }
     }
 }

@@ -5,7 +5,8 @@ use std::process::Command;
 use std::sync::mpsc::channel;
 use std::time::Duration;
 
-use runtime::{Mode, Process, ProcessError, RunDir, SHM, Shell, TopicHash};
+use message_log::TopicHash;
+use runtime::{Mode, Process, ProcessError, RunDir, SHM, Shell};
 use rustix::process::{Pid, Signal, kill_process};
 use shared_types::{SensorSample, TorqueCommand};
 
@@ -44,7 +45,7 @@ fn plant(run: &Path, ticks: u64) -> Result<(), ProcessError> {
     let shell = Shell::open(run, "plant")?;
     let mut sensors = shell.writer::<SensorSample>()?;
     let mut torques = shell.reader::<TorqueCommand>()?;
-    let mut pace = shell.pace(0);
+    let mut pace = shell.tick_source(0);
     let mut state = 0.0;
     while let Some(tick) = pace.next()? {
         let mut sample = SensorSample::default();
@@ -93,13 +94,13 @@ fn hang(run: &Path) -> Result<(), ProcessError> {
 /// Takes everything in, checks order and completeness, and writes down what it had.
 fn recorder(run: &Path, file: &Path) -> Result<(), ProcessError> {
     let shell = Shell::open(run, "recorder")?;
-    let mut sensors = shell.drain::<SensorSample>()?;
-    let mut torques = shell.drain::<TorqueCommand>()?;
+    let mut sensors = shell.collector::<SensorSample>()?;
+    let mut torques = shell.collector::<TorqueCommand>()?;
     let (mut sensor_hash, mut torque_hash) = (TopicHash::default(), TopicHash::default());
     let mut stamps_in_order = true;
     while shell.poll(Duration::from_micros(500))? {
-        sensors.drain(|m| sensor_hash.add(m))?;
-        torques.drain(|m| {
+        sensors.collect(|m| sensor_hash.add(m))?;
+        torques.collect(|m| {
             let (received, sent) = (m.header.stamps.received_ns, m.header.stamps.sent_ns);
             stamps_in_order &= sent[0] > 0 && sent[0] <= received[3] && received[3] <= sent[3];
             torque_hash.add(m);

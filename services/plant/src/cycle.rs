@@ -3,7 +3,7 @@
 use model::{Model, ModelError, Robot, StartError};
 use nalgebra::SVector;
 use shared_types::codes::{DRIVE_DIVERGED, PHASE_DONE, PHASE_REFUSED, PHASE_RUNNING};
-use shared_types::fault::Strike;
+use shared_types::fault::ScheduledFault;
 use shared_types::scenario::Scenario;
 use shared_types::{Header, MAX_DOF, PlantState, SensorSample, TorqueCommand};
 use sim::{Drive, Encoders, Plant, PlantError};
@@ -116,7 +116,7 @@ impl<const N: usize> Cycle<N> {
     }
 
     /// Takes up the faults that concern `tick`, before its sample.
-    pub fn afflict(&mut self, tick: u64, strikes: &[Strike]) {
+    pub fn afflict(&mut self, tick: u64, strikes: &[ScheduledFault]) {
         let reading = self.encoders.read(tick, &self.plant.state().q);
         self.trouble.begin(strikes, &reading, &self.acted);
     }

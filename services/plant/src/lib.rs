@@ -6,7 +6,7 @@ mod trouble;
 
 use model::{Refused, Robot, with_dof};
 use runtime::{MOST_FAULTS, ProcessError, Shell};
-use shared_types::fault::{Kind, Strike};
+use shared_types::fault::{Kind, ScheduledFault};
 use shared_types::scenario::Scenario;
 use shared_types::{PlantState, SensorSample, TorqueCommand};
 
@@ -19,7 +19,7 @@ pub trait Step {
     /// Moves the arm to the next tick under `command` (`None`: none came).
     fn step(&mut self, command: Option<&TorqueCommand>);
     /// Takes up the faults that concern `tick`, before its sample.
-    fn afflict(&mut self, tick: u64, strikes: &[Strike]);
+    fn afflict(&mut self, tick: u64, strikes: &[ScheduledFault]);
     /// Whether the task is over.
     fn is_over(&self) -> bool;
 }
@@ -31,7 +31,7 @@ impl<const N: usize> Step for Cycle<N> {
     fn step(&mut self, command: Option<&TorqueCommand>) {
         self.step(command);
     }
-    fn afflict(&mut self, tick: u64, strikes: &[Strike]) {
+    fn afflict(&mut self, tick: u64, strikes: &[ScheduledFault]) {
         self.afflict(tick, strikes);
     }
     fn is_over(&self) -> bool {
@@ -57,14 +57,14 @@ pub fn run(shell: &Shell, robot: &Robot, scenario: &Scenario) -> Result<(), Proc
     let mut sensors = shell.writer::<SensorSample>()?;
     let mut truths = shell.writer::<PlantState>()?;
     let mut torques = shell.reader::<TorqueCommand>()?;
-    let mut pace = shell.pace(0);
+    let mut pace = shell.tick_source(0);
     let mut strikes = Vec::with_capacity(MOST_FAULTS);
     while let Some(tick) = pace.next()? {
         let was_afflicted = !strikes.is_empty();
         strikes.clear();
-        shell.struck_by(tick, |place, strike, kind| {
+        shell.faults_at(tick, |place, strike, kind| {
             if matches!(kind, Kind::Sensor | Kind::Drive) {
-                shell.has_struck(place);
+                shell.mark_injected(place);
                 strikes.push(*strike);
             }
         });

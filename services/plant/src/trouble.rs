@@ -1,14 +1,14 @@
 //! Faults that physics sees: encoders that lie, drives that do not do what they are told.
 
 use nalgebra::SVector;
-use shared_types::fault::{Kind, Strike, Way};
+use shared_types::fault::{Kind, ScheduledFault, Way};
 use sim::gaussian;
 
 /// What is wrong with an arm's sensors and drives at a tick. No allocation.
 #[derive(Clone, Debug)]
 pub(crate) struct Trouble<const N: usize> {
-    sensor: [Option<Strike>; N],
-    drive: [Option<Strike>; N],
+    sensor: [Option<ScheduledFault>; N],
+    drive: [Option<ScheduledFault>; N],
     stuck_reading: [f64; N],
     stuck_torque: [f64; N],
     dt: f64,
@@ -23,7 +23,7 @@ impl<const N: usize> Trouble<N> {
     }
 
     /// Takes up what concerns this tick; `reading` and `tau` are what a joint that gets stuck now is stuck at.
-    pub(crate) fn begin(&mut self, strikes: &[Strike], reading: &SVector<f64, N>, tau: &SVector<f64, N>) {
+    pub(crate) fn begin(&mut self, strikes: &[ScheduledFault], reading: &SVector<f64, N>, tau: &SVector<f64, N>) {
         let (mut sensor, mut drive) = ([None; N], [None; N]);
         for strike in strikes {
             let joint = strike.target as usize;
@@ -86,7 +86,7 @@ mod tests {
     fn struck(kind: Kind, way: Way, amount: f64) -> Trouble<2> {
         let fault = Fault { way: Some(way), joint: Some(2), amount: Some(amount), at_tick: Some(10), ..Fault::new("plant", kind) };
         let mut trouble = Trouble::new(1e-3);
-        trouble.begin(&[fault.strike(0, 1000, 1).unwrap()], &SVector::from([0.1, 0.2]), &SVector::from([3.0, 4.0]));
+        trouble.begin(&[fault.schedule(0, 1000, 1).unwrap()], &SVector::from([0.1, 0.2]), &SVector::from([3.0, 4.0]));
         trouble
     }
 

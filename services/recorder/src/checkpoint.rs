@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use bytemuck::{bytes_of, bytes_of_mut, try_pod_read_unaligned};
-use runtime::TopicHash;
+use message_log::TopicHash;
 use serde::{Deserialize, Serialize};
 use shared_types::summary::RecorderSummary;
 use shared_types::topics::{self, Build, ByTopic, COUNT, Each, Received, Topic};
@@ -37,7 +37,7 @@ pub(crate) struct Checkpoint {
     pub(crate) next: u64,
     pub(crate) rows: Vec<StoredRow>,
     pub(crate) result: RecorderSummary,
-    /// Entries of the ledger that have been told so far, with what was told of each.
+    /// Entries of the fault table that have been told so far, with what was told of each.
     pub(crate) told: Vec<u32>,
 }
 

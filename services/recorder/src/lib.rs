@@ -11,8 +11,9 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use bytemuck::{bytes_of, try_pod_read_unaligned};
+use message_log::{LogWriter, TopicHash};
 use model::{Robot, with_dof};
-use runtime::{Count, Drain, Keep, Mode, ProcessError, Shell, TopicHash};
+use runtime::{Collector, Count, Mode, ProcessError, Shell};
 use shared_types::Message;
 use shared_types::job::{self, Job};
 use shared_types::scenario::{Record, Scenario};
@@ -111,10 +112,10 @@ fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Pat
         }
         memory.note(tape.written());
         if !tape.result.error.is_empty() || topics.has_failed() {
-            shell.notice();
+            shell.mark_detected();
         }
         witness.tell(shell, &mut tape);
-        if shell.is_about_to_fall() || memory.is_due(assembler.next_tick()) {
+        if shell.is_about_to_go_down() || memory.is_due(assembler.next_tick()) {
             tape.flush();
             topics.flush();
             memory.note(tape.written());
@@ -289,10 +290,10 @@ impl<const N: usize> Tape<N> {
 
 /// One topic's end: its messages, its fingerprint, and the file they are kept in where that is wanted.
 struct Tap<M: Message> {
-    drain: Drain<M>,
+    drain: Collector<M>,
     hash: TopicHash,
     last: Option<M>,
-    keep: Option<Keep<M>>,
+    keep: Option<LogWriter<M>>,
     kept: Kept,
 }
 
@@ -307,9 +308,9 @@ impl<M: Topic> Tap<M> {
     /// A replacement goes on where its predecessor was killed: `each` is given what that one had kept after its last checkpoint, and
     /// the first [`drain`](Self::drain) what was on its way to it.
     fn open(shell: &Shell, messages: Option<&Path>, past: &Progress, mut each: impl FnMut(&M)) -> Result<Self, ProcessError> {
-        let mut drain = shell.drain()?;
+        let mut drain = shell.collector()?;
         if shell.incarnation() == 1 {
-            let keep = messages.map(Keep::create).transpose().map_err(ProcessError::setup)?;
+            let keep = messages.map(LogWriter::create).transpose().map_err(ProcessError::setup)?;
             return Ok(Self { drain, hash: TopicHash::default(), last: None, keep, kept: Kept::default() });
         }
         drain.resume(past.last, past.lost);
@@ -317,7 +318,7 @@ impl<M: Topic> Tap<M> {
         let mut last: Option<M> = past.message.as_deref().and_then(|bytes| try_pod_read_unaligned(bytes).ok());
         let mut kept = Kept { bytes: past.kept_bytes, error: past.kept_error.clone() };
         let resumed = messages.filter(|_| kept.error.is_empty()).map(|folder| {
-            Keep::resume(folder, past.kept_bytes, |message: M| {
+            LogWriter::resume(folder, past.kept_bytes, |message: M| {
                 hash.add(&message);
                 drain.recount(&message);
                 each(&message);
@@ -335,7 +336,7 @@ impl<M: Topic> Tap<M> {
 
     fn drain(&mut self, assembler: &mut Assembler) -> Result<(), ProcessError> {
         let Self { drain, hash, last, keep, kept } = self;
-        drain.drain(|message| {
+        drain.collect(|message| {
             hash.add(message);
             *last = Some(*message);
             if let Some(keeping) = keep
@@ -368,7 +369,7 @@ impl<M: Topic> Tap<M> {
             last: self.drain.last(),
             lost: self.drain.lost(),
             message: self.last.as_ref().map(|message| bytes_of(message).to_vec()),
-            kept_bytes: self.keep.as_ref().map_or(self.kept.bytes, Keep::bytes),
+            kept_bytes: self.keep.as_ref().map_or(self.kept.bytes, LogWriter::bytes),
             kept_error: self.kept.error.clone(),
         }
     }

@@ -1,6 +1,6 @@
 //! Tells the recording of faults: when each struck, when something noticed, when all was well again.
 
-use runtime::{Account, Shell};
+use runtime::{FaultRecord, Shell};
 use viz::Level;
 
 use crate::Tape;
@@ -9,7 +9,7 @@ const STRUCK: u32 = 1;
 const NOTICED: u32 = 2;
 const RESTORED: u32 = 4;
 
-/// What has been told of each entry of the ledger.
+/// What has been told of each entry of the fault table.
 #[derive(Debug, Default)]
 pub(crate) struct Witness {
     told: Vec<u32>,
@@ -26,30 +26,30 @@ impl Witness {
 
     /// Tells what has happened since the last time.
     pub(crate) fn tell<const N: usize>(&mut self, shell: &Shell, tape: &mut Tape<N>) {
-        for (place, account) in shell.ledger().accounts() {
+        for (place, account) in shell.fault_table().records() {
             if self.told.len() <= place {
                 self.told.resize(place + 1, 0);
             }
             let told = &mut self.told[place];
-            let Account { strike, origin, struck_ns, noticed_ns, restored_ns } = account;
+            let FaultRecord { scheduled: strike, origin, injected_ns, detected_ns, recovered_ns } = account;
             let process = shell.manifest().processes.get(strike.process as usize).map_or("?", |process| process.name.as_str());
             let Some(fault) = strike.fault(process) else { continue };
-            let since_ms = |ns: u64| ns.saturating_sub(struck_ns) as f64 * 1e-6;
-            if struck_ns != 0 && *told & STRUCK == 0 {
+            let since_ms = |ns: u64| ns.saturating_sub(injected_ns) as f64 * 1e-6;
+            if injected_ns != 0 && *told & STRUCK == 0 {
                 *told |= STRUCK;
                 tape.event(strike.at, Level::Error, &format!("fault ({}): {fault}", origin.name()));
             }
-            if noticed_ns != 0 && *told & NOTICED == 0 {
+            if detected_ns != 0 && *told & NOTICED == 0 {
                 *told |= NOTICED;
                 tape.event(
                     strike.at,
                     Level::Warning,
-                    &format!("{} of the {process} noticed after {:.2} ms", fault.kind, since_ms(noticed_ns)),
+                    &format!("{} of the {process} noticed after {:.2} ms", fault.kind, since_ms(detected_ns)),
                 );
             }
-            if restored_ns != 0 && *told & RESTORED == 0 {
+            if recovered_ns != 0 && *told & RESTORED == 0 {
                 *told |= RESTORED;
-                tape.event(strike.until, Level::Info, &format!("the {process} works again, {:.0} ms later", since_ms(restored_ns)));
+                tape.event(strike.until, Level::Info, &format!("the {process} works again, {:.0} ms later", since_ms(recovered_ns)));
             }
         }
     }

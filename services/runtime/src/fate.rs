@@ -5,11 +5,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use rustix::process::{Resource, Rlimit, Signal, getpid, getrlimit, kill_process, setrlimit};
-use shared_types::fault::{Kind, Strike, Way};
+use shared_types::fault::{Kind, ScheduledFault, Way};
 
-use crate::board::{PROGRESS, State};
 use crate::clock::now_ns;
-use crate::ledger::Origin;
+use crate::control_page::{PROGRESS, State};
+use crate::fault::table::Origin;
 use crate::realtime;
 use crate::shell::Shared;
 
@@ -64,23 +64,23 @@ impl Drop for Hog {
 }
 
 impl Shared {
-    /// Brings the copy of the ledger up to date; one load where nothing has changed.
+    /// Brings the copy of the fault table up to date; one load where nothing has changed.
     pub(crate) fn learn(&self) {
-        let ledger = self.board.ledger();
-        if !self.fates.borrow().is_current(ledger) {
-            self.fates.borrow_mut().renew(ledger);
+        let table = self.control_page.fault_table();
+        if !self.fates.borrow().is_current(table) {
+            self.fates.borrow_mut().renew(table);
         }
     }
 
-    /// Whether the ledger, as this process knows it, is empty.
+    /// Whether the fault table, as this process knows it, is empty.
     pub(crate) fn is_unharmed(&self) -> bool {
         self.fates.borrow().strikes().is_empty()
     }
 
     /// Something is wrong with a message: if there are faults, they have been noticed.
-    pub(crate) fn notice(&self) {
+    pub(crate) fn message_fault_detected(&self) {
         if !self.is_unharmed() {
-            self.board.ledger().notice_all(self.tick.get(), now_ns());
+            self.control_page.fault_table().mark_all_detected(self.tick.get(), now_ns());
         }
     }
 
@@ -103,10 +103,10 @@ impl Shared {
         }
         self.learn();
         let (fates, done) = (self.fates.borrow(), self.line().ticks());
-        let down = |(place, strike): &&(usize, Strike)| {
-            let account = self.board.ledger().account(*place);
-            let has_struck = account.is_some_and(|account| account.struck_ns != 0);
-            let has_length = self.is_lockstep() || account.is_none_or(|account| account.origin != Origin::Noticed);
+        let down = |(place, strike): &&(usize, ScheduledFault)| {
+            let account = self.control_page.fault_table().record(*place);
+            let has_struck = account.is_some_and(|account| account.injected_ns != 0);
+            let has_length = self.is_lockstep() || account.is_none_or(|account| account.origin != Origin::Detected);
             let is_mine = strike.process as usize == self.me && strike.kind().is_some_and(Kind::takes_down);
             // Who died between sending a tick and saying so is down from the next one on.
             is_mine && has_length && (strike.at <= done || has_struck)
@@ -123,7 +123,7 @@ impl Shared {
         }
         self.starve(tick);
         let Some((place, strike, kind)) = self.downfall(tick) else { return tick };
-        self.board.ledger().has_struck(place, now_ns());
+        self.control_page.fault_table().mark_injected(place, now_ns());
         match kind {
             Kind::Kill => self.die(),
             Kind::Crash => {
@@ -137,10 +137,10 @@ impl Shared {
 
     /// What takes this process down at a tick. Who makes the ticks, and who takes in what others have sent, is down at no tick but the first,
     /// because no tick passes meanwhile: it falls once. In real time everybody does: a replacement that is there early is not struck again.
-    pub(crate) fn downfall(&self, tick: u64) -> Option<(usize, Strike, Kind)> {
+    pub(crate) fn downfall(&self, tick: u64) -> Option<(usize, ScheduledFault, Kind)> {
         let process = &self.manifest.processes[self.me];
         let falls_once = process.polled || process.makes_ticks || !self.is_lockstep();
-        let has_struck = |place| self.board.ledger().account(place).is_some_and(|account| account.struck_ns != 0);
+        let has_struck = |place| self.control_page.fault_table().record(place).is_some_and(|account| account.injected_ns != 0);
         let fates = self.fates.borrow();
         let mut falls = fates.of(self.me, tick).filter(|(place, _, kind)| kind.takes_down() && !(falls_once && has_struck(*place)));
         falls.next().map(|(place, strike, kind)| (place, *strike, kind))
@@ -149,7 +149,7 @@ impl Shared {
     /// The others are told before, so that nobody waits for what cannot come.
     fn leave(&self, state: State) {
         self.line().set_state(state);
-        self.board.ring_all();
+        self.control_page.ring_all();
     }
 
     fn die(&self) {
@@ -158,7 +158,7 @@ impl Shared {
         let _ = kill_process(getpid(), Signal::KILL);
     }
 
-    fn stand_still(&self, strike: &Strike) {
+    fn stand_still(&self, strike: &ScheduledFault) {
         self.leave(State::Stopped);
         let _ = kill_process(getpid(), Signal::STOP);
         // Whoever is not continued (`Way::ForEver`) is replaced, and never comes here; a stray SIGCONT changes nothing about it.
@@ -167,8 +167,8 @@ impl Shared {
         }
         self.skip_to(strike.until);
         self.line().set_state(State::Running);
-        self.board.ledger().restore(self.me, now_ns());
-        self.board.ring_all();
+        self.control_page.fault_table().mark_recovered(self.me, now_ns());
+        self.control_page.ring_all();
     }
 
     /// In lockstep: nothing before `tick` will come of this process any more.
@@ -186,7 +186,7 @@ impl Shared {
         let mut hog = self.hog.borrow_mut();
         match (starving, hog.as_ref().map(|hog| hog.place)) {
             (Some(place), was) if was != Some(place) => {
-                self.board.ledger().has_struck(place, now_ns());
+                self.control_page.fault_table().mark_injected(place, now_ns());
                 *hog = Some(Hog::start(place, self.manifest.processes[self.me].core));
             }
             (None, Some(_)) => *hog = None,
@@ -203,7 +203,7 @@ impl Shared {
                 Kind::SlowDisk => pause_ms += strike.amount,
                 _ => continue,
             }
-            self.board.ledger().has_struck(place, now_ns());
+            self.control_page.fault_table().mark_injected(place, now_ns());
         }
         // What is left to be written at the end belongs to another volume.
         self.fill_volume(is_full && !is_last);
@@ -234,12 +234,12 @@ impl Shared {
         }
         let fates = self.fates.borrow();
         let ms = 1e6;
-        let wrong = |(place, strike, kind): (usize, &Strike, Kind)| {
+        let wrong = |(place, strike, kind): (usize, &ScheduledFault, Kind)| {
             if kind != Kind::Clock {
                 return 0.0;
             }
-            self.board.ledger().has_struck(place, now);
-            let since = self.board.ledger().account(place).map_or(0, |account| now.saturating_sub(account.struck_ns));
+            self.control_page.fault_table().mark_injected(place, now);
+            let since = self.control_page.fault_table().record(place).map_or(0, |account| now.saturating_sub(account.injected_ns));
             if strike.way() == Some(Way::Skew) { strike.amount * since as f64 } else { strike.amount * ms }
         };
         fates.of(self.me, self.tick.get()).map(wrong).sum::<f64>() as i64
@@ -266,8 +266,8 @@ impl Shared {
         let Some(writer) = writer else { return false };
         // Where the maker of ticks stands still there are none: nothing is passed over. And nobody runs ahead of it: what leaves late would
         // arrive in a tick of its own choosing.
-        let has_begun = || self.source().is_none_or(|source| source != writer && self.board.line(source).ticks() > tick);
-        self.board.line(writer).ticks() > tick || (!self.is_unharmed() && self.is_down(writer, tick) && has_begun())
+        let has_begun = || self.source().is_none_or(|source| source != writer && self.control_page.process(source).ticks() > tick);
+        self.control_page.process(writer).ticks() > tick || (!self.is_unharmed() && self.is_down(writer, tick) && has_begun())
     }
 
     /// Who makes the ticks.
@@ -282,7 +282,7 @@ impl Shared {
             return None;
         }
         let lags = |index: &usize| {
-            let (process, done) = (&self.manifest.processes[*index], self.board.line(*index).ticks());
+            let (process, done) = (&self.manifest.processes[*index], self.control_page.process(*index).ticks());
             *index != self.me && !process.polled && done < tick && !self.is_down(*index, done)
         };
         (0..self.manifest.processes.len()).find(lags)
@@ -291,7 +291,7 @@ impl Shared {
     /// Whether nothing of the ticks before `tick` is still to be sent: in lockstep the maker of ticks waits, and all others have come as far.
     pub(crate) fn is_settled(&self, tick: u64) -> bool {
         let has_come = |index: usize| {
-            let (process, line) = (&self.manifest.processes[index], self.board.line(index));
+            let (process, line) = (&self.manifest.processes[index], self.control_page.process(index));
             let done = line.ticks();
             match process.makes_ticks {
                 true => line.bell().is_armed_for(PROGRESS),
@@ -308,8 +308,8 @@ impl Shared {
             return;
         }
         match self.source() {
-            Some(source) if source == self.me => self.board.ring_all(),
-            Some(source) => self.board.line(source).bell().ring(PROGRESS),
+            Some(source) if source == self.me => self.control_page.ring_all(),
+            Some(source) => self.control_page.process(source).bell().ring(PROGRESS),
             None => {}
         }
     }
@@ -320,15 +320,15 @@ impl Shared {
             return None;
         }
         let fates = self.fates.borrow();
-        let late = |(place, strike): &(usize, Strike)| {
+        let late = |(place, strike): &(usize, ScheduledFault)| {
             let process = strike.process as usize;
-            let line = self.board.line(process);
+            let line = self.control_page.process(process);
             if process == self.me || !strike.kind().is_some_and(Kind::takes_down) {
                 return false;
             }
             if self.manifest.processes[process].polled {
                 // Nothing may be lost: everything waits at the tick of its death until its replacement works.
-                let struck = self.board.ledger().account(*place).is_some_and(|account| account.struck_ns != 0);
+                let struck = self.control_page.fault_table().record(*place).is_some_and(|account| account.injected_ns != 0);
                 return strike.at <= tick && !(struck && line.state() == State::Running);
             }
             // Who is busy still may not have fallen yet: back is who has these ticks behind it.

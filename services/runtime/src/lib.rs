@@ -1,49 +1,42 @@
 //! The shell of a process: ports on topics, the clock, the waits, real-time settings, the run's place in shared memory.
 //!
 //! ```text
-//! RunDir    /dev/shm/armplane-…: where a run lives; found again and removed when its launcher died
-//! Manifest  who is in the run and talks to whom          Board   heartbeats, doorbells, counts, the stop flag
-//! Hub       the launcher's side of all topics            Shell   one process's side of everything
-//! Reader, Writer, Drain   typed ends of a topic          Pace    the rhythm of the process that makes the ticks
+//! RunDir        /dev/shm/armplane-…: where a run lives; found again and removed when its launcher has died
+//! Manifest      the processes of the run and their topics   ControlPage   heartbeats, doorbells, counts, the stop flag
+//! Hub           the launcher's side of all topics           Shell         one process's side of everything
+//! Reader, Writer, Collector   typed ends of a topic         TickSource    the rhythm of the process that makes the ticks
 //! ```
 //!
 //! Data travels on iceoryx2 publish-subscribe services that any iceoryx2 tool can open; wake-ups travel over a futex per process on the
-//! board, which costs a system call only when somebody sleeps. Every wait has a limit. This is the only crate that knows iceoryx2.
+//! control page, which costs a system call only when its owner sleeps. Every wait has a limit. This is the only crate that knows iceoryx2.
 
-mod board;
+mod bus;
 mod clock;
-mod difference;
-mod edge;
+mod control_page;
 mod fate;
+mod fault;
 pub mod floor;
-mod gauge;
-mod hash;
-mod kept;
-mod ledger;
 mod manifest;
 mod memory;
-mod pace;
 mod ports;
 pub mod realtime;
 mod run_dir;
 mod shell;
 pub mod stock;
-mod topics;
+mod tick_source;
+mod validation;
 
 #[cfg(test)]
 mod tests;
 
-pub use board::{Board, BoardError, Count, Counts, Line, MAX_PROCESSES, Phase, State, Stop};
+pub use bus::topic::{CHAIN_DEPTH, Hub, RECORDER_DEPTH, TopicError};
 pub use clock::{now_ns, sleep_until};
-pub use difference::{Difference, Differences, FieldDifference, first_difference};
-pub use edge::{leaves_as, random};
-pub use gauge::{Glimpse, SingularityGlimpse, Spread};
-pub use hash::TopicHash;
-pub use kept::{Keep, KeepError, Kept};
-pub use ledger::{Account, Ledger, MOST_FAULTS, Origin};
+pub use control_page::live_statistics::{Distribution, LiveSingularity, LiveState};
+pub use control_page::{ControlPage, ControlPageError, Count, Counts, MAX_PROCESSES, Phase, ProcessEntry, State, Stop};
+pub use fault::table::{FaultRecord, FaultTable, MOST_FAULTS, Origin};
 pub use manifest::{Disturbance, Manifest, ManifestError, Mode, Process};
-pub use pace::Pace;
-pub use ports::{Drain, Reader, SendError, Writer};
+pub use ports::{Collector, Reader, SendError, Writer};
 pub use run_dir::{FoundRun, RunDir, RunDirError, SHM};
 pub use shell::{Interrupted, OpenError, ProcessError, Shell};
-pub use topics::{CHAIN_DEPTH, Hub, RECORDER_DEPTH, TopicError};
+pub use tick_source::TickSource;
+pub use validation::{leaves_as, random};

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use crate::board::MAX_PROCESSES;
+use crate::control_page::MAX_PROCESSES;
 use crate::run_dir::RunDir;
 
 /// Beyond it a tick is no whole number of µs, far beyond what any process keeps up with.
@@ -68,7 +68,7 @@ pub struct Manifest {
     pub rate_hz: u32,
     /// The longest a process waits for another one before it gives up.
     pub wait_limit: Duration,
-    /// All processes; the index is the process's line on the board.
+    /// All processes; the index is the process's line on the control_page.
     pub processes: Vec<Process>,
 }
 
@@ -91,8 +91,8 @@ pub enum ManifestError {
         /// Why.
         source: serde_json::Error,
     },
-    /// Too many processes for the board.
-    #[error("the graph has {count} processes; at most {MAX_PROCESSES} have room on the board")]
+    /// Too many processes for the control_page.
+    #[error("the graph has {count} processes; at most {MAX_PROCESSES} have room on the control_page")]
     TooMany {
         /// How many.
         count: usize,
@@ -123,7 +123,7 @@ impl Manifest {
         topics
     }
 
-    /// The process's line on the board.
+    /// The process's line on the control_page.
     #[must_use]
     pub fn index_of(&self, process: &str) -> Option<usize> {
         self.processes.iter().position(|p| p.name == process)

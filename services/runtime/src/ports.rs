@@ -11,15 +11,15 @@ use iceoryx2::sample::Sample;
 use shared_types::Message;
 use shared_types::fault::{Kind, MOST_DELAY_TICKS, shaped_topic};
 
-use crate::board::Count;
+use crate::bus::topic::{Publishing, Subscribing, TopicError, Wire};
 use crate::clock::now_ns;
-use crate::edge::{Fence, first_not_finite, happens, random, spoil};
+use crate::control_page::Count;
 use crate::fate::Outlet;
 use crate::memory::{Memory, RING};
-use crate::pace::{USAGE_EVERY, cause};
 use crate::realtime::Usage;
 use crate::shell::{Interrupted, Shared, Wait, Waited};
-use crate::topics::{Publishing, Subscribing, TopicError, Wire};
+use crate::tick_source::{USAGE_EVERY, cause};
+use crate::validation::{Fence, first_not_finite, happens, random, spoil};
 
 /// A port that can connect to its counterparts at a time of the shell's choosing, not in the first tick.
 pub(crate) trait Connect {
@@ -157,7 +157,7 @@ impl<M: Message> Reader<M> {
         }
     }
 
-    /// The newest message that arrives in the tick a [`Pace`](crate::Pace) has given out, for the process that makes the ticks: in
+    /// The newest message that arrives in the tick a [`TickSource`](crate::TickSource) has given out, for the process that makes the ticks: in
     /// lockstep when its writer has closed the tick, in real time by `deadline_ns` on `CLOCK_MONOTONIC`, or as soon as that tick's own is there.
     ///
     /// `None` when none came that is newer than the last, or the run stops. It may be older than `tick`; its header says.
@@ -185,7 +185,7 @@ impl<M: Message> Reader<M> {
                         let came = message.header().tick;
                         if newest.is_some_and(|newest| came <= newest) {
                             shared.line().add(Count::Repeated, 1);
-                            shared.notice();
+                            shared.message_fault_detected();
                             continue;
                         }
                         self.current = *message;
@@ -217,7 +217,7 @@ impl<M: Message> Reader<M> {
             if shared.is_lockstep() && shared.is_unharmed() {
                 return Err(self.lost(tick, tick + 1));
             }
-            shared.notice();
+            shared.message_fault_detected();
             return Ok(None);
         }
         shared.note_input(self.current.header());
@@ -237,7 +237,7 @@ impl<M: Message> Reader<M> {
             while let Some(message) = self.inlet.receive()? {
                 if self.last.is_some_and(|last| message.header().tick <= last) {
                     self.shared.line().add(Count::Repeated, 1);
-                    self.shared.notice();
+                    self.shared.message_fault_detected();
                     continue;
                 }
                 self.current = *message;
@@ -262,7 +262,7 @@ impl<M: Message> Reader<M> {
         while let Some(message) = self.inlet.receive()? {
             if self.last.is_some_and(|last| message.header().tick <= last) {
                 self.shared.line().add(Count::Repeated, 1);
-                self.shared.notice();
+                self.shared.message_fault_detected();
                 continue;
             }
             self.current = *message;
@@ -350,7 +350,7 @@ impl<M: Message> Inlet<M> {
     /// Whether a message counts; one that does not is counted as what it is.
     fn admits(&mut self, message: &M) -> bool {
         let living = match (self.shared.is_lockstep() || self.admission == Admission::InOrder, self.writer) {
-            (false, Some(writer)) => Some(self.shared.board.line(writer).incarnation()),
+            (false, Some(writer)) => Some(self.shared.control_page.process(writer).incarnation()),
             _ => None,
         };
         let refused = if !self.fence.admits(message.header(), living) {
@@ -361,7 +361,7 @@ impl<M: Message> Inlet<M> {
             return true;
         };
         self.shared.line().add(refused, 1);
-        self.shared.notice();
+        self.shared.message_fault_detected();
         false
     }
 
@@ -388,7 +388,7 @@ impl<M: Message> std::ops::Deref for Incoming<M> {
 }
 
 /// Reads everything of a topic, in order; never waits.
-pub struct Drain<M: Message> {
+pub struct Collector<M: Message> {
     inlet: Inlet<M>,
     last: Option<u64>,
     lost: u64,
@@ -446,7 +446,7 @@ impl<M: Message> Recall<M> {
     }
 }
 
-impl<M: Message> Drain<M> {
+impl<M: Message> Collector<M> {
     pub(crate) fn new(shared: Rc<Shared>, subscriber: Rc<Subscribing<M>>) -> Self {
         Self { inlet: Inlet::new(shared, subscriber, Admission::InOrder), last: None, lost: 0, recall: None }
     }
@@ -455,7 +455,7 @@ impl<M: Message> Drain<M> {
     ///
     /// # Errors
     /// When iceoryx2 fails.
-    pub fn drain(&mut self, mut take: impl FnMut(&M)) -> Result<(), Interrupted> {
+    pub fn collect(&mut self, mut take: impl FnMut(&M)) -> Result<(), Interrupted> {
         if let Some(recall) = self.recall.take() {
             self.recall = self.catch_up(recall, &mut take)?;
         }
@@ -632,7 +632,7 @@ impl<M: Message> Writer<M> {
             return Err(error);
         }
         let sent_ns = shared.stamp(message.header_mut());
-        shared.board.glance().note(&message);
+        shared.control_page.live_state_cells().note(&message);
         let failed = |reason| SendError::Port { process: shared.name().to_owned(), topic: M::TOPIC, reason };
         if shared.is_shaped() && shaped_topic(M::TOPIC) {
             outlet.memory.keep(&message);
@@ -651,7 +651,7 @@ impl<M: Message> Writer<M> {
             }
             shared.report_progress();
         }
-        shared.board.glance().note(&message);
+        shared.control_page.live_state_cells().note(&message);
         outlet.ring();
         count_lateness(&mut self.usage, shared, message.header(), sent_ns);
         Ok(())
@@ -697,7 +697,7 @@ impl<M: Message> Sending<M> {
             if !kind.shapes_messages() || !happens(strike, label) {
                 continue;
             }
-            shared.board.ledger().has_struck(place, now_ns());
+            shared.control_page.fault_table().mark_injected(place, now_ns());
             match kind {
                 Kind::Drop => copies = 0,
                 Kind::Duplicate => copies *= 2,
@@ -744,7 +744,7 @@ impl<M: Message> Outlet for Sending<M> {
 
     fn ring(&self) {
         for &reader in &self.readers {
-            self.shared.board.line(reader).bell().ring(self.bit);
+            self.shared.control_page.process(reader).bell().ring(self.bit);
         }
     }
 }

@@ -60,7 +60,7 @@ pub fn enter(priority: Option<u8>) -> Vec<Missing> {
         missing.push(Missing::LockedMemory { reason: errno.to_string() });
     }
     touch_stack();
-    missing.extend(priority.and_then(|priority| rise(priority).err()));
+    missing.extend(priority.and_then(|priority| set_fifo_priority(priority).err()));
     missing
 }
 
@@ -68,12 +68,12 @@ pub fn enter(priority: Option<u8>) -> Vec<Missing> {
 ///
 /// # Errors
 /// When this process may not.
-pub fn rise(priority: u8) -> Result<(), Missing> {
+pub fn set_fifo_priority(priority: u8) -> Result<(), Missing> {
     schedule(libc::SCHED_FIFO, priority).map_err(|error| Missing::Fifo { priority, reason: error.to_string() })
 }
 
 /// Back to ordinary scheduling, which is always allowed.
-pub fn stand_back() {
+pub fn set_ordinary_scheduling() {
     let _ = schedule(libc::SCHED_OTHER, 0);
 }
 

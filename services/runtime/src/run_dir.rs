@@ -1,7 +1,7 @@
 //! Where a run lives in shared memory: one private directory, and iceoryx2's files beside it under the same name.
 //!
 //! ```text
-//! /dev/shm/armplane-<uid>-<pid>-<start>-<n>/     manifest.json, board, nodes/, services/; mode 0700
+//! /dev/shm/armplane-<uid>-<pid>-<start>-<n>/     manifest.json, control page, nodes/, services/; mode 0700
 //! /dev/shm/armplane-<uid>-<pid>-<start>-<n>.*    iceoryx2's segments
 //! ```
 //!

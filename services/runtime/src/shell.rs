@@ -9,22 +9,22 @@ use std::time::Duration;
 
 use iceoryx2::prelude::{Node, ipc};
 use shared_types::Message;
-use shared_types::fault::{Kind, Strike};
+use shared_types::fault::{Kind, ScheduledFault};
 use shared_types::wire::{HOPS, Header, Stamps};
 
-use crate::board::{ANYTHING, Board, BoardError, Count, Line, PROGRESS, Phase, State, Stop, Watchdog};
+use crate::bus::topic::{self, CHAIN_DEPTH, RECORDER_DEPTH, Subscribing, TopicError};
 use crate::clock::now_ns;
-use crate::edge::Pauses;
+use crate::control_page::{ANYTHING, ControlPage, ControlPageError, Count, PROGRESS, Phase, ProcessEntry, State, Stop, Watchdog};
 use crate::fate::{Hog, Outlet};
-use crate::ledger::{Copied, Ledger};
+use crate::fault::table::{Copied, FaultTable};
 use crate::manifest::{Disturbance, Manifest, ManifestError, Mode};
 use crate::memory::RING;
-use crate::pace::Pace;
 use crate::ports::Connect;
-use crate::ports::{Drain, Reader, SendError, Writer};
+use crate::ports::{Collector, Reader, SendError, Writer};
 use crate::realtime;
 use crate::run_dir::{RunDir, RunDirError};
-use crate::topics::{self, CHAIN_DEPTH, RECORDER_DEPTH, Subscribing, TopicError};
+use crate::tick_source::TickSource;
+use crate::validation::Pauses;
 
 /// In lockstep the source of ticks may be this many ticks ahead of the recorder: far less than what is still there for its replacement, also
 /// when faults make several messages of a tick, and with what a block of kept messages holds.
@@ -41,7 +41,7 @@ pub enum OpenError {
     Manifest(#[from] ManifestError),
     /// The run's control page.
     #[error(transparent)]
-    Board(#[from] BoardError),
+    ControlPage(#[from] ControlPageError),
     /// One of its topics.
     #[error(transparent)]
     Topic(#[from] TopicError),
@@ -140,7 +140,7 @@ pub(crate) enum Waited<T> {
 pub(crate) struct Shared {
     pub(crate) run: RunDir,
     pub(crate) manifest: Manifest,
-    pub(crate) board: Arc<Board>,
+    pub(crate) control_page: Arc<ControlPage>,
     pub(crate) node: Node<ipc::Service>,
     pub(crate) me: usize,
     stops_at: Stop,
@@ -160,7 +160,7 @@ pub(crate) struct Shared {
     pauses: RefCell<Option<Pauses>>,
     /// The tick in hand: everything before it is closed.
     pub(crate) tick: Cell<u64>,
-    /// What the process knows of the ledger.
+    /// What the process knows of the fault table.
     pub(crate) fates: RefCell<Copied>,
     pub(crate) hog: RefCell<Option<Hog>>,
     pub(crate) is_volume_full: Cell<bool>,
@@ -179,8 +179,8 @@ impl Shared {
         &self.manifest.processes[self.me].name
     }
 
-    pub(crate) fn line(&self) -> &Line {
-        self.board.line(self.me)
+    pub(crate) fn line(&self) -> &ProcessEntry {
+        self.control_page.process(self.me)
     }
 
     pub(crate) fn is_lockstep(&self) -> bool {
@@ -200,7 +200,7 @@ impl Shared {
     }
 
     pub(crate) fn is_stopping(&self) -> bool {
-        self.board.stop() >= self.stops_at || self.signalled.load(Ordering::Relaxed)
+        self.control_page.stop() >= self.stops_at || self.signalled.load(Ordering::Relaxed)
     }
 
     pub(crate) fn topic_bit(&self, topic: &str) -> u32 {
@@ -227,15 +227,15 @@ impl Shared {
         self.skip_to(self.tick.get());
         self.line().set_state(State::Running);
         if self.line().incarnation() > 1 {
-            self.board.ledger().restore(self.me, now_ns());
-            self.board.ring_all();
+            self.control_page.fault_table().mark_recovered(self.me, now_ns());
+            self.control_page.ring_all();
         }
         Ok(Waited::Ready(()))
     }
 
     fn wait_for_phase(&self, phase: Phase) -> Result<Waited<()>, Interrupted> {
         let describe = || Wait { what: format!("the beginning of the run's phase \"{phase:?}\""), from: "the launcher".into() };
-        self.wait(0, None, describe, || Ok(self.board.has_begun(phase).then_some(())))
+        self.wait(0, None, describe, || Ok(self.control_page.has_begun(phase).then_some(())))
     }
 
     /// The one wait: look, then sleep until somebody rings for one of `bits`, look again; never longer than the limit.
@@ -324,7 +324,7 @@ impl Shared {
         now
     }
 
-    /// Shows on the board how long the tick in hand took; once a tick, whatever is sent of it.
+    /// Shows on the control page how long the tick in hand took; once a tick, whatever is sent of it.
     fn note_times(&self, hop: usize, header: &Header, now_ns: u64) {
         if self.sent_tick.replace(Some(header.tick)) == Some(header.tick) {
             return;
@@ -339,10 +339,11 @@ impl Shared {
         }
     }
 
-    /// In lockstep: waits until no polled process lags so far that it could lose this tick, and all are back whom the ledger has back by then.
+    /// In lockstep: waits until no polled process lags so far that it could lose this tick, and all are back whom the fault table has back by then.
     pub(crate) fn wait_for_others(&self, tick: u64) -> Result<Waited<()>, Interrupted> {
         let laggard = || {
-            let lags = |index: &usize| self.manifest.processes[*index].polled && tick > self.board.line(*index).ticks() + RECORDER_LAG;
+            let lags =
+                |index: &usize| self.manifest.processes[*index].polled && tick > self.control_page.process(*index).ticks() + RECORDER_LAG;
             (0..self.manifest.processes.len()).find(lags).or_else(|| self.awaited(tick)).or_else(|| self.straggler(tick))
         };
         let describe = || Wait {
@@ -395,7 +396,7 @@ enum Round {
 }
 
 impl Shell {
-    /// Joins a run: catches SIGTERM and SIGINT, pins the process, takes its real-time settings, maps the board.
+    /// Joins a run: catches SIGTERM and SIGINT, pins the process, takes its real-time settings, maps the control_page.
     ///
     /// A right that is missing is one warning that names it, and the run goes on.
     ///
@@ -412,19 +413,19 @@ impl Shell {
         for signal in [libc::SIGTERM, libc::SIGINT] {
             signal_hook::flag::register(signal, Arc::clone(&signalled)).map_err(OpenError::Signals)?;
         }
-        let board = Arc::new(Board::open(&run)?);
+        let control_page = Arc::new(ControlPage::open(&run)?);
         // Before the process is pinned: the watchdog may run on any core.
-        Watchdog::start(&board, me).map_err(OpenError::Watchdog)?;
+        Watchdog::start(&control_page, me).map_err(OpenError::Watchdog)?;
         settle(&manifest, me);
         let disturbance = manifest.processes[me].disturbance;
         begin_disturbed(disturbance);
-        let node = topics::join(&run, process, false)?;
+        let node = topic::join(&run, process, false)?;
         let stops_at = if manifest.processes[me].polled { Stop::Everything } else { Stop::Chain };
         let hop = HOPS.iter().position(|&hop| hop == process);
         let shared = Shared {
             run,
             manifest,
-            board,
+            control_page,
             node,
             me,
             stops_at,
@@ -461,9 +462,9 @@ impl Shell {
     ///
     /// # Errors
     /// As [`Shell::reader`].
-    pub fn drain<M: Message>(&self) -> Result<Drain<M>, TopicError> {
+    pub fn collector<M: Message>(&self) -> Result<Collector<M>, TopicError> {
         self.declared::<M>("read")?;
-        Ok(Drain::new(Rc::clone(&self.shared), self.subscriber(RECORDER_DEPTH)?))
+        Ok(Collector::new(Rc::clone(&self.shared), self.subscriber(RECORDER_DEPTH)?))
     }
 
     /// Writes a topic; wakes the processes that the graph names as its readers.
@@ -472,21 +473,21 @@ impl Shell {
     /// When the graph does not say that this process writes it, or the wire formats differ.
     pub fn writer<M: Message>(&self) -> Result<Writer<M>, TopicError> {
         self.declared::<M>("write")?;
-        let publisher = Rc::new(topics::publisher(&self.shared.node)?);
+        let publisher = Rc::new(topic::publisher(&self.shared.node)?);
         self.shared.ports.borrow_mut().push(Rc::clone(&publisher) as Rc<dyn Connect>);
         Writer::new(&self.shared, publisher)
     }
 
     fn subscriber<M: Message>(&self, depth: usize) -> Result<Rc<Subscribing<M>>, TopicError> {
-        let subscriber = Rc::new(topics::subscriber(&self.shared.node, depth)?);
+        let subscriber = Rc::new(topic::subscriber(&self.shared.node, depth)?);
         self.shared.ports.borrow_mut().push(Rc::clone(&subscriber) as Rc<dyn Connect>);
         Ok(subscriber)
     }
 
     /// Gives out ticks from `first` on: on the grid in real time, as fast as the recorder follows in lockstep.
     #[must_use]
-    pub fn pace(&self, first: u64) -> Pace {
-        Pace::new(Rc::clone(&self.shared), first)
+    pub fn tick_source(&self, first: u64) -> TickSource {
+        TickSource::new(Rc::clone(&self.shared), first)
     }
 
     /// A polled process's rhythm: ends a round, sleeps, begins the next; `false` after the round in which nothing more can come.
@@ -540,9 +541,9 @@ impl Shell {
         Ok(true)
     }
 
-    fn each_other(&self, act: impl Fn(&Line)) {
+    fn each_other(&self, act: impl Fn(&ProcessEntry)) {
         let me = self.shared.me;
-        (0..self.shared.manifest.processes.len()).filter(|&index| index != me).for_each(|i| act(self.shared.board.line(i)));
+        (0..self.shared.manifest.processes.len()).filter(|&index| index != me).for_each(|i| act(self.shared.control_page.process(i)));
     }
 
     /// How time passes in this run.
@@ -569,9 +570,9 @@ impl Shell {
         self.shared.line().incarnation()
     }
 
-    /// The faults that concern this process at a tick, and their places in the ledger: for the plant, whose faults are physical, and the
+    /// The faults that concern this process at a tick, and their places in the fault table: for the plant, whose faults are physical, and the
     /// recorder, whose faults are those of its volume.
-    pub fn struck_by(&self, tick: u64, mut each: impl FnMut(usize, &Strike, Kind)) {
+    pub fn faults_at(&self, tick: u64, mut each: impl FnMut(usize, &ScheduledFault, Kind)) {
         let shared = &self.shared;
         shared.learn();
         if !shared.is_unharmed() {
@@ -587,7 +588,7 @@ impl Shell {
 
     /// Whether this polled process dies, or stands still, when it has said how far it is: what it has taken in must be safe before.
     #[must_use]
-    pub fn is_about_to_fall(&self) -> bool {
+    pub fn is_about_to_go_down(&self) -> bool {
         self.is_falling.get()
     }
 
@@ -603,28 +604,28 @@ impl Shell {
     /// Messages that all processes of the run have sent.
     #[must_use]
     pub fn sent_by_all(&self) -> u64 {
-        (0..self.shared.manifest.processes.len()).map(|index| self.shared.board.line(index).count(Count::Sent)).sum()
+        (0..self.shared.manifest.processes.len()).map(|index| self.shared.control_page.process(index).count(Count::Sent)).sum()
     }
 
-    /// A fault of [`Shell::struck_by`] takes effect now.
-    pub fn has_struck(&self, place: usize) {
-        self.shared.board.ledger().has_struck(place, now_ns());
+    /// A fault of [`Shell::faults_at`] takes effect now.
+    pub fn mark_injected(&self, place: usize) {
+        self.shared.control_page.fault_table().mark_injected(place, now_ns());
     }
 
     /// This process has noticed what has struck it.
-    pub fn notice(&self) {
-        self.shared.board.ledger().notice(self.shared.me, self.shared.tick.get(), now_ns());
+    pub fn mark_detected(&self) {
+        self.shared.control_page.fault_table().mark_detected(self.shared.me, self.shared.tick.get(), now_ns());
     }
 
     /// Something is wrong with what a message says: whatever is at work has been noticed by that.
-    pub fn notice_message(&self) {
-        self.shared.notice();
+    pub fn mark_message_fault_detected(&self) {
+        self.shared.message_fault_detected();
     }
 
     /// All faults of the run so far.
     #[must_use]
-    pub fn ledger(&self) -> &Ledger {
-        self.shared.board.ledger()
+    pub fn fault_table(&self) -> &FaultTable {
+        self.shared.control_page.fault_table()
     }
 
     /// Whether the run is to stop.

@@ -23,7 +23,7 @@ unsafe impl<const N: usize> ZeroCopySend for Block<N> {}
 /// How the reader learns of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Notice {
-    /// By our doorbell: a futex on the board.
+    /// By our doorbell: a futex on the control_page.
     Doorbell,
     /// By iceoryx2's event service, waited for at its listener.
     Listener,
@@ -33,7 +33,7 @@ pub enum Notice {
     Poll,
 }
 
-/// The doorbell's bit: above those of topics, below those of the board.
+/// The doorbell's bit: above those of topics, below those of the control_page.
 const BIT: u32 = 1 << 29;
 
 type Ipc = ipc::Service;
@@ -48,7 +48,7 @@ pub struct Stock<const N: usize> {
     waitset: &'static WaitSet<Ipc>,
     /// Keeps the listener in the wait set.
     _attached: WaitSetGuard<'static, 'static, Ipc>,
-    /// The line on the board of the process that reads ours.
+    /// The line on the control page of the process that reads ours.
     to: usize,
     /// The block received last.
     current: Block<N>,
@@ -88,7 +88,7 @@ impl<const N: usize> Stock<N> {
     pub fn send(&mut self, notice: Notice, block: &Block<N>) -> Result<(), ProcessError> {
         self.publisher.loan_uninit().map_err(refused)?.write_payload(*block).send().map_err(refused)?;
         match notice {
-            Notice::Doorbell => self.shared.board.line(self.to).bell().ring(BIT),
+            Notice::Doorbell => self.shared.control_page.process(self.to).bell().ring(BIT),
             Notice::Listener | Notice::WaitSet => {
                 self.notifier.notify().map_err(refused)?;
             }

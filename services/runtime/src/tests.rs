@@ -5,16 +5,16 @@ use std::time::Duration;
 use shared_types::fault::{Fault, Kind};
 use shared_types::{PlantState, SensorSample, StateEstimate};
 
-use crate::topics::{TopicError, join, subscriber};
+use crate::bus::topic::{TopicError, join, subscriber};
 use crate::{
-    Board, CHAIN_DEPTH, Count, Hub, Interrupted, Manifest, Mode, Origin, Phase, Process, ProcessError, RECORDER_DEPTH, RunDir, SendError,
-    Shell, State, Stop, now_ns,
+    CHAIN_DEPTH, ControlPage, Count, Hub, Interrupted, Manifest, Mode, Origin, Phase, Process, ProcessError, RECORDER_DEPTH, RunDir,
+    SendError, Shell, State, Stop, now_ns,
 };
 
 /// A run without a launcher: its phases are through, so that shells of one thread need not wait for each other.
 struct Stage {
     run: RunDir,
-    board: Board,
+    control_page: ControlPage,
     _hub: Hub,
 }
 
@@ -32,13 +32,13 @@ fn stage(mode: Mode) -> Stage {
     let manifest = Manifest { mode, rate_hz: 1000, wait_limit: Duration::from_millis(50), processes };
     let run = RunDir::create().unwrap();
     manifest.write(&run).unwrap();
-    let board = Board::create(&run).unwrap();
+    let control_page = ControlPage::create(&run).unwrap();
     let hub = Hub::create(&run, &manifest).unwrap();
     for index in 0..processes_count {
-        board.line(index).begin_incarnation();
+        control_page.process(index).begin_incarnation();
     }
-    board.begin(Phase::Work);
-    Stage { run, board, _hub: hub }
+    control_page.begin(Phase::Work);
+    Stage { run, control_page, _hub: hub }
 }
 
 impl Stage {
@@ -100,7 +100,7 @@ fn every_wait_ends_by_deadline_limit_or_stop() {
     assert!(matches!(&error, Interrupted::TimedOut { process, .. } if process == "estimator"));
     let text = error.to_string();
     assert!(text.contains("tick 0 of topic \"sensor\"") && text.contains("is plant alive?"), "{text}");
-    stage.board.request_stop(Stop::Chain);
+    stage.control_page.request_stop(Stop::Chain);
     assert!(inlet.at(0).unwrap().is_none() && inlet.next().unwrap().is_none() && estimator.is_stopping());
     assert!(!stage.shell("recorder").is_stopping(), "it is stopped last");
 }
@@ -108,12 +108,12 @@ fn every_wait_ends_by_deadline_limit_or_stop() {
 #[test]
 fn who_died_between_sending_and_saying_so_does_not_die_of_it_again() {
     let stage = stage(Mode::Realtime);
-    let line = stage.board.line(1);
+    let line = stage.control_page.process(1);
     // Ticks 0 to 4 are closed and 5 was sent: by its readers the first tick missed is 6.
     line.set_ticks(5);
-    let death = Fault { at_tick: Some(6), for_ticks: Some(20), ..Fault::new("estimator", Kind::Crash) }.strike(1, 1000, 0).unwrap();
-    let place = stage.board.ledger().enter(&death, Origin::Planned).unwrap();
-    stage.board.ledger().has_struck(place, now_ns());
+    let death = Fault { at_tick: Some(6), for_ticks: Some(20), ..Fault::new("estimator", Kind::Crash) }.schedule(1, 1000, 0).unwrap();
+    let place = stage.control_page.fault_table().enter(&death, Origin::Planned).unwrap();
+    stage.control_page.fault_table().mark_injected(place, now_ns());
     line.begin_incarnation();
     let (plant, estimator) = (stage.shell("plant"), stage.shell("estimator"));
     let (mut sensors, mut inlet) = (plant.writer().unwrap(), estimator.reader::<SensorSample>().unwrap());
@@ -132,7 +132,7 @@ fn a_dead_incarnation_is_fenced_off() {
     let (mut sensors, mut inlet) = (plant.writer().unwrap(), estimator.reader::<SensorSample>().unwrap());
     sensors.send(sample(0)).unwrap();
     // The plant dies with its message on the way; the launcher begins the next incarnation.
-    stage.board.line(0).begin_incarnation();
+    stage.control_page.process(0).begin_incarnation();
     sensors.send(sample(1)).unwrap();
     let got = inlet.next().unwrap().unwrap();
     assert_eq!((got.header.tick, got.header.incarnation), (1, 2));
@@ -183,12 +183,12 @@ fn a_reader_that_never_reads_blocks_nobody_and_finds_the_newest() {
     let stage = stage(Mode::Realtime);
     let (plant, estimator, recorder) = (stage.shell("plant"), stage.shell("estimator"), stage.shell("recorder"));
     let mut sensors = plant.writer().unwrap();
-    let (mut inlet, mut drain) = (estimator.reader::<SensorSample>().unwrap(), recorder.drain::<SensorSample>().unwrap());
+    let (mut inlet, mut drain) = (estimator.reader::<SensorSample>().unwrap(), recorder.collector::<SensorSample>().unwrap());
     let count = 10 * RECORDER_DEPTH as u64;
     (0..count).for_each(|tick| sensors.send(sample(tick)).unwrap());
     assert_eq!(inlet.next().unwrap().unwrap().header.tick, count - 1);
     let mut ticks = Vec::new();
-    drain.drain(|m| ticks.push(m.header.tick)).unwrap();
+    drain.collect(|m| ticks.push(m.header.tick)).unwrap();
     assert_eq!(ticks, (count - RECORDER_DEPTH as u64..count).collect::<Vec<_>>());
     assert_eq!(drain.lost(), count - RECORDER_DEPTH as u64);
 }
@@ -197,8 +197,8 @@ fn a_reader_that_never_reads_blocks_nobody_and_finds_the_newest() {
 fn in_lockstep_the_source_waits_for_the_recorder() {
     let stage = stage(Mode::Lockstep);
     let (plant, recorder) = (stage.shell("plant"), stage.shell("recorder"));
-    let (mut sensors, mut drain) = (plant.writer().unwrap(), recorder.drain::<SensorSample>().unwrap());
-    let mut pace = plant.pace(0);
+    let (mut sensors, mut drain) = (plant.writer().unwrap(), recorder.collector::<SensorSample>().unwrap());
+    let mut pace = plant.tick_source(0);
     let mut sent = 0;
     let error = loop {
         match pace.next() {
@@ -211,7 +211,7 @@ fn in_lockstep_the_source_waits_for_the_recorder() {
     assert!(error.to_string().contains("is recorder alive?"), "{error}");
     // Two rounds: the first begins, the second says that the first is taken in.
     assert!(recorder.poll(Duration::ZERO).unwrap());
-    drain.drain(|_| {}).unwrap();
+    drain.collect(|_| {}).unwrap();
     assert!(recorder.poll(Duration::ZERO).unwrap());
     assert_eq!(pace.next().unwrap(), Some(sent));
     assert_eq!(drain.lost(), 0);
@@ -220,13 +220,13 @@ fn in_lockstep_the_source_waits_for_the_recorder() {
 #[test]
 fn in_lockstep_the_source_waits_at_the_end_of_a_death_for_who_has_not_died_yet() {
     let stage = stage(Mode::Lockstep);
-    let (plant, line) = (stage.shell("plant"), stage.board.line(1));
-    let death = Fault { at_tick: Some(1), for_ticks: Some(2), ..Fault::new("estimator", Kind::Kill) }.strike(1, 1000, 0).unwrap();
-    stage.board.ledger().enter(&death, Origin::Planned).unwrap();
+    let (plant, line) = (stage.shell("plant"), stage.control_page.process(1));
+    let death = Fault { at_tick: Some(1), for_ticks: Some(2), ..Fault::new("estimator", Kind::Kill) }.schedule(1, 1000, 0).unwrap();
+    stage.control_page.fault_table().enter(&death, Origin::Planned).unwrap();
     // It is through with tick 0 and nobody has given it a core since.
     line.set_state(State::Running);
     line.set_ticks(1);
-    let mut pace = plant.pace(0);
+    let mut pace = plant.tick_source(0);
     for tick in 0..3 {
         assert_eq!(pace.next().unwrap(), Some(tick), "nobody waits for the dead");
     }
@@ -241,7 +241,7 @@ fn a_polled_process_gets_one_more_round_after_the_stop() {
     let stage = stage(Mode::Lockstep);
     let recorder = stage.shell("recorder");
     assert!(recorder.poll(Duration::ZERO).unwrap());
-    stage.board.request_stop(Stop::Everything);
+    stage.control_page.request_stop(Stop::Everything);
     assert!(recorder.poll(Duration::from_secs(60)).unwrap(), "to take in what was on the way");
     assert!(!recorder.poll(Duration::from_secs(60)).unwrap());
 }
@@ -252,7 +252,7 @@ fn another_wire_format_is_refused_with_both_versions() {
     let manifest = Manifest::read(&stage.run).unwrap();
     let run = RunDir::create().unwrap();
     manifest.write(&run).unwrap();
-    let _board = Board::create(&run).unwrap();
+    let _board = ControlPage::create(&run).unwrap();
     let _hub = Hub::create_speaking(&run, &manifest, 0xabad_cafe).unwrap();
     let error = Shell::open(run.path(), "plant").unwrap().writer::<SensorSample>().map(|_| ()).unwrap_err();
     let ours = format!("{:016x}", shared_types::topics::wire_hash());
@@ -294,24 +294,24 @@ fn a_reader_of_everything_that_comes_back_gets_what_it_missed_and_nothing_twice(
     let plant = stage.shell("plant");
     let mut sensors = plant.writer().unwrap();
     let (first, mut taken) = (stage.shell("recorder"), Vec::new());
-    let mut drain = first.drain::<SensorSample>().unwrap();
+    let mut drain = first.collector::<SensorSample>().unwrap();
     first.poll(Duration::ZERO).unwrap();
     (0..100).for_each(|tick| sensors.send(sample(tick)).unwrap());
-    drain.drain(|message| taken.push(*message)).unwrap();
+    drain.collect(|message| taken.push(*message)).unwrap();
     assert_eq!(taken.len(), 100);
     // It dies and has to have been at tick 80; meanwhile others come, one of them poisoned, and the writer dies with its last word on the way.
     drop((drain, first));
     (100..200).for_each(|tick| sensors.send(sample(tick)).unwrap());
-    stage.board.line(2).begin_incarnation();
+    stage.control_page.process(2).begin_incarnation();
     let second = stage.shell("recorder");
-    let mut drain = second.drain::<SensorSample>().unwrap();
+    let mut drain = second.collector::<SensorSample>().unwrap();
     drain.resume(Some(80), 0);
     drain.recall(Some(&taken[80])).unwrap();
     second.poll(Duration::ZERO).unwrap();
     sensors.send(sample(200)).unwrap();
-    stage.board.line(0).begin_incarnation();
+    stage.control_page.process(0).begin_incarnation();
     let mut ticks = Vec::new();
-    drain.drain(|message| ticks.push(message.header.tick)).unwrap();
+    drain.collect(|message| ticks.push(message.header.tick)).unwrap();
     assert_eq!(ticks, (81..=200).collect::<Vec<_>>());
     assert_eq!((second.count(Count::Lost), second.count(Count::Repeated), second.count(Count::Fenced)), (0, 0, 0));
 }
@@ -323,9 +323,9 @@ fn a_clock_that_is_behind_or_ahead_leaves_the_grid_where_it_is() {
         let stage = stage(Mode::Realtime);
         let fault =
             Fault { way: Some(Way::Jump), amount: Some(amount), at_tick: Some(3), for_ticks: Some(20), ..Fault::new("plant", Kind::Clock) };
-        stage.board.ledger().enter(&fault.strike(0, 1000, 0).unwrap(), crate::Origin::Planned);
+        stage.control_page.fault_table().enter(&fault.schedule(0, 1000, 0).unwrap(), crate::Origin::Planned);
         let plant = stage.shell("plant");
-        let mut pace = plant.pace(0);
+        let mut pace = plant.tick_source(0);
         let (began, mut in_time) = (now_ns(), 0);
         for tick in 0..40 {
             assert_eq!(pace.next().unwrap(), Some(tick));

@@ -4,7 +4,7 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::time::Duration;
 
-use runtime::{Board, Hub, Manifest, Mode, Phase, Process, RunDir, Shell};
+use runtime::{ControlPage, Hub, Manifest, Mode, Phase, Process, RunDir, Shell};
 use shared_types::{Message, PlantState, TorqueCommand};
 
 /// The system's allocator, counting what each thread asks for.
@@ -59,12 +59,12 @@ fn one_record_of_iceoryx2_for_each_message_and_nothing_else() {
         let run = RunDir::create().unwrap();
         let manifest = Manifest { mode, rate_hz: 1000, wait_limit: Duration::from_secs(10), processes: processes.clone() };
         manifest.write(&run).unwrap();
-        let board = Board::create(&run).unwrap();
+        let control_page = ControlPage::create(&run).unwrap();
         let _hub = Hub::create(&run, &manifest).unwrap();
         (0..2).for_each(|index| {
-            board.line(index).begin_incarnation();
+            control_page.process(index).begin_incarnation();
         });
-        board.begin(Phase::Work);
+        control_page.begin(Phase::Work);
         let (ping, pong) = (Shell::open(run.path(), "ping").unwrap(), Shell::open(run.path(), "pong").unwrap());
         let (mut there, mut arrives) = (ping.writer::<TorqueCommand>().unwrap(), pong.reader::<TorqueCommand>().unwrap());
         let (mut back, mut returns) = (pong.writer::<PlantState>().unwrap(), ping.reader::<PlantState>().unwrap());

@@ -311,7 +311,7 @@ mod tests {
         assert_ne!(deal(7), deal(8));
         for blow in deal(7).concat() {
             if let Act::Fault(fault) = &blow.act {
-                fault.strike(0, 1000, 1).unwrap_or_else(|complaint| panic!("{fault}: {complaint}"));
+                fault.schedule(0, 1000, 1).unwrap_or_else(|complaint| panic!("{fault}: {complaint}"));
             }
         }
     }

@@ -5,9 +5,10 @@ use std::path::Path;
 use std::sync::mpsc::{Sender, channel};
 
 use launcher::{End, Event, Exit, Outcome};
+use message_log::{LogError, LogReader};
 use model::Robot;
 use recorder::MESSAGES;
-use runtime::{Account, Board, KeepError, Kept, RunDir, now_ns};
+use runtime::{ControlPage, FaultRecord, RunDir, now_ns};
 use serde::Serialize;
 use shared_types::codes::{DRIVE_BRAKED, DRIVE_STOPPING};
 use shared_types::fault::Kind;
@@ -170,20 +171,20 @@ impl Setting<'_> {
         let (rate_hz, most_s) = (job.scenario.rate_hz, LONGEST * self.seconds + LONGEST_MORE_S);
         let mut told = Told::default();
         // Before the launch, for the kernel ends the children of a thread that ends.
-        let (begun, begins) = channel::<Board>();
+        let (begun, begins) = channel::<ControlPage>();
         let (go, going) = channel();
         let (processes_of_striker, mut go): (Vec<String>, Option<Sender<()>>) = (processes.clone(), Some(go));
         let mut name = String::new();
         let (launched, struck) = std::thread::scope(|scope| {
             let striker = scope.spawn(move || {
-                let Ok(board) = begins.recv() else { return (Vec::new(), None) };
-                let striker = Striker { board: &board, processes: &processes_of_striker, source, rate_hz, seed };
+                let Ok(control_page) = begins.recv() else { return (Vec::new(), None) };
+                let striker = Striker { control_page: &control_page, processes: &processes_of_striker, source, rate_hz, seed };
                 let fallen = striker.strike(blows, most_s, &going);
-                (fallen, Some(board))
+                (fallen, Some(control_page))
             });
             let mut begin = |run: &RunDir| {
                 run.name().clone_into(&mut name);
-                let _ = begun.send(Board::open(run).map_err(Failure::work)?);
+                let _ = begun.send(ControlPage::open(run).map_err(Failure::work)?);
                 Ok(())
             };
             let launched = run::launch_quietly(&job, plan, &mut begin, &mut |event| {
@@ -200,11 +201,11 @@ impl Setting<'_> {
         });
         let end_ns = now_ns();
         let (outcome, account) = launched?;
-        let (fallen, Some(board)) = struck.unwrap_or_default() else {
+        let (fallen, Some(control_page)) = struck.unwrap_or_default() else {
             return Err(Failure::Work("the run was never begun".to_owned()));
         };
-        let ledger = board.ledger();
-        let accounts: Vec<(usize, Account)> = ledger.accounts().collect();
+        let ledger = control_page.fault_table();
+        let accounts: Vec<(usize, FaultRecord)> = ledger.records().collect();
         let summary = run::summarise(&job, &outcome, account);
         run::keep(out, &job, &summary)?;
         let seen = Seen { processes, fallen, accounts, told, outcome, summary, end_ns, run: name };
@@ -221,7 +222,7 @@ impl Setting<'_> {
 struct Seen {
     processes: Vec<String>,
     fallen: Vec<Fallen>,
-    accounts: Vec<(usize, Account)>,
+    accounts: Vec<(usize, FaultRecord)>,
     told: Told,
     outcome: Outcome,
     summary: Summary,
@@ -348,17 +349,17 @@ impl Seen {
         self.processes.iter().position(|known| known == process)
     }
 
-    fn account(&self, fallen: &Fallen) -> Option<&Account> {
+    fn account(&self, fallen: &Fallen) -> Option<&FaultRecord> {
         let Done::Requested(place) = fallen.done else { return None };
         self.accounts.iter().find(|(known, _)| *known == place).map(|(_, account)| account)
     }
 
     /// The entry in which the launcher noticed what a signal did.
-    fn noticed(&self, fallen: &Fallen) -> Option<&Account> {
+    fn noticed(&self, fallen: &Fallen) -> Option<&FaultRecord> {
         let index = self.index_of(fallen.blow.act.process())?;
-        let of_it = |account: &&Account| account.strike.process as usize == index && account.noticed_ns > fallen.at_ns;
-        let takes_down = |account: &&Account| account.strike.kind().is_some_and(Kind::takes_down);
-        self.accounts.iter().map(|(_, account)| account).filter(of_it).filter(takes_down).min_by_key(|account| account.noticed_ns)
+        let of_it = |account: &&FaultRecord| account.scheduled.process as usize == index && account.detected_ns > fallen.at_ns;
+        let takes_down = |account: &&FaultRecord| account.scheduled.kind().is_some_and(Kind::takes_down);
+        self.accounts.iter().map(|(_, account)| account).filter(of_it).filter(takes_down).min_by_key(|account| account.detected_ns)
     }
 
     /// What a blow was; `None` where it was left out, or the run was over before it could strike.
@@ -368,17 +369,17 @@ impl Seen {
         let (what, tick, length_s, noticed_ms, mended_ms) = match (act, &fallen.done) {
             (_, Done::LeftOut(_)) => return None,
             (Act::Fault(_), _) => {
-                let account = self.account(fallen).filter(|account| account.struck_ns > 0)?;
-                let fault = account.strike.fault(act.process())?;
+                let account = self.account(fallen).filter(|account| account.injected_ns > 0)?;
+                let fault = account.scheduled.fault(act.process())?;
                 let length_s = fault.for_ticks.map_or(0.0, |ticks| ticks as f64 / f64::from(rate_hz));
-                let Account { struck_ns, noticed_ns, restored_ns, .. } = *account;
-                (fault.to_string(), account.strike.at, length_s, since_ms(struck_ns, noticed_ns), since_ms(struck_ns, restored_ns))
+                let FaultRecord { injected_ns, detected_ns, recovered_ns, .. } = *account;
+                (fault.to_string(), account.scheduled.at, length_s, since_ms(injected_ns, detected_ns), since_ms(injected_ns, recovered_ns))
             }
             (Act::Signal(process, signal), Done::Signalled) => {
                 let account = if act.deaths() > 0 { self.noticed(fallen) } else { None };
                 let length_s = if let Signal::StopFor(ms) = signal { f64::from(*ms) * 1e-3 } else { 0.1 };
                 let since = |ns: Option<u64>| ns.and_then(|ns| since_ms(fallen.at_ns, ns));
-                let (noticed, mended) = (account.map(|one| one.noticed_ns), account.map(|one| one.restored_ns));
+                let (noticed, mended) = (account.map(|one| one.detected_ns), account.map(|one| one.recovered_ns));
                 (format!("{signal:?} of the {process}"), fallen.tick, length_s, since(noticed), since(mended))
             }
             _ => return None,
@@ -400,7 +401,7 @@ impl Seen {
 
     fn has_struck(&self, fallen: &Fallen) -> bool {
         match fallen.done {
-            Done::Requested(_) => self.account(fallen).is_some_and(|account| account.struck_ns > 0),
+            Done::Requested(_) => self.account(fallen).is_some_and(|account| account.injected_ns > 0),
             Done::Signalled => true,
             Done::LeftOut(_) => false,
         }
@@ -419,8 +420,8 @@ impl Seen {
     }
 
     fn full_at(&self) -> Option<u64> {
-        let full = |(_, account): &(usize, Account)| account.strike.kind() == Some(Kind::DiskFull) && account.struck_ns > 0;
-        self.accounts.iter().filter(|account| full(account)).map(|(_, account)| account.strike.at).min()
+        let full = |(_, account): &(usize, FaultRecord)| account.scheduled.kind() == Some(Kind::DiskFull) && account.injected_ns > 0;
+        self.accounts.iter().filter(|account| full(account)).map(|(_, account)| account.scheduled.at).min()
     }
 
     /// Every death that was brought about: by the ledger, by a signal.
@@ -431,7 +432,7 @@ impl Seen {
         for fallen in self.fallen.iter().filter(|fallen| fallen.blow.act.deaths() > 0 && self.has_struck(fallen)) {
             let process = fallen.blow.act.process().to_owned();
             let (at_ns, is_noticed) = match self.account(fallen) {
-                Some(account) => (account.struck_ns, account.noticed_ns > 0),
+                Some(account) => (account.injected_ns, account.detected_ns > 0),
                 None => (fallen.at_ns, self.noticed(fallen).is_some() || self.is_explained(fallen)),
             };
             let is_restarted = is_restarted(&process, at_ns);
@@ -443,9 +444,12 @@ impl Seen {
     /// A death in the middle of a fault that had taken the process down is no entry of its own.
     fn is_explained(&self, fallen: &Fallen) -> bool {
         let index = self.index_of(fallen.blow.act.process());
-        let explains = |account: &Account| {
-            let is_its = Some(account.strike.process as usize) == index && account.strike.kind().is_some_and(Kind::takes_down);
-            is_its && account.struck_ns > 0 && account.noticed_ns > 0 && (account.restored_ns == 0 || account.restored_ns > fallen.at_ns)
+        let explains = |account: &FaultRecord| {
+            let is_its = Some(account.scheduled.process as usize) == index && account.scheduled.kind().is_some_and(Kind::takes_down);
+            is_its
+                && account.injected_ns > 0
+                && account.detected_ns > 0
+                && (account.recovered_ns == 0 || account.recovered_ns > fallen.at_ns)
         };
         self.accounts.iter().any(|(_, account)| explains(account))
     }
@@ -516,8 +520,8 @@ fn read(mut motion: Motion, messages: &Path) -> (Motion, Vec<Stop>, Files, [u64;
 
 fn each<M: Message>(messages: &Path, files: &mut Files, mut each: impl FnMut(&M)) -> u64 {
     let mut n = 0;
-    let mut read = || -> Result<(), KeepError> {
-        let mut kept = Kept::<M>::open(messages)?;
+    let mut read = || -> Result<(), LogError> {
+        let mut kept = LogReader::<M>::open(messages)?;
         while let Some(message) = kept.next_message()? {
             n += 1;
             each(&message);

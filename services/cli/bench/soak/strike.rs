@@ -5,7 +5,7 @@ use std::os::fd::OwnedFd;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
-use runtime::{Board, Stop, now_ns, random};
+use runtime::{ControlPage, Stop, now_ns, random};
 use rustix::process::{Pid, PidfdFlags, Signal as Posix, pidfd_open, pidfd_send_signal};
 
 use super::draw::{Act, Blow, Signal};
@@ -49,8 +49,8 @@ enum Todo {
 
 /// One run, seen by who strikes it.
 pub(super) struct Striker<'a> {
-    pub(super) board: &'a Board,
-    /// As on the board.
+    pub(super) control_page: &'a ControlPage,
+    /// As on the control_page.
     pub(super) processes: &'a [String],
     /// Which of them makes the ticks.
     pub(super) source: usize,
@@ -84,7 +84,7 @@ impl Striker<'_> {
             }
             match todo {
                 Todo::Strike(blow) => {
-                    let (at_ns, tick) = (now_ns(), self.board.line(self.source).ticks());
+                    let (at_ns, tick) = (now_ns(), self.control_page.process(self.source).ticks());
                     let (done, next) = self.deliver(&blow, fallen.len() as u64);
                     if let Some((after, todo)) = next {
                         plan(&mut agenda, Instant::now() + after, todo);
@@ -93,7 +93,7 @@ impl Striker<'_> {
                 }
                 Todo::Continue(process) => drop(pidfd_send_signal(process, Posix::CONT)),
                 Todo::KillAgain(index) => drop(self.send(index, Posix::KILL)),
-                Todo::Stop => self.board.request_stop(Stop::Chain),
+                Todo::Stop => self.control_page.request_stop(Stop::Chain),
             }
         }
         fallen
@@ -103,16 +103,16 @@ impl Striker<'_> {
         let Some(index) = self.processes.iter().position(|process| process == blow.act.process()) else {
             return (Done::LeftOut("no such process"), None);
         };
-        let restarts = self.board.line(index).incarnation().saturating_sub(1);
+        let restarts = self.control_page.process(index).incarnation().saturating_sub(1);
         if !blow.is_fatal && blow.act.deaths() > 0 && restarts + blow.act.deaths() > MOST_RESTARTS {
             return (Done::LeftOut("its restarts are needed"), None);
         }
         let ms = |ms: u32| Duration::from_millis(u64::from(ms));
         let signal = match &blow.act {
             Act::Fault(fault) => {
-                let ledger = self.board.ledger();
-                let strike = fault.strike(index as u32, self.rate_hz, random(self.seed, number));
-                let is_full = !blow.is_fatal && ledger.accounts().count() >= MOST_REQUESTS;
+                let ledger = self.control_page.fault_table();
+                let strike = fault.schedule(index as u32, self.rate_hz, random(self.seed, number));
+                let is_full = !blow.is_fatal && ledger.records().count() >= MOST_REQUESTS;
                 let place = strike.ok().filter(|_| !is_full).and_then(|strike| ledger.request(&strike));
                 return (place.map_or(Done::LeftOut("the ledger is full"), Done::Requested), None);
             }
@@ -130,7 +130,7 @@ impl Striker<'_> {
 
     /// Sends a signal to a process of the run, and to no other that may have got its number: only a child of ours is meant.
     fn send(&self, index: usize, signal: Posix) -> Option<OwnedFd> {
-        let pid = self.board.line(index).pid();
+        let pid = self.control_page.process(index).pid();
         let process = pidfd_open(Pid::from_raw(pid.cast_signed())?, PidfdFlags::empty()).ok()?;
         let (state, parent) = state_and_parent(pid)?;
         let is_ours = parent == std::process::id() && state != 'Z';

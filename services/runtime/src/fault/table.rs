@@ -1,13 +1,13 @@
-//! The ledger: every fault of a run, planned or live, in one place that all its processes see.
+//! The fault table: every fault of a run, planned or live, in one place that all its processes see.
 //!
 //! The launcher enters the planned faults before anything starts and the deaths that nobody planned when it notices them; anybody may
 //! request one (`armplane fault`). The source of ticks adopts a request at the beginning of a tick, before it sends anything of that tick,
 //! so that all processes know of it when that tick reaches them: a live fault is a planned one from then on, and repeats itself as one.
-//! What cannot be decided from the ledger and a tick is no fault: that is why a run with faults has the same bytes every time.
+//! What cannot be decided from the fault table and a tick is no fault: that is why a run with faults has the same bytes every time.
 
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
-use shared_types::fault::{Kind, MOST_DELAY_TICKS, Strike};
+use shared_types::fault::{Kind, MOST_DELAY_TICKS, ScheduledFault};
 
 /// Most faults a run may have.
 pub const MOST_FAULTS: usize = 64;
@@ -16,7 +16,7 @@ pub const MOST_FAULTS: usize = 64;
 const AFTERMATH_TICKS: u64 = 2 * MOST_DELAY_TICKS;
 
 /// 64-bit words of a strike.
-const WORDS: usize = size_of::<Strike>() / size_of::<u64>();
+const WORDS: usize = size_of::<ScheduledFault>() / size_of::<u64>();
 
 /// Where a fault comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,7 +27,7 @@ pub enum Origin {
     /// By `armplane fault`, while the run went on.
     Live = 1,
     /// Noticed by the launcher: a process ended, or fell silent, and nobody had planned it.
-    Noticed = 2,
+    Detected = 2,
 }
 
 impl Origin {
@@ -37,7 +37,7 @@ impl Origin {
         match self {
             Self::Planned => "planned",
             Self::Live => "live",
-            Self::Noticed => "noticed",
+            Self::Detected => "detected",
         }
     }
 }
@@ -52,15 +52,15 @@ struct Entry {
     standing: AtomicU32,
     origin: AtomicU32,
     words: [AtomicU64; WORDS],
-    struck_ns: AtomicU64,
-    noticed_ns: AtomicU64,
-    restored_ns: AtomicU64,
+    injected_ns: AtomicU64,
+    detected_ns: AtomicU64,
+    recovered_ns: AtomicU64,
 }
 
-/// The ledger, in shared memory; an entry is never taken back.
+/// The fault table, in shared memory; an entry is never taken back.
 #[repr(C, align(64))]
 #[derive(Debug)]
-pub struct Ledger {
+pub struct FaultTable {
     taken: AtomicU32,
     /// Counts entries coming into force: what others compare to know whether their copy is current.
     changes: AtomicU32,
@@ -69,31 +69,31 @@ pub struct Ledger {
 
 /// One fault, and what became of it. Times on `CLOCK_MONOTONIC`, 0: not yet.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Account {
+pub struct FaultRecord {
     /// What happens, to whom, when.
-    pub strike: Strike,
+    pub scheduled: ScheduledFault,
     /// Where it comes from.
     pub origin: Origin,
     /// When it took effect first.
-    pub struck_ns: u64,
+    pub injected_ns: u64,
     /// When something noticed: the supervisor an end or a silence, a reader a message that it refused or missed.
-    pub noticed_ns: u64,
+    pub detected_ns: u64,
     /// When the process worked again.
-    pub restored_ns: u64,
+    pub recovered_ns: u64,
 }
 
-impl Ledger {
-    /// Enters a fault that is in force from its tick on; `None` when the ledger is full.
-    pub fn enter(&self, strike: &Strike, origin: Origin) -> Option<usize> {
+impl FaultTable {
+    /// Enters a fault that is in force from its tick on; `None` when the fault table is full.
+    pub fn enter(&self, strike: &ScheduledFault, origin: Origin) -> Option<usize> {
         self.write(strike, origin, IN_FORCE)
     }
 
-    /// Requests a fault from the next tick on (`at` 0), or from a tick still to come; `None` when the ledger is full.
-    pub fn request(&self, strike: &Strike) -> Option<usize> {
+    /// Requests a fault from the next tick on (`at` 0), or from a tick still to come; `None` when the fault table is full.
+    pub fn request(&self, strike: &ScheduledFault) -> Option<usize> {
         self.write(strike, Origin::Live, REQUESTED)
     }
 
-    fn write(&self, strike: &Strike, origin: Origin, standing: u32) -> Option<usize> {
+    fn write(&self, strike: &ScheduledFault, origin: Origin, standing: u32) -> Option<usize> {
         let place = self.taken.fetch_add(1, Ordering::AcqRel) as usize;
         let Some(entry) = self.entries.get(place) else {
             self.taken.store(MOST_FAULTS as u32, Ordering::Release);
@@ -114,12 +114,12 @@ impl Ledger {
             if entry.standing.load(Ordering::Acquire) != REQUESTED {
                 continue;
             }
-            let asked = entry.strike();
+            let asked = entry.scheduled();
             if asked.at > tick {
                 continue;
             }
             let until = if asked.until == u64::MAX { u64::MAX } else { tick.saturating_add(asked.until.saturating_sub(asked.at)) };
-            entry.put(&Strike { at: tick, until, ..asked });
+            entry.put(&ScheduledFault { at: tick, until, ..asked });
             entry.standing.store(IN_FORCE, Ordering::Release);
             self.changes.fetch_add(1, Ordering::Release);
         }
@@ -141,58 +141,58 @@ impl Ledger {
 
     /// One fault, if there is one at that place.
     #[must_use]
-    pub fn account(&self, place: usize) -> Option<Account> {
+    pub fn record(&self, place: usize) -> Option<FaultRecord> {
         let entry = self.entries.get(place)?;
-        (entry.standing.load(Ordering::Acquire) == IN_FORCE).then(|| Account {
-            strike: entry.strike(),
+        (entry.standing.load(Ordering::Acquire) == IN_FORCE).then(|| FaultRecord {
+            scheduled: entry.scheduled(),
             origin: match entry.origin.load(Ordering::Relaxed) {
                 0 => Origin::Planned,
                 1 => Origin::Live,
-                _ => Origin::Noticed,
+                _ => Origin::Detected,
             },
-            struck_ns: entry.struck_ns.load(Ordering::Relaxed),
-            noticed_ns: entry.noticed_ns.load(Ordering::Relaxed),
-            restored_ns: entry.restored_ns.load(Ordering::Relaxed),
+            injected_ns: entry.injected_ns.load(Ordering::Relaxed),
+            detected_ns: entry.detected_ns.load(Ordering::Relaxed),
+            recovered_ns: entry.recovered_ns.load(Ordering::Relaxed),
         })
     }
 
     /// All faults in force, with their places, in the order in which they came.
-    pub fn accounts(&self) -> impl Iterator<Item = (usize, Account)> + '_ {
-        (0..self.taken().len()).filter_map(|place| Some((place, self.account(place)?)))
+    pub fn records(&self) -> impl Iterator<Item = (usize, FaultRecord)> + '_ {
+        (0..self.taken().len()).filter_map(|place| Some((place, self.record(place)?)))
     }
 
     /// A fault takes effect now.
-    pub fn has_struck(&self, place: usize, now_ns: u64) {
+    pub fn mark_injected(&self, place: usize, now_ns: u64) {
         if let Some(entry) = self.entries.get(place) {
-            first(&entry.struck_ns, now_ns);
+            first(&entry.injected_ns, now_ns);
         }
     }
 
     /// Something noticed at a tick what has struck this process: what has taken it down, and what else is in force or has been shortly before.
-    pub fn notice(&self, process: usize, tick: u64, now_ns: u64) {
-        let is_it = |entry: &&Entry| entry.is_at_work(tick) || entry.strike().kind().is_some_and(Kind::takes_down);
-        let struck = self.of(process).filter(|entry| entry.struck_ns.load(Ordering::Relaxed) != 0);
-        struck.filter(is_it).for_each(|entry| first(&entry.noticed_ns, now_ns));
+    pub fn mark_detected(&self, process: usize, tick: u64, now_ns: u64) {
+        let is_it = |entry: &&Entry| entry.is_at_work(tick) || entry.scheduled().kind().is_some_and(Kind::takes_down);
+        let struck = self.of(process).filter(|entry| entry.injected_ns.load(Ordering::Relaxed) != 0);
+        struck.filter(is_it).for_each(|entry| first(&entry.detected_ns, now_ns));
     }
 
     /// A message is missing, or came twice, or was refused, at a tick: whatever has struck anywhere and is in force, or has been shortly before, has
     /// been noticed by that.
-    pub(crate) fn notice_all(&self, tick: u64, now_ns: u64) {
-        let struck = self.taken().iter().filter(|entry| entry.struck_ns.load(Ordering::Relaxed) != 0);
-        struck.filter(|entry| entry.is_at_work(tick)).for_each(|entry| first(&entry.noticed_ns, now_ns));
+    pub(crate) fn mark_all_detected(&self, tick: u64, now_ns: u64) {
+        let struck = self.taken().iter().filter(|entry| entry.injected_ns.load(Ordering::Relaxed) != 0);
+        struck.filter(|entry| entry.is_at_work(tick)).for_each(|entry| first(&entry.detected_ns, now_ns));
     }
 
     /// This process works again.
-    pub(crate) fn restore(&self, process: usize, now_ns: u64) {
+    pub(crate) fn mark_recovered(&self, process: usize, now_ns: u64) {
         self.of(process)
-            .filter(|entry| entry.struck_ns.load(Ordering::Relaxed) != 0 && entry.strike().kind().is_some_and(Kind::takes_down))
-            .for_each(|entry| first(&entry.restored_ns, now_ns));
+            .filter(|entry| entry.injected_ns.load(Ordering::Relaxed) != 0 && entry.scheduled().kind().is_some_and(Kind::takes_down))
+            .for_each(|entry| first(&entry.recovered_ns, now_ns));
     }
 
     fn of(&self, process: usize) -> impl Iterator<Item = &Entry> {
         self.taken()
             .iter()
-            .filter(move |entry| entry.standing.load(Ordering::Acquire) == IN_FORCE && entry.strike().process as usize == process)
+            .filter(move |entry| entry.standing.load(Ordering::Acquire) == IN_FORCE && entry.scheduled().process as usize == process)
     }
 }
 
@@ -201,27 +201,27 @@ fn first(time: &AtomicU64, now_ns: u64) {
 }
 
 impl Entry {
-    fn put(&self, strike: &Strike) {
+    fn put(&self, strike: &ScheduledFault) {
         let words: [u64; WORDS] = bytemuck::cast(*strike);
         self.words.iter().zip(words).for_each(|(place, word)| place.store(word, Ordering::Relaxed));
     }
 
     /// Whether it is in force at a tick, or what it has done may still come to light.
     fn is_at_work(&self, tick: u64) -> bool {
-        let Strike { at, until, .. } = self.strike();
+        let ScheduledFault { at, until, .. } = self.scheduled();
         (at..until.saturating_add(AFTERMATH_TICKS)).contains(&tick)
     }
 
-    fn strike(&self) -> Strike {
-        bytemuck::cast::<[u64; WORDS], Strike>(std::array::from_fn(|i| self.words[i].load(Ordering::Relaxed)))
+    fn scheduled(&self) -> ScheduledFault {
+        bytemuck::cast::<[u64; WORDS], ScheduledFault>(std::array::from_fn(|i| self.words[i].load(Ordering::Relaxed)))
     }
 }
 
-/// One process's copy of the ledger, renewed when the ledger has changed. Never allocates after its making.
+/// One process's copy of the fault table, renewed when the fault table has changed. Never allocates after its making.
 #[derive(Debug)]
 pub(crate) struct Copied {
     changes: u32,
-    strikes: Vec<(usize, Strike)>,
+    strikes: Vec<(usize, ScheduledFault)>,
 }
 
 impl Copied {
@@ -230,18 +230,18 @@ impl Copied {
     }
 
     /// The faults in force, and their places.
-    pub(crate) fn strikes(&self) -> &[(usize, Strike)] {
+    pub(crate) fn strikes(&self) -> &[(usize, ScheduledFault)] {
         &self.strikes
     }
 
-    pub(crate) fn is_current(&self, ledger: &Ledger) -> bool {
-        self.changes == ledger.changes()
+    pub(crate) fn is_current(&self, table: &FaultTable) -> bool {
+        self.changes == table.changes()
     }
 
-    pub(crate) fn renew(&mut self, ledger: &Ledger) {
-        self.changes = ledger.changes();
+    pub(crate) fn renew(&mut self, table: &FaultTable) {
+        self.changes = table.changes();
         self.strikes.clear();
-        self.strikes.extend(ledger.accounts().map(|(place, account)| (place, account.strike)).take(MOST_FAULTS));
+        self.strikes.extend(table.records().map(|(place, account)| (place, account.scheduled)).take(MOST_FAULTS));
     }
 
     /// Whether a process is dead or stands still at a tick.
@@ -250,7 +250,7 @@ impl Copied {
     }
 
     /// What concerns a process at a tick.
-    pub(crate) fn of(&self, process: usize, tick: u64) -> impl Iterator<Item = (usize, &Strike, Kind)> {
+    pub(crate) fn of(&self, process: usize, tick: u64) -> impl Iterator<Item = (usize, &ScheduledFault, Kind)> {
         self.strikes
             .iter()
             .filter(move |(_, strike)| strike.process as usize == process && strike.concerns(tick))
@@ -266,24 +266,24 @@ impl Copied {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Board, RunDir};
+    use crate::{ControlPage, RunDir};
     use shared_types::fault::Fault;
 
-    fn strike(kind: Kind, at: u64) -> Strike {
-        Fault { at_tick: Some(at), ..Fault::new("controller", kind) }.strike(3, 1000, 7).unwrap()
+    fn strike(kind: Kind, at: u64) -> ScheduledFault {
+        Fault { at_tick: Some(at), ..Fault::new("controller", kind) }.schedule(3, 1000, 7).unwrap()
     }
 
     #[test]
     fn a_request_is_in_force_from_the_tick_that_adopts_it() {
         let run = RunDir::create().unwrap();
-        let (ours, theirs) = (Board::create(&run).unwrap(), Board::open(&run).unwrap());
+        let (ours, theirs) = (ControlPage::create(&run).unwrap(), ControlPage::open(&run).unwrap());
         let mut copied = Copied::new();
-        assert!(copied.is_current(theirs.ledger()) && !copied.is_down(3, 500));
-        let place = theirs.ledger().request(&strike(Kind::Kill, 0)).unwrap();
-        assert!(copied.is_current(theirs.ledger()) && !theirs.ledger().is_in_force(place));
-        ours.ledger().adopt(500);
-        assert!(!copied.is_current(theirs.ledger()) && theirs.ledger().is_in_force(place));
-        copied.renew(theirs.ledger());
+        assert!(copied.is_current(theirs.fault_table()) && !copied.is_down(3, 500));
+        let place = theirs.fault_table().request(&strike(Kind::Kill, 0)).unwrap();
+        assert!(copied.is_current(theirs.fault_table()) && !theirs.fault_table().is_in_force(place));
+        ours.fault_table().adopt(500);
+        assert!(!copied.is_current(theirs.fault_table()) && theirs.fault_table().is_in_force(place));
+        copied.renew(theirs.fault_table());
         assert!(copied.is_down(3, 500) && copied.is_down(3, 599) && !copied.is_down(3, 600) && !copied.is_down(2, 500));
         assert!(!copied.shapes_messages());
     }
@@ -291,42 +291,42 @@ mod tests {
     #[test]
     fn what_became_of_a_fault_is_told_once() {
         let run = RunDir::create().unwrap();
-        let board = Board::create(&run).unwrap();
-        let ledger = board.ledger();
-        let place = ledger.enter(&strike(Kind::Hang, 10), Origin::Planned).unwrap();
-        ledger.notice(3, 10, 50);
-        assert_eq!(ledger.account(place).unwrap().noticed_ns, 0, "it has not struck yet");
-        ledger.has_struck(place, 60);
-        ledger.notice(3, 10, 70);
-        ledger.notice(3, 10, 80);
-        ledger.restore(3, 90);
-        let account = ledger.account(place).unwrap();
-        assert_eq!((account.struck_ns, account.noticed_ns, account.restored_ns, account.origin), (60, 70, 90, Origin::Planned));
-        assert_eq!(account.strike, strike(Kind::Hang, 10));
+        let control_page = ControlPage::create(&run).unwrap();
+        let table = control_page.fault_table();
+        let place = table.enter(&strike(Kind::Hang, 10), Origin::Planned).unwrap();
+        table.mark_detected(3, 10, 50);
+        assert_eq!(table.record(place).unwrap().detected_ns, 0, "it has not struck yet");
+        table.mark_injected(place, 60);
+        table.mark_detected(3, 10, 70);
+        table.mark_detected(3, 10, 80);
+        table.mark_recovered(3, 90);
+        let account = table.record(place).unwrap();
+        assert_eq!((account.injected_ns, account.detected_ns, account.recovered_ns, account.origin), (60, 70, 90, Origin::Planned));
+        assert_eq!(account.scheduled, strike(Kind::Hang, 10));
     }
 
     #[test]
     fn a_message_that_is_missing_tells_of_what_is_in_force_and_of_nothing_else() {
         let run = RunDir::create().unwrap();
-        let board = Board::create(&run).unwrap();
-        let ledger = board.ledger();
-        let places = [10, 1_000, 3_000].map(|at| ledger.enter(&strike(Kind::Drop, at), Origin::Planned).unwrap());
-        places.iter().for_each(|place| ledger.has_struck(*place, 5));
+        let control_page = ControlPage::create(&run).unwrap();
+        let table = control_page.fault_table();
+        let places = [10, 1_000, 3_000].map(|at| table.enter(&strike(Kind::Drop, at), Origin::Planned).unwrap());
+        places.iter().for_each(|place| table.mark_injected(*place, 5));
         // The second lasts 100 ticks from 1000.
-        ledger.notice_all(1_150, 77);
-        assert_eq!(places.map(|place| ledger.account(place).unwrap().noticed_ns), [0, 77, 0]);
-        ledger.notice(3, 3_000, 88);
-        assert_eq!(places.map(|place| ledger.account(place).unwrap().noticed_ns), [0, 77, 88]);
+        table.mark_all_detected(1_150, 77);
+        assert_eq!(places.map(|place| table.record(place).unwrap().detected_ns), [0, 77, 0]);
+        table.mark_detected(3, 3_000, 88);
+        assert_eq!(places.map(|place| table.record(place).unwrap().detected_ns), [0, 77, 88]);
     }
 
     #[test]
-    fn a_full_ledger_says_so() {
+    fn a_full_fault_table_says_so() {
         let run = RunDir::create().unwrap();
-        let board = Board::create(&run).unwrap();
+        let control_page = ControlPage::create(&run).unwrap();
         for _ in 0..MOST_FAULTS {
-            assert!(board.ledger().enter(&strike(Kind::Drop, 1), Origin::Planned).is_some());
+            assert!(control_page.fault_table().enter(&strike(Kind::Drop, 1), Origin::Planned).is_some());
         }
-        assert_eq!((0..3).map(|_| board.ledger().request(&strike(Kind::Drop, 1))).collect::<Vec<_>>(), [None; 3]);
-        assert_eq!(board.ledger().accounts().count(), MOST_FAULTS);
+        assert_eq!((0..3).map(|_| control_page.fault_table().request(&strike(Kind::Drop, 1))).collect::<Vec<_>>(), [None; 3]);
+        assert_eq!(control_page.fault_table().records().count(), MOST_FAULTS);
     }
 }

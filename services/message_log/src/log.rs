@@ -1,4 +1,4 @@
-//! Messages kept in files: every message of a topic as it was on the wire, packed, so that a run can be compared, replayed or read by others.
+//! A message log: every message of a topic as it was on the wire, packed, so that a run can be compared, replayed or read by others.
 //!
 //! ```text
 //! file     "armkept\x02" · layout hash u64 · bytes of a message u32 · 0 u32 · blocks
@@ -21,16 +21,16 @@ use shared_types::Message;
 
 const MAGIC: [u8; 8] = *b"armkept\x02";
 const HEAD: usize = 24;
-/// Messages in a block: what a killed writer takes with it. Its replacement finds them in the ring of [`crate::Drain::recall`], which is far larger.
+/// Messages in a block: what a killed writer takes with it. Its replacement finds them in the ring of the writer, which is far larger.
 const BLOCK: usize = 128;
 /// Numbers of a block before its messages.
 const BLOCK_HEAD: usize = 8;
 
-/// Why kept messages cannot be written or read.
+/// Why a message log cannot be written or read.
 #[derive(Debug, thiserror::Error)]
-pub enum KeepError {
+pub enum LogError {
     /// The file.
-    #[error("cannot {action} the messages in {path}: {source}")]
+    #[error("cannot {action} the message log {path}: {source}")]
     File {
         /// What was tried.
         action: &'static str,
@@ -50,7 +50,7 @@ pub enum KeepError {
         ours: u64,
     },
     /// It holds no messages of ours, or no longer.
-    #[error("{path} is damaged or does not hold kept messages: {reason}")]
+    #[error("{path} is damaged or is no message log: {reason}")]
     Damaged {
         /// Which.
         path: PathBuf,
@@ -59,8 +59,8 @@ pub enum KeepError {
     },
 }
 
-impl KeepError {
-    /// Whether there are no kept messages at all.
+impl LogError {
+    /// Whether there is no message log at all.
     #[must_use]
     pub fn is_absent(&self) -> bool {
         matches!(self, Self::File { source, .. } if source.kind() == ErrorKind::NotFound)
@@ -68,7 +68,7 @@ impl KeepError {
 }
 
 fn path_in<M: Message>(folder: &Path) -> PathBuf {
-    folder.join(format!("{}.kept", M::TOPIC))
+    folder.join(format!("{}.log", M::TOPIC))
 }
 
 fn head<M: Message>() -> [u8; HEAD] {
@@ -183,8 +183,8 @@ fn unpack<M: Message>(n: usize, packed: &[u8], messages: &mut Vec<M>) -> Result<
     Ok(())
 }
 
-/// Keeps the messages of a topic in a folder, as `TOPIC.kept`.
-pub struct Keep<M> {
+/// Writes the message log of a topic, in a folder, as `TOPIC.log`.
+pub struct LogWriter<M> {
     path: PathBuf,
     file: File,
     packer: Packer,
@@ -192,12 +192,12 @@ pub struct Keep<M> {
     _messages: PhantomData<M>,
 }
 
-impl<M: Message> Keep<M> {
+impl<M: Message> LogWriter<M> {
     /// An empty file in a folder, which is made if there is none.
     ///
     /// # Errors
     /// When the folder or the file cannot be made.
-    pub fn create(folder: &Path) -> Result<Self, KeepError> {
+    pub fn create(folder: &Path) -> Result<Self, LogError> {
         let path = path_in::<M>(folder);
         let made = std::fs::create_dir_all(folder).and_then(|()| File::create(&path)).and_then(|mut file| {
             file.write_all(&head::<M>())?;
@@ -205,17 +205,17 @@ impl<M: Message> Keep<M> {
         });
         match made {
             Ok(file) => Ok(Self::on(path, file, HEAD as u64)),
-            Err(source) => Err(KeepError::File { action: "keep", path, source }),
+            Err(source) => Err(LogError::File { action: "write", path, source }),
         }
     }
 
     /// Goes on behind the last whole block that an earlier writer of the same run left. What follows after byte `from` (of
-    /// [`Keep::bytes`], when everything before it had been written) is handed to `each`.
+    /// [`LogWriter::bytes`], when everything before it had been written) is handed to `each`.
     ///
     /// # Errors
     /// When there is no such file, or it is not of this program's wire format.
-    pub fn resume(folder: &Path, from: u64, each: impl FnMut(M)) -> Result<Self, KeepError> {
-        let mut kept = Kept::<M>::open(folder)?;
+    pub fn resume(folder: &Path, from: u64, each: impl FnMut(M)) -> Result<Self, LogError> {
+        let mut kept = LogReader::<M>::open(folder)?;
         kept.seek(from)?;
         std::iter::from_fn(|| kept.next_message().transpose()).collect::<Result<Vec<_>, _>>()?.into_iter().for_each(each);
         let (path, end) = (kept.path, kept.place);
@@ -226,7 +226,7 @@ impl<M: Message> Keep<M> {
         });
         match opened {
             Ok(file) => Ok(Self::on(path, file, end)),
-            Err(source) => Err(KeepError::File { action: "keep", path, source }),
+            Err(source) => Err(LogError::File { action: "write", path, source }),
         }
     }
 
@@ -238,7 +238,7 @@ impl<M: Message> Keep<M> {
     ///
     /// # Errors
     /// When the file cannot be written.
-    pub fn add(&mut self, message: &M) -> Result<(), KeepError> {
+    pub fn add(&mut self, message: &M) -> Result<(), LogError> {
         self.packer.add(message);
         if self.packer.len() < BLOCK { Ok(()) } else { self.write_block() }
     }
@@ -247,7 +247,7 @@ impl<M: Message> Keep<M> {
     ///
     /// # Errors
     /// When the file cannot be written.
-    pub fn finish(mut self) -> Result<u64, KeepError> {
+    pub fn finish(mut self) -> Result<u64, LogError> {
         self.flush()?;
         Ok(self.bytes)
     }
@@ -256,7 +256,7 @@ impl<M: Message> Keep<M> {
     ///
     /// # Errors
     /// When the file cannot be written.
-    pub fn flush(&mut self) -> Result<(), KeepError> {
+    pub fn flush(&mut self) -> Result<(), LogError> {
         if self.packer.len() == 0 { Ok(()) } else { self.write_block() }
     }
 
@@ -266,20 +266,20 @@ impl<M: Message> Keep<M> {
         self.bytes
     }
 
-    fn write_block(&mut self) -> Result<(), KeepError> {
+    fn write_block(&mut self) -> Result<(), LogError> {
         let block = self.packer.pack();
         match self.file.write_all(block) {
             Ok(()) => {
                 self.bytes += block.len() as u64;
                 Ok(())
             }
-            Err(source) => Err(KeepError::File { action: "keep", path: self.path.clone(), source }),
+            Err(source) => Err(LogError::File { action: "write", path: self.path.clone(), source }),
         }
     }
 }
 
-/// The kept messages of a topic, in order.
-pub struct Kept<M> {
+/// Reads the message log of a topic, in order.
+pub struct LogReader<M> {
     path: PathBuf,
     file: BufReader<File>,
     /// Where the next block begins; bytes.
@@ -289,12 +289,12 @@ pub struct Kept<M> {
     _messages: PhantomData<M>,
 }
 
-impl<M: Message> Kept<M> {
-    /// The file that [`Keep`] left in a folder.
+impl<M: Message> LogReader<M> {
+    /// The file that [`LogWriter`] left in a folder.
     ///
     /// # Errors
     /// When there is none, or its messages are not this program's.
-    pub fn open(folder: &Path) -> Result<Self, KeepError> {
+    pub fn open(folder: &Path) -> Result<Self, LogError> {
         let path = path_in::<M>(folder);
         let mut found = [0; HEAD];
         let opened = File::open(&path).map(BufReader::new).and_then(|mut file| {
@@ -303,15 +303,15 @@ impl<M: Message> Kept<M> {
         });
         let (file, n) = match opened {
             Ok(opened) => opened,
-            Err(source) => return Err(KeepError::File { action: "read", path, source }),
+            Err(source) => return Err(LogError::File { action: "read", path, source }),
         };
         if n < HEAD || found[..8] != MAGIC {
-            return Err(KeepError::Damaged { path, reason: "its first bytes are not those of such a file".to_owned() });
+            return Err(LogError::Damaged { path, reason: "its first bytes are not those of such a file".to_owned() });
         }
         if found != head::<M>() {
             let mut theirs = [0; 8];
             theirs.copy_from_slice(&found[8..16]);
-            return Err(KeepError::WireFormat { path, found: u64::from_le_bytes(theirs), ours: M::layout_hash() });
+            return Err(LogError::WireFormat { path, found: u64::from_le_bytes(theirs), ours: M::layout_hash() });
         }
         Ok(Self { path, file, place: HEAD as u64, block: Vec::new().into_iter(), packed: Vec::new(), _messages: PhantomData })
     }
@@ -320,28 +320,28 @@ impl<M: Message> Kept<M> {
     ///
     /// # Errors
     /// When the file cannot be read, or is damaged.
-    pub fn next_message(&mut self) -> Result<Option<M>, KeepError> {
+    pub fn next_message(&mut self) -> Result<Option<M>, LogError> {
         if let Some(message) = self.block.next() {
             return Ok(Some(message));
         }
         let Some(n) = self.read_block()? else { return Ok(None) };
         let mut messages = Vec::with_capacity(n);
-        unpack(n, &self.packed, &mut messages).map_err(|reason| KeepError::Damaged { path: self.path.clone(), reason })?;
+        unpack(n, &self.packed, &mut messages).map_err(|reason| LogError::Damaged { path: self.path.clone(), reason })?;
         self.block = messages.into_iter();
         Ok(self.block.next())
     }
 
     /// Goes on at a byte at which a block begins.
-    fn seek(&mut self, place: u64) -> Result<(), KeepError> {
-        let failed = |source| KeepError::File { action: "read", path: self.path.clone(), source };
+    fn seek(&mut self, place: u64) -> Result<(), LogError> {
+        let failed = |source| LogError::File { action: "read", path: self.path.clone(), source };
         self.file.seek(SeekFrom::Start(place.max(HEAD as u64))).map_err(failed)?;
         self.place = place.max(HEAD as u64);
         Ok(())
     }
 
     /// Reads the next block, still packed; returns how many messages it holds.
-    fn read_block(&mut self) -> Result<Option<usize>, KeepError> {
-        let failed = |path: &Path, source| KeepError::File { action: "read", path: path.to_owned(), source };
+    fn read_block(&mut self) -> Result<Option<usize>, LogError> {
+        let failed = |path: &Path, source| LogError::File { action: "read", path: path.to_owned(), source };
         let mut head = [0; BLOCK_HEAD];
         if read_whole(&mut self.file, &mut head).map_err(|source| failed(&self.path, source))? < head.len() {
             return Ok(None);
@@ -350,7 +350,7 @@ impl<M: Message> Kept<M> {
         let (n, size) = (number(0), number(4));
         if n == 0 || n > BLOCK || size > get_maximum_output_size((n + 1) * size_of::<M>()) {
             let reason = format!("a block at byte {} claims {n} messages in {size} bytes", self.place);
-            return Err(KeepError::Damaged { path: self.path.clone(), reason });
+            return Err(LogError::Damaged { path: self.path.clone(), reason });
         }
         self.packed.resize(size, 0);
         if read_whole(&mut self.file, &mut self.packed).map_err(|source| failed(&self.path, source))? < size {
@@ -378,8 +378,8 @@ fn read_whole(file: &mut impl Read, buffer: &mut [u8]) -> std::io::Result<usize>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::RunDir;
     use shared_types::{Layout, PlantState, SensorSample};
+    use tempfile::TempDir;
 
     fn message(tick: u64) -> SensorSample {
         let mut message = SensorSample::default();
@@ -392,7 +392,7 @@ mod tests {
     }
 
     fn bytes_of(folder: &Path) -> Vec<Vec<u8>> {
-        let mut kept = Kept::<SensorSample>::open(folder).unwrap();
+        let mut kept = LogReader::<SensorSample>::open(folder).unwrap();
         std::iter::from_fn(|| kept.next_message().unwrap()).map(|message| bytemuck::bytes_of(&message).to_vec()).collect()
     }
 
@@ -402,29 +402,29 @@ mod tests {
 
     #[test]
     fn what_is_kept_comes_back_byte_for_byte_in_less_room() {
-        let run = RunDir::create().unwrap();
+        let run = TempDir::new().unwrap();
         let folder = run.path().join("messages");
         let n = 3 * BLOCK as u64 + 5;
-        let mut keep = Keep::create(&folder).unwrap();
+        let mut keep = LogWriter::create(&folder).unwrap();
         (0..n).for_each(|tick| keep.add(&message(tick)).unwrap());
         let bytes = keep.finish().unwrap();
-        assert_eq!(bytes, std::fs::metadata(folder.join("sensor.kept")).unwrap().len());
+        assert_eq!(bytes, std::fs::metadata(folder.join("sensor.log")).unwrap().len());
         assert!(bytes < n * size_of::<SensorSample>() as u64 / 5, "{bytes} bytes for {n} messages");
         assert_eq!(bytes_of(&folder), expected(n));
     }
 
     #[test]
     fn a_torn_end_is_the_end_and_a_new_writer_goes_on_behind_it() {
-        let run = RunDir::create().unwrap();
-        let mut keep = Keep::create(run.path()).unwrap();
+        let run = TempDir::new().unwrap();
+        let mut keep = LogWriter::create(run.path()).unwrap();
         (0..2 * BLOCK as u64).for_each(|tick| keep.add(&message(tick)).unwrap());
         keep.finish().unwrap();
-        let path = run.path().join("sensor.kept");
+        let path = run.path().join("sensor.log");
         let whole = std::fs::read(&path).unwrap();
         std::fs::write(&path, &whole[..whole.len() - 1]).unwrap();
         assert_eq!(bytes_of(run.path()), expected(BLOCK as u64));
         let mut left = Vec::new();
-        let mut keep = Keep::resume(run.path(), 0, |message: SensorSample| left.push(message.header.tick)).unwrap();
+        let mut keep = LogWriter::resume(run.path(), 0, |message: SensorSample| left.push(message.header.tick)).unwrap();
         assert_eq!(left, (0..BLOCK as u64).collect::<Vec<_>>());
         let end = BLOCK as u64 + 36;
         (BLOCK as u64..end).for_each(|tick| keep.add(&message(tick)).unwrap());
@@ -433,7 +433,7 @@ mod tests {
         (end..end + 3).for_each(|tick| keep.add(&message(tick)).unwrap());
         keep.flush().unwrap();
         left.clear();
-        let keep = Keep::resume(run.path(), place, |message: SensorSample| left.push(message.header.tick)).unwrap();
+        let keep = LogWriter::resume(run.path(), place, |message: SensorSample| left.push(message.header.tick)).unwrap();
         assert_eq!(left, [end, end + 1, end + 2]);
         keep.finish().unwrap();
         assert_eq!(bytes_of(run.path()), expected(end + 3));
@@ -441,14 +441,14 @@ mod tests {
 
     #[test]
     fn files_that_are_not_ours_are_refused_and_never_believed() {
-        let run = RunDir::create().unwrap();
-        assert!(Kept::<SensorSample>::open(run.path()).err().unwrap().is_absent());
-        let mut keep = Keep::create(run.path()).unwrap();
+        let run = TempDir::new().unwrap();
+        assert!(LogReader::<SensorSample>::open(run.path()).err().unwrap().is_absent());
+        let mut keep = LogWriter::create(run.path()).unwrap();
         (0..10).for_each(|tick| keep.add(&message(tick)).unwrap());
         keep.finish().unwrap();
-        let path = run.path().join("sensor.kept");
-        std::fs::copy(&path, run.path().join("plant_state.kept")).unwrap();
-        let error = Kept::<PlantState>::open(run.path()).err().unwrap().to_string();
+        let path = run.path().join("sensor.log");
+        std::fs::copy(&path, run.path().join("plant_state.log")).unwrap();
+        let error = LogReader::<PlantState>::open(run.path()).err().unwrap().to_string();
         let both = [SensorSample::layout_hash(), PlantState::layout_hash()].map(|hash| format!("{hash:016x}"));
         assert!(both.iter().all(|hash| error.contains(hash)), "{error}");
         let whole = std::fs::read(&path).unwrap();
@@ -457,7 +457,7 @@ mod tests {
             damaged[place] ^= bit;
             std::fs::write(&path, &damaged).unwrap();
             // Any answer but a crash: a flipped bit inside a number cannot be seen.
-            if let Ok(mut kept) = Kept::<SensorSample>::open(run.path()) {
+            if let Ok(mut kept) = LogReader::<SensorSample>::open(run.path()) {
                 while let Ok(Some(_)) = kept.next_message() {}
             }
         }

@@ -1,4 +1,4 @@
-//! What the board shows of a running graph: distributions of times and the last of what matters, written by their owners in passing.
+//! What the control page shows of a running graph: distributions of times and the last of what matters, written by their owners in passing.
 //!
 //! A reader (`armplane top`) costs the writers nothing: no port, no connection, no lock, no system call. Each number has one writer.
 
@@ -54,8 +54,8 @@ impl Times {
         }
     }
 
-    pub(crate) fn read(&self) -> Spread {
-        Spread {
+    pub(crate) fn read(&self) -> Distribution {
+        Distribution {
             counts: self.counts.iter().map(|count| count.load(Ordering::Relaxed)).collect(),
             longest_ns: self.longest_ns.load(Ordering::Relaxed),
         }
@@ -64,12 +64,12 @@ impl Times {
 
 /// A distribution of times as it was at one moment; a percentile is right within 6 %.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Spread {
+pub struct Distribution {
     counts: Vec<u64>,
     longest_ns: u64,
 }
 
-impl Spread {
+impl Distribution {
     /// How many times.
     #[must_use]
     pub fn count(&self) -> u64 {
@@ -105,7 +105,7 @@ impl Spread {
 /// The last of what matters to somebody who watches: each topic's writer notes its own.
 #[repr(C, align(64))]
 #[derive(Debug, Default)]
-pub(crate) struct Glance {
+pub(crate) struct LiveStateCells {
     singularities: AtomicU32,
     kind: [AtomicU32; MAX_SINGULARITIES],
     class: [AtomicU32; MAX_SINGULARITIES],
@@ -117,7 +117,7 @@ pub(crate) struct Glance {
     stale_ticks: AtomicU32,
 }
 
-impl Glance {
+impl LiveStateCells {
     /// Notes what a message says; which one it is is known when the program is compiled.
     pub(crate) fn note<M: Message>(&self, message: &M) {
         let message: &dyn Any = message;
@@ -138,16 +138,16 @@ impl Glance {
         }
     }
 
-    pub(crate) fn read(&self) -> Glimpse {
+    pub(crate) fn read(&self) -> LiveState {
         let count = (self.singularities.load(Ordering::Relaxed) as usize).min(MAX_SINGULARITIES);
-        let singularity = |index: usize| SingularityGlimpse {
+        let singularity = |index: usize| LiveSingularity {
             kind: self.kind[index].load(Ordering::Relaxed),
             class: self.class[index].load(Ordering::Relaxed),
             is_inside: self.inside[index].load(Ordering::Relaxed) != 0,
             s: f64::from_bits(self.s[index].load(Ordering::Relaxed)),
             mode: self.mode[index].load(Ordering::Relaxed),
         };
-        Glimpse {
+        LiveState {
             singularities: (0..count).map(singularity).collect(),
             phase: self.phase.load(Ordering::Relaxed),
             drive: self.drive.load(Ordering::Relaxed),
@@ -158,9 +158,9 @@ impl Glance {
 
 /// What the arm is doing, as its processes last said; numbers of neighbouring ticks may stand side by side.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Glimpse {
+pub struct LiveState {
     /// The singularities of the last report.
-    pub singularities: Vec<SingularityGlimpse>,
+    pub singularities: Vec<LiveSingularity>,
     /// One of `codes::PHASES`.
     pub phase: u32,
     /// One of `codes::DRIVES`.
@@ -169,9 +169,9 @@ pub struct Glimpse {
     pub stale_ticks: u32,
 }
 
-/// One singularity of a [`Glimpse`].
+/// One singularity of a [`LiveState`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SingularityGlimpse {
+pub struct LiveSingularity {
     /// One of `codes::KINDS`.
     pub kind: u32,
     /// One of `codes::TYPES`.
@@ -207,7 +207,8 @@ mod tests {
     fn quantiles_are_those_of_the_samples() {
         let times = Times::default();
         (1..=1000).for_each(|us| times.record(us * 1000));
-        let (first, share) = (times.read(), |spread: &Spread, share, us: f64| (spread.quantile_us(share).unwrap() / us - 1.0).abs() < 0.07);
+        let (first, share) =
+            (times.read(), |spread: &Distribution, share, us: f64| (spread.quantile_us(share).unwrap() / us - 1.0).abs() < 0.07);
         assert!(first.count() == 1000 && share(&first, 0.5, 500.0) && share(&first, 0.99, 990.0));
         assert_eq!((first.longest_us(), first.quantile_us(1.0).unwrap() <= 1000.0), (1000.0, true));
         (0..10).for_each(|_| times.record(5_000));
@@ -218,16 +219,16 @@ mod tests {
 
     #[test]
     fn each_writer_notes_its_own() {
-        let glance = Glance::default();
+        let live_state = LiveStateCells::default();
         let mut report = SingularityReport { count: 2, ..SingularityReport::default() };
         (report.singularities[1].s, report.singularities[1].inside, report.singularities[1].kind) = (-0.25, 1, 3);
         let mut command = TorqueCommand { phase: 1, ..TorqueCommand::default() };
         command.mode[1] = 5;
-        glance.note(&report);
-        glance.note(&command);
-        glance.note(&SensorSample { drive: 2, stale_ticks: 7, ..SensorSample::default() });
-        let seen = glance.read();
+        live_state.note(&report);
+        live_state.note(&command);
+        live_state.note(&SensorSample { drive: 2, stale_ticks: 7, ..SensorSample::default() });
+        let seen = live_state.read();
         assert_eq!((seen.singularities.len(), seen.phase, seen.drive, seen.stale_ticks), (2, 1, 2, 7));
-        assert_eq!(seen.singularities[1], SingularityGlimpse { kind: 3, class: 0, is_inside: true, s: -0.25, mode: 5 });
+        assert_eq!(seen.singularities[1], LiveSingularity { kind: 3, class: 0, is_inside: true, s: -0.25, mode: 5 });
     }
 }

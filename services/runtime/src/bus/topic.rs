@@ -145,7 +145,7 @@ fn builder<M: Message>(node: &Node<ipc::Service>) -> Result<Builder<Wire<M>, (),
         .subscriber_max_borrowed_samples(2)
         .max_subscribers(MAX_READERS)
         .max_publishers(MAX_WRITERS)
-        .max_nodes(crate::board::MAX_PROCESSES + 4))
+        .max_nodes(crate::control_page::MAX_PROCESSES + 4))
 }
 
 fn create<M: Message>(node: &Node<ipc::Service>, wire: u64) -> Result<Box<dyn Any>, TopicError> {

@@ -6,12 +6,12 @@
 use std::time::Duration;
 
 use shared_types::Message;
-use shared_types::fault::{Kind, Strike, Way, shaped_topic};
+use shared_types::fault::{Kind, ScheduledFault, Way, shaped_topic};
 use shared_types::wire::{Field, Header};
 
 /// Refuses the messages of a writer's dead incarnations.
 ///
-/// A SIGKILLed writer's undelivered messages come first, before its replacement's. In real time the board says which incarnation
+/// A SIGKILLed writer's undelivered messages come first, before its replacement's. In real time the control page says which incarnation
 /// lives. In lockstep the last messages of the dead one belong to the run (whether they are read before or after the launcher notices the
 /// death must not matter), so there only an incarnation older than one already heard is refused.
 #[derive(Clone, Copy, Debug, Default)]
@@ -20,7 +20,7 @@ pub(crate) struct Fence {
 }
 
 impl Fence {
-    /// Whether a message counts. `living` is the writer's incarnation on the board, `None` in lockstep.
+    /// Whether a message counts. `living` is the writer's incarnation on the control page, `None` in lockstep.
     pub(crate) fn admits(&mut self, header: &Header, living: Option<u32>) -> bool {
         if header.incarnation < self.newest_heard.max(living.unwrap_or(0)) {
             return false;
@@ -70,13 +70,13 @@ pub fn random(seed: u64, index: u64) -> u64 {
 }
 
 /// Whether a fault concerns the message of a tick: the same answer every time.
-pub(crate) fn happens(strike: &Strike, tick: u64) -> bool {
+pub(crate) fn happens(strike: &ScheduledFault, tick: u64) -> bool {
     // 53 bits make a number in [0, 1) exactly; another draw than the delay's.
     strike.probability >= 1.0 || ((random(!strike.seed, tick) >> 11) as f64) < strike.probability * (1u64 << 53) as f64
 }
 
 /// Spoils the number that a corruption aims at.
-pub(crate) fn spoil<M: Message>(message: &mut M, strike: &Strike, process: &str) {
+pub(crate) fn spoil<M: Message>(message: &mut M, strike: &ScheduledFault, process: &str) {
     let Some((field, place)) = strike.field(process) else { return };
     let tick = message.header().tick;
     let start = field.offset + place * size_of::<f64>();
@@ -92,9 +92,9 @@ pub(crate) fn spoil<M: Message>(message: &mut M, strike: &Strike, process: &str)
 }
 
 /// Does to a message what the faults that strike its process make of it when it leaves in its own tick: its fields, not whether and when.
-pub fn leaves_as<M: Message>(message: &mut M, strikes: &[Strike], process: &str) {
+pub fn leaves_as<M: Message>(message: &mut M, strikes: &[ScheduledFault], process: &str) {
     let tick = message.header().tick;
-    let spoils = |strike: &&Strike| strike.kind() == Some(Kind::Corrupt) && strike.concerns(tick) && happens(strike, tick);
+    let spoils = |strike: &&ScheduledFault| strike.kind() == Some(Kind::Corrupt) && strike.concerns(tick) && happens(strike, tick);
     if shaped_topic(M::TOPIC) {
         strikes.iter().filter(spoils).for_each(|strike| spoil(message, strike, process));
     }

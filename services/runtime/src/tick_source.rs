@@ -2,8 +2,8 @@
 
 use std::rc::Rc;
 
-use crate::board::Count;
 use crate::clock::{now_ns, sleep_until};
+use crate::control_page::Count;
 use crate::realtime::Usage;
 use crate::shell::{Interrupted, Shared, Waited};
 
@@ -11,7 +11,7 @@ use crate::shell::{Interrupted, Shared, Waited};
 ///
 /// In lockstep each at once, unless the recorder lags too far. In real time on absolute deadlines t₀ + k·T: after an overrun the phase
 /// is kept, the grid points that have passed are counted as missed, and the next tick waits for the next grid point.
-pub struct Pace {
+pub struct TickSource {
     shared: Rc<Shared>,
     next_tick: u64,
     /// Grid point at which the tick in hand began, on this process's clock; 0 before the first one.
@@ -25,7 +25,7 @@ pub struct Pace {
 /// Ticks between two looks at what the kernel counts: asking each tick would be a system call each tick.
 pub(crate) const USAGE_EVERY: u64 = 64;
 
-impl Pace {
+impl TickSource {
     pub(crate) fn new(shared: Rc<Shared>, first: u64) -> Self {
         Self { shared, next_tick: first, grid_ns: 0, began_ns: 0, usage: Usage::default(), incarnations: 0 }
     }
@@ -40,7 +40,7 @@ impl Pace {
             return Ok(None);
         }
         let tick = self.next_tick;
-        self.shared.board.ledger().adopt(tick);
+        self.shared.control_page.fault_table().adopt(tick);
         if self.shared.is_lockstep() {
             if !matches!(self.shared.wait_for_others(tick)?, Waited::Ready(())) {
                 return Ok(None);
@@ -72,7 +72,7 @@ impl Pace {
         let now = self.shared.clock_ns();
         let incarnations = self.incarnations_of_all();
         if self.grid_ns == 0 {
-            let origin = self.shared.board.grid_origin(now + period);
+            let origin = self.shared.control_page.grid_origin(now + period);
             // A replacement joins on a grid point that lies ahead.
             self.grid_ns = origin + now.saturating_sub(origin).div_ceil(period) * period;
         } else {
@@ -102,7 +102,7 @@ impl Pace {
     }
 
     fn incarnations_of_all(&self) -> u32 {
-        (0..self.shared.manifest.processes.len()).map(|index| self.shared.board.line(index).incarnation()).sum()
+        (0..self.shared.manifest.processes.len()).map(|index| self.shared.control_page.process(index).incarnation()).sum()
     }
 }
 

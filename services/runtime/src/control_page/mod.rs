@@ -3,6 +3,8 @@
 //! It carries what must be known without a message: doorbells, heartbeats, incarnations, counts, the stop flag. Everything in it is
 //! an atomic integer, so any process may read it at any time (`armplane top` does) and a dead one cannot leave it locked.
 
+pub(crate) mod live_statistics;
+
 use std::fs::OpenOptions;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::PathBuf;
@@ -15,8 +17,8 @@ use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use rustix::thread::futex;
 
 use crate::clock::timespec;
-use crate::gauge::{Glance, Glimpse, Spread, Times};
-use crate::ledger::Ledger;
+use crate::control_page::live_statistics::{Distribution, LiveState, LiveStateCells, Times};
+use crate::fault::table::FaultTable;
 use crate::run_dir::RunDir;
 
 /// Most processes a run may have.
@@ -89,20 +91,20 @@ impl Watchdog {
     const PERIOD: Duration = Duration::from_millis(50);
     const STACK: usize = 64 * 1024;
 
-    /// Starts the thread; it ends with the board.
-    pub(crate) fn start(board: &Arc<Board>, index: usize) -> std::io::Result<()> {
-        let board = Arc::downgrade(board);
+    /// Starts the thread; it ends with the control_page.
+    pub(crate) fn start(control_page: &Arc<ControlPage>, index: usize) -> std::io::Result<()> {
+        let control_page = Arc::downgrade(control_page);
         let watch = move || {
             let mut seen = 0;
-            while let Some(board) = board.upgrade() {
-                let bell = &board.line(index).bell;
+            while let Some(control_page) = control_page.upgrade() {
+                let bell = &control_page.process(index).bell;
                 let sleeps = bell.sleeps.load(Ordering::Relaxed);
                 // The same sleep as the last time, whoever has rung for other topics meanwhile.
                 if sleeps == seen {
                     bell.ring(ATTENTION);
                 }
                 seen = sleeps;
-                drop(board);
+                drop(control_page);
                 std::thread::sleep(Self::PERIOD);
             }
         };
@@ -144,7 +146,7 @@ macro_rules! counts {
 
         const COUNTS: usize = [$(Count::$variant),*].len();
 
-        impl Line {
+        impl ProcessEntry {
             /// All its counts.
             #[must_use]
             pub fn counts(&self) -> Counts {
@@ -178,10 +180,10 @@ counts! {
     Sent sent,
 }
 
-/// One process on the board.
+/// One process on the control_page.
 #[repr(C, align(64))]
 #[derive(Debug, Default)]
-pub struct Line {
+pub struct ProcessEntry {
     bell: Bell,
     /// Ticks done: the heartbeat. Tick k done is k + 1.
     ticks: AtomicU64,
@@ -193,7 +195,7 @@ pub struct Line {
     age: Times,
 }
 
-impl Line {
+impl ProcessEntry {
     /// Its doorbell.
     #[must_use]
     pub(crate) fn bell(&self) -> &Bell {
@@ -265,13 +267,13 @@ impl Line {
 
     /// How long it takes from its input in hand to its output sent; for the source of ticks in real time from the tick's due time.
     #[must_use]
-    pub fn step(&self) -> Spread {
+    pub fn step(&self) -> Distribution {
         self.step.read()
     }
 
     /// How old the tick is when its output is sent, or for the source of ticks, when its answer is in hand; in real time since it was due.
     #[must_use]
-    pub fn age(&self) -> Spread {
+    pub fn age(&self) -> Distribution {
         self.age.read()
     }
 
@@ -328,25 +330,25 @@ struct Page {
     stop: AtomicU32,
     /// Origin of the real-time grid on `CLOCK_MONOTONIC`; 0 until the source of ticks has set it.
     grid_origin_ns: AtomicU64,
-    ledger: Ledger,
-    glance: Glance,
-    lines: [Line; MAX_PROCESSES],
+    fault_table: FaultTable,
+    live_state: LiveStateCells,
+    entries: [ProcessEntry; MAX_PROCESSES],
 }
 
 /// The control page, mapped.
 #[derive(Debug)]
-pub struct Board {
+pub struct ControlPage {
     page: NonNull<Page>,
 }
 
 // SAFETY: everything behind the pointer is atomic, apart from `magic`, which nobody writes after the creation.
-unsafe impl Send for Board {}
+unsafe impl Send for ControlPage {}
 // SAFETY: as above.
-unsafe impl Sync for Board {}
+unsafe impl Sync for ControlPage {}
 
-/// Why the board cannot be made or opened.
+/// Why the control page cannot be made or opened.
 #[derive(Debug, thiserror::Error)]
-pub enum BoardError {
+pub enum ControlPageError {
     /// The file cannot be made, opened or mapped.
     #[error("cannot map the control page {path}: {source}")]
     File {
@@ -369,14 +371,14 @@ pub enum BoardError {
     },
 }
 
-impl Board {
-    /// Makes the board of a run, all lines empty.
+impl ControlPage {
+    /// Makes the control page of a run, all entries empty.
     ///
     /// # Errors
     /// When the file exists already or cannot be made.
-    pub fn create(run: &RunDir) -> Result<Self, BoardError> {
-        let path = run.path().join("board");
-        let failed = |source| BoardError::File { path: path.clone(), source };
+    pub fn create(run: &RunDir) -> Result<Self, ControlPageError> {
+        let path = run.path().join("control_page");
+        let failed = |source| ControlPageError::File { path: path.clone(), source };
         let file = OpenOptions::new().read(true).write(true).create_new(true).mode(0o600).open(&path).map_err(failed)?;
         // Written, not only truncated: the memory is there now, or the error is.
         std::io::Write::write_all(&mut &file, &vec![0; size_of::<Page>()]).map_err(failed)?;
@@ -384,20 +386,20 @@ impl Board {
         Self::map(&file).map_err(failed)
     }
 
-    /// Opens the board of a run.
+    /// Opens the control page of a run.
     ///
     /// # Errors
     /// When there is none, or it is of another version.
-    pub fn open(run: &RunDir) -> Result<Self, BoardError> {
-        let path = run.path().join("board");
-        let failed = |source| BoardError::File { path: path.clone(), source };
+    pub fn open(run: &RunDir) -> Result<Self, ControlPageError> {
+        let path = run.path().join("control_page");
+        let failed = |source| ControlPageError::File { path: path.clone(), source };
         let file = OpenOptions::new().read(true).write(true).open(&path).map_err(failed)?;
         let size = file.metadata().map_err(failed)?.len();
         let mut magic = [0; 8];
         std::os::unix::fs::FileExt::read_exact_at(&file, &mut magic, 0).map_err(failed)?;
         let magic = u64::from_ne_bytes(magic);
         if size != size_of::<Page>() as u64 || magic != MAGIC {
-            return Err(BoardError::Version { path, size, magic });
+            return Err(ControlPageError::Version { path, size, magic });
         }
         Self::map(&file).map_err(failed)
     }
@@ -416,18 +418,18 @@ impl Board {
 
     /// The line of a process, by its index in the manifest.
     #[must_use]
-    pub fn line(&self, index: usize) -> &Line {
-        &self.page().lines[index]
+    pub fn process(&self, index: usize) -> &ProcessEntry {
+        &self.page().entries[index]
     }
 
     /// What the arm is doing.
     #[must_use]
-    pub fn glimpse(&self) -> Glimpse {
-        self.page().glance.read()
+    pub fn live_state(&self) -> LiveState {
+        self.page().live_state.read()
     }
 
-    pub(crate) fn glance(&self) -> &Glance {
-        &self.page().glance
+    pub(crate) fn live_state_cells(&self) -> &LiveStateCells {
+        &self.page().live_state
     }
 
     /// The launcher, when all processes are through with the phase before.
@@ -458,13 +460,13 @@ impl Board {
 
     /// The faults of the run.
     #[must_use]
-    pub fn ledger(&self) -> &Ledger {
-        &self.page().ledger
+    pub fn fault_table(&self) -> &FaultTable {
+        &self.page().fault_table
     }
 
     /// Wakes everybody: something has changed that is no message.
     pub fn ring_all(&self) {
-        for line in &self.page().lines {
+        for line in &self.page().entries {
             line.bell.ring(ANYTHING);
         }
     }
@@ -478,7 +480,7 @@ impl Board {
     }
 }
 
-impl Drop for Board {
+impl Drop for ControlPage {
     fn drop(&mut self) {
         // SAFETY: mapped by `map` with this size, and no reference outlives `self`.
         let _ = unsafe { munmap(self.page.as_ptr().cast(), size_of::<Page>()) };
@@ -492,28 +494,28 @@ mod tests {
     #[test]
     fn two_mappings_see_one_board() {
         let run = RunDir::create().unwrap();
-        let ours = Board::create(&run).unwrap();
-        let theirs = Board::open(&run).unwrap();
-        assert_eq!(ours.line(3).begin_incarnation(), 1);
-        ours.line(3).set_ticks(42);
-        theirs.line(3).add(Count::Lost, 2);
+        let ours = ControlPage::create(&run).unwrap();
+        let theirs = ControlPage::open(&run).unwrap();
+        assert_eq!(ours.process(3).begin_incarnation(), 1);
+        ours.process(3).set_ticks(42);
+        theirs.process(3).add(Count::Lost, 2);
         ours.request_stop(Stop::Everything);
         ours.request_stop(Stop::Chain);
-        assert_eq!((theirs.line(3).incarnation(), theirs.line(3).ticks()), (1, 42));
-        assert_eq!(theirs.line(3).state(), State::Starting);
-        assert_eq!(ours.line(3).count(Count::Lost), 2);
+        assert_eq!((theirs.process(3).incarnation(), theirs.process(3).ticks()), (1, 42));
+        assert_eq!(theirs.process(3).state(), State::Starting);
+        assert_eq!(ours.process(3).count(Count::Lost), 2);
         assert_eq!(theirs.stop(), Stop::Everything, "a stop is never taken back");
         assert_eq!((ours.grid_origin(10), theirs.grid_origin(20)), (10, 10), "the first one sets the phase");
-        assert!(matches!(Board::create(&run), Err(BoardError::File { .. })));
+        assert!(matches!(ControlPage::create(&run), Err(ControlPageError::File { .. })));
     }
 
     #[test]
     fn a_board_of_another_version_is_refused() {
         let run = RunDir::create().unwrap();
-        drop(Board::create(&run).unwrap());
-        let file = OpenOptions::new().write(true).open(run.path().join("board")).unwrap();
+        drop(ControlPage::create(&run).unwrap());
+        let file = OpenOptions::new().write(true).open(run.path().join("control_page")).unwrap();
         std::os::unix::fs::FileExt::write_all_at(&file, &[0xff; 8], 0).unwrap();
-        assert!(matches!(Board::open(&run), Err(BoardError::Version { magic: u64::MAX, .. })));
+        assert!(matches!(ControlPage::open(&run), Err(ControlPageError::Version { magic: u64::MAX, .. })));
     }
 
     #[test]
@@ -530,19 +532,19 @@ mod tests {
     #[test]
     fn a_sleep_without_limit_is_ended_by_the_watchdog_though_others_ring() {
         let run = RunDir::create().unwrap();
-        let board = Arc::new(Board::create(&run).unwrap());
-        Watchdog::start(&board, 0).unwrap();
+        let control_page = Arc::new(ControlPage::create(&run).unwrap());
+        Watchdog::start(&control_page, 0).unwrap();
         let is_over = std::sync::atomic::AtomicBool::new(false);
         std::thread::scope(|scope| {
             // Rings for a topic that the sleeper does not wait for must not pass for wakes.
             scope.spawn(|| {
                 while !is_over.load(Ordering::Relaxed) {
-                    board.line(0).bell().ring(0b10);
+                    control_page.process(0).bell().ring(0b10);
                     std::thread::sleep(Duration::from_millis(1));
                 }
             });
             for _ in 0..3 {
-                let bell = board.line(0).bell();
+                let bell = control_page.process(0).bell();
                 bell.arm(0b01);
                 // Sleeps through all rings for other topics: only a wake ends it.
                 while bell.is_armed_for(0b01) {

@@ -1,0 +1,11 @@
+//! Message logs: the messages of a run on disk, their fingerprints, and the differences between two series of messages.
+//!
+//! It knows message layouts and files; it knows no process, no clock and no transport.
+
+mod difference;
+mod hash;
+mod log;
+
+pub use difference::{Difference, Differences, FieldDifference, first_difference};
+pub use hash::TopicHash;
+pub use log::{LogError, LogReader, LogWriter};

@@ -1,0 +1,3 @@
+//! Topics on iceoryx2.
+
+pub(crate) mod topic;

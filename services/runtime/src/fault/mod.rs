@@ -1,0 +1,3 @@
+//! Faults of a run.
+
+pub(crate) mod table;

@@ -1,0 +1,6 @@
+#![no_main]
+
+#[path = "../../system/properties.rs"]
+mod properties;
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| properties::message_log(bytes));
