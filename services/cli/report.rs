@@ -304,7 +304,7 @@ fn plots(page: &mut Html, job: &Job, recorded: &Recorded, path: &Path) -> Result
         shade.3 = 0.12;
         recorded.stretches(&line.name, rate_hz).into_iter().for_each(|stretch| measure.band("", shade, stretch));
     }
-    let eta: Vec<f64> = job.scenario.analysis.eta_in.to_vec();
+    let eta: Vec<f64> = job.scenario.analysis.eta_in.named().iter().map(|(_, eta)| *eta).collect();
     let (least, largest) = (eta.iter().copied().fold(f64::INFINITY, f64::min), eta.iter().copied().fold(0.0, f64::max));
     for (i, level) in [least, -least, largest, -largest].into_iter().take(if least < largest { 4 } else { 2 }).enumerate() {
         measure.dashed(if i == 0 { "± η, entry" } else { "" }, RED, &[(0.0, level), (recorded.end_s, level)]);

@@ -1,43 +1,56 @@
 //! The paper: control of an arm at its kinematic singularities, dynamically consistent.
 //!
-//! K.-S. Chang and O. Khatib, *Manipulator Control at Kinematic Singularities: A Dynamically Consistent Strategy*, IROS 1995; cited as CK95 where
-//! an equation is implemented (`[CK95 Eq. 4]`) and where a test covers it (`// covers: CK95 Eq. 4`).
+//! K.-S. Chang and O. Khatib, *Manipulator Control at Kinematic Singularities: A Dynamically Consistent Strategy*, IROS 1995; cited as CK95 at the
+//! function that computes an equation (`[CK95 Eq. 4]`) and at the test that checks it (`// covers: CK95 Eq. 4 (new)`).
 //!
 //! PURE: no clock, thread, file, environment or randomness; nothing is allocated per tick; no data makes it panic.
 //!
-//! | step | where | what |
-//! |---|---|---|
-//! | 1 | [`singular`] | s(q) = s₁·s₂·…, neighbourhoods D_si, directions ζ_i and their frames (Eq. 1, 2) |
-//! | 2 | [`trajectory`], [`governor`] | the desired motion, and how fast its clock runs |
-//! | 3 | [`reference`], [`auxiliary`] | where the auxiliary coordinate of each singularity should go, and how |
-//! | 4 | [`law`], [`operational`] | torques: what is kept by operational forces, the rest in the null space (Eq. 3 to 5) |
-//! | 5 | [`saturation`] | limits: null-space torque is given up first |
+//! # Floors
+//! | floor | what |
+//! |---|---|
+//! | [`paper`] | s_i and D_si (Eq. 1, 2), operational space and its null space (Eq. 3 to 5), Type 1, Type 2, the switching table |
+//! | [`continuous`] | ours (+): one continuous solve, auxiliary loops, governor, foresight, saturation; each reduces to the paper's law |
+//! | [`arm_family`] | one place per family of arms: measures and references together |
+//! | [`baselines`] | the laws of others |
 //!
-//! [`Analyzer`] does step 1, [`Controller`] the rest; [`wire`] turns their values into messages and back.
+//! # One tick
+//! [`Analyzer::step`] finds the singularities of the posture: s_i, D_si, ζ_i and their types. [`Controller::step`] takes five steps from there:
+//!
+//! | step | `Controller::` | what | where |
+//! |---|---|---|---|
+//! | 1 | `desired_motion` | desired motion of E and C, pose error, a* | [`trajectory`] |
+//! | 2 | `auxiliary_coordinates` | per singularity: type → target, table → mode, loop → demand | [`paper::type_1`], [`paper::type_2`], [`paper::switching`], [`continuous::auxiliary`] |
+//! | 3 | `torques` | Γ = JᵀF + N_T Γ₀, or as one solve | [`paper::chang_khatib`], [`continuous::blended`] |
+//! | 4 | `limits` | null-space torque is given up first | [`continuous::saturation`] |
+//! | 5 | `clock` | the speed of the path's clock at the next tick | [`continuous::governor`], [`continuous::foresight`] |
+//!
+//! [`wire`] turns the values into messages and back.
 #![allow(non_snake_case)]
 
-pub mod auxiliary;
+mod analyzer;
+pub mod arm_family;
+pub mod baselines;
 pub mod centre;
-pub mod governor;
+pub mod continuous;
+mod controller;
 pub mod law;
 pub mod linear;
-pub mod operational;
-pub mod reference;
-pub mod saturation;
-pub mod singular;
+pub mod paper;
+pub mod random;
+mod setup;
+mod state;
 pub mod sweep;
+mod telemetry;
 pub mod trajectory;
+mod types;
 pub mod wire;
 
 #[cfg(test)]
-mod closed_loop;
-mod controller;
-#[cfg(test)]
 mod testing;
-mod types;
+#[cfg(test)]
+mod tests;
 
-pub use controller::{Controller, SetupError, start_posture};
-pub use singular::Analyzer;
+pub use analyzer::{Analyzer, RANK_TOLERANCE};
+pub use controller::Controller;
+pub use setup::{SetupError, start_posture};
 pub use types::{Class, Command, Kind, Mode, Phase, Plan, Refusal, Report, Singularity};
-
-pub use shared_types::MAX_SINGULARITIES;

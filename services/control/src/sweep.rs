@@ -3,8 +3,10 @@
 //! Each line is a [`Scenario`] of its own. It is made from a posture at or near a lock, a direction and a turn; it is kept if the arm can follow it:
 //! at 201 points along it a posture exists within the joint limits that continues the one before, but for what the wrist does in a near miss.
 
+use crate::arm_family::axes::shoulder;
+use crate::arm_family::puma_inverse::PumaLengths;
 use crate::linear::{rotation_exp, rotation_log, wrap_angle};
-use crate::singular::PumaFactors;
+use crate::random::Uniform;
 use crate::types::Kind;
 use model::{Factors, Model, Pose, Robot};
 use nalgebra::{SVector, Vector3, Vector6};
@@ -31,37 +33,13 @@ pub struct Line {
     pub scenario: Scenario,
 }
 
-/// Seeded uniform numbers (SplitMix64): the same on every machine.
-#[derive(Clone, Copy, Debug)]
-pub struct Uniform(pub u64);
-
-impl Uniform {
-    /// The next number in [low, high).
-    pub fn within(&mut self, low: f64, high: f64) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        low + (high - low) * ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    fn direction(&mut self) -> Vector3<f64> {
-        loop {
-            let v = Vector3::from_fn(|_, _| self.within(-1.0, 1.0));
-            if (0.1..1.0).contains(&v.norm()) {
-                return v.normalize();
-            }
-        }
-    }
-}
-
 /// `count` lines for a PUMA, in turn near elbow, wrist and overhead lock, with a peak speed of `speed` m/s.
 ///
 /// `template` gives everything but start and task. Empty for an arm without the PUMA's factors.
 #[must_use]
 pub fn lines(robot: &Robot, template: &Scenario, seed: u64, count: usize, speed: f64) -> Vec<Line> {
     let (Factors::Puma { a2, a3, d4 }, Ok(model)) = (robot.factors, Model::<6>::new(robot, None)) else { return vec![] };
-    let factors = PumaFactors::new(a2, a3, d4);
+    let factors = PumaLengths::new(a2, a3, d4);
     let inverse = Inverse { model: &model, factors, offset: offset(&model) };
     let mut random = Uniform(seed);
     let mut lines = Vec::with_capacity(count);
@@ -141,14 +119,14 @@ fn line(
 /// Distance of the arm's plane from the waist axis, m.
 fn offset(model: &Model<6>) -> f64 {
     let terms = model.evaluate(&Vector6::zeros(), &Vector6::zeros());
-    (terms.p[4] - PumaFactors::shoulder(&terms)).dot(&terms.z[1])
+    (terms.p[4] - shoulder(&terms)).dot(&terms.z[1])
 }
 
 /// Closed-form inverse kinematics of a PUMA at its wrist centre.
 #[derive(Clone, Copy, Debug)]
 struct Inverse<'a> {
     model: &'a Model<6>,
-    factors: PumaFactors,
+    factors: PumaLengths,
     offset: f64,
 }
 
@@ -239,7 +217,7 @@ mod tests {
         #[test]
         fn inverse_kinematics_undoes_forward_kinematics(q in posture(puma())) {
             let Factors::Puma { a2, a3, d4 } = robot("puma560").factors else { unreachable!() };
-            let inverse = Inverse { model: puma(), factors: PumaFactors::new(a2, a3, d4), offset: offset(puma()) };
+            let inverse = Inverse { model: puma(), factors: PumaLengths::new(a2, a3, d4), offset: offset(puma()) };
             let X = puma().forward_kinematics(&q);
             for (found, _) in inverse.all(&X, &q) {
                 let Y = puma().forward_kinematics(&found);

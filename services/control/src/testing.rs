@@ -34,6 +34,11 @@ pub(crate) fn posture<const N: usize>(model: &Model<N>) -> impl Strategy<Value =
         .prop_map(move |x| SVector::from_fn(|i, _| lower[i].max(-3.2) + x[i] * (upper[i].min(3.2) - lower[i].max(-3.2))))
 }
 
+/// A report of an arm that is nowhere singular.
+pub(crate) fn empty_report<const N: usize>() -> Report<N> {
+    crate::analyzer::conditioning(&nalgebra::SMatrix::zeros(), &nalgebra::SMatrix::zeros(), 1.0, &[true; 6])
+}
+
 /// A scenario file of the product.
 pub(crate) fn scenario(text: &str, settings: &[&str]) -> Scenario {
     let settings: Vec<String> = settings.iter().map(|s| (*s).to_owned()).collect();

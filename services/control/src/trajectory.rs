@@ -5,6 +5,7 @@
 //! geodesic, both by the same quintic time law; the clock's speed is the governor's.
 
 use crate::centre::PoseMotion;
+use crate::continuous::foresight::{FORESEEN, FORESEEN_STEP_S};
 use crate::linear::{rotation_exp, rotation_log, stack};
 use crate::types::{Class, Kind, Report, Singularity};
 use model::Pose;
@@ -135,19 +136,6 @@ impl Ahead {
         let R = rotation_exp(&(self.progress.turn * x)) * self.progress.start.R;
         Pose { R, p: self.progress.start.p + self.progress.by * x + R * self.p_E }
     }
-}
-
-/// Points of the path ahead that are looked at.
-pub const FORESEEN: usize = 10;
-
-/// Step of the path's clock between them, s.
-pub const FORESEEN_STEP_S: f64 = 0.025;
-
-/// What the path ahead takes of the arm at full clock speed.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Foreseen {
-    /// Largest share of any rate limit on each stretch, [`FORESEEN_STEP_S`] long.
-    pub demand: [f64; FORESEEN],
 }
 
 impl Path {
@@ -336,7 +324,7 @@ mod tests {
                 turn: Some(scenario::Turn { about: "y".into(), by_deg: 120.0 }),
                 ..Default::default()
             };
-            let report = crate::singular::tests::empty_report::<6>();
+            let report = crate::testing::empty_report::<6>();
             let path = Path { legs: vec![leg(0, &segment, &report).unwrap()] };
             let at = |t: f64| {
                 let mut progress = Progress::at(Pose::identity());
@@ -356,7 +344,7 @@ mod tests {
     fn there_and_back_ends_where_it_began() {
         let segment =
             scenario::Segment { duration_s: 1.0, by_m: Some([0.1, 0.0, 0.0]), path: scenario::Path::ThereAndBack, ..Default::default() };
-        let report = crate::singular::tests::empty_report::<6>();
+        let report = crate::testing::empty_report::<6>();
         let path = Path { legs: vec![leg(0, &segment, &report).unwrap()] };
         let mut progress = Progress::at(Pose::identity());
         path.advance(&mut progress, 0.5, &report);
@@ -373,7 +361,7 @@ mod tests {
             turn: Some(scenario::Turn { about: "zeta:wrst".into(), by_deg: 1.0 }),
             ..Default::default()
         };
-        let error = leg::<6>(3, &segment, &crate::singular::tests::empty_report()).unwrap_err();
+        let error = leg::<6>(3, &segment, &crate::testing::empty_report()).unwrap_err();
         assert!(error.to_string().contains("segment 3: there is no singularity 'wrst'"), "{error}");
     }
 }

@@ -1,8 +1,7 @@
 //! What the analysis says and what the law commands, sized by the arm; `wire` turns both into messages.
 
-use crate::MAX_SINGULARITIES;
 use nalgebra::{Matrix3, SVector, Vector3, Vector6};
-use shared_types::codes;
+use shared_types::{MAX_SINGULARITIES, codes};
 
 /// An enum with its integers on the wire; the first variant is the default.
 macro_rules! coded {

@@ -1,9 +1,10 @@
 //! Messages from values and back: shared by the analyzer's and the controller's cycle.
 
+use crate::analyzer::Analyzer;
+use crate::controller::Controller;
 use crate::types::{Class, Command, Kind, Report, Singularity};
-use crate::{Analyzer, Controller};
 use nalgebra::{Matrix3, SVector, Vector3, Vector6};
-use shared_types::{Header, MAX_DOF, SingularityReport, SingularityState, TorqueCommand};
+use shared_types::{Header, MAX_DOF, MAX_SINGULARITIES, SingularityReport, SingularityState, TorqueCommand};
 
 /// A code on the wire has no name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -68,7 +69,7 @@ pub fn report_message<const N: usize>(tick: u64, report: &Report<N>, analyzer: &
 /// # Errors
 /// [`UnknownCode`] for a kind or a type without a name.
 pub fn report<const N: usize>(message: &SingularityReport) -> Result<Report<N>, UnknownCode> {
-    let mut singularities = [Singularity::none(); crate::MAX_SINGULARITIES];
+    let mut singularities = [Singularity::none(); MAX_SINGULARITIES];
     for (place, (out, s)) in singularities.iter_mut().zip(&message.singularities).enumerate() {
         *out = Singularity {
             kind: Kind::from_code(s.kind).ok_or(UnknownCode { place, code: s.kind })?,
@@ -98,7 +99,7 @@ pub fn report<const N: usize>(message: &SingularityReport) -> Result<Report<N>, 
         manipulability: message.manipulability,
         length_m: message.length_m,
         p_BC: Vector3::from(message.p_BC),
-        count: (message.count as usize).min(crate::MAX_SINGULARITIES),
+        count: (message.count as usize).min(MAX_SINGULARITIES),
         singularities,
     })
 }

@@ -1,0 +1,67 @@
+//! What the axes of an arm say about it: where they meet, and the frames along singular directions.
+
+use model::{JointKind, Model, Robot, Terms};
+use nalgebra::{Matrix3, SVector, Vector3};
+
+/// Sine of an angle, or distance in m, that counts as none.
+pub(super) const EXACT: f64 = 1e-6;
+
+/// Distance within which axes meet, m, and sine of the angle above which they cross.
+const MEET: (f64, f64) = (1e-6, 0.1);
+
+/// The shoulder's centre S, where the waist axis meets the shoulder axis, base axes, m: fixed in the base.
+pub(crate) fn shoulder<const N: usize>(terms: &Terms<N>) -> Vector3<f64> {
+    terms.p[0] + terms.z[0] * (terms.p[1] - terms.p[0]).dot(&terms.z[0])
+}
+
+/// Where the last two axes meet, as a distance along the last one, m; and whether the third last passes there too (six joints or more).
+pub(super) fn meeting<const N: usize>(terms: &Terms<N>) -> (Option<f64>, bool) {
+    if N < 2 {
+        return (None, false);
+    }
+    let (z, p) = (terms.z, terms.p);
+    let normal = z[N - 2].cross(&z[N - 1]);
+    let between = p[N - 2] - p[N - 1];
+    let size = normal.norm_squared();
+    if size < MEET.1 * MEET.1 || (between.dot(&normal) / size.sqrt()).abs() > MEET.0 {
+        return (None, false);
+    }
+    let offset = between.cross(&z[N - 2]).dot(&-normal) / size;
+    let C = p[N - 1] + z[N - 1] * offset;
+    let spherical = N >= 6 && (C - p[N - 3]).cross(&z[N - 3]).norm() < MEET.0 && z[N - 3].cross(&z[N - 2]).norm() > MEET.1;
+    (Some(offset), spherical)
+}
+
+/// What `recognise` says of an arm of revolute joints with a full task, where it says the same in three postures in general position: what holds
+/// there holds everywhere.
+pub(super) fn in_general_position<const N: usize, T: Copy>(
+    robot: &Robot,
+    recognise: impl Fn(&Terms<N>) -> Option<T>,
+    same: impl Fn(&T, &T) -> bool,
+) -> Option<T> {
+    if robot.joints.iter().any(|joint| joint.kind == JointKind::Prismatic) || !robot.task.is_full() {
+        return None;
+    }
+    let model = Model::<N>::new(robot, None).ok()?;
+    let mut found = None;
+    for k in 0..3 {
+        let q = SVector::from_fn(|i, _| 0.3 + (0.37 + 0.21 * f64::from(k)) * i as f64);
+        let one = recognise(&model.evaluate(&q, &SVector::zeros()))?;
+        if !same(&one, found.get_or_insert(one)) {
+            return None;
+        }
+    }
+    found
+}
+
+/// A right-handed frame with x along `zeta` and y as near `towards` as it can be.
+pub(super) fn frame(zeta: &Vector3<f64>, towards: &Vector3<f64>) -> Matrix3<f64> {
+    let y = towards - zeta * zeta.dot(towards);
+    let y = if y.norm() > 1e-9 { y.normalize() } else { zeta.cross(&Vector3::x()).normalize() };
+    Matrix3::from_columns(&[*zeta, y, zeta.cross(&y)])
+}
+
+/// The gradient of joint `i`'s position.
+pub(super) fn unit<const N: usize>(i: usize) -> SVector<f64, N> {
+    SVector::from_fn(|k, _| if k == i { 1.0 } else { 0.0 })
+}

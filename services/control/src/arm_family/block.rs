@@ -1,0 +1,292 @@
+//! A signed singular value decomposition that is carried from posture to posture.
+#![allow(clippy::needless_range_loop, reason = "indices name rows and directions of several arrays at once")]
+
+use super::screws::Screws;
+use crate::linear::SWEEPS;
+use nalgebra::{SMatrix, SVector, Vector6};
+
+/// Length below which a row is noise and v comes from its companions.
+const TINY: f64 = 1e-7;
+
+/// Damping of differences of squared singular values where two cross.
+const CROSSING: f64 = 1e-4;
+
+/// Some rows and columns of the unit-scaled J, decomposed: B = Σ u_i σ_i v_iᵀ, continuous in sign and order.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Block<const N: usize> {
+    /// Rows of J, `count` of them.
+    rows: [usize; 6],
+    pub(super) count: usize,
+    /// Columns of J that count.
+    columns: (usize, usize),
+    /// u_i, on this block's rows.
+    pub(super) U: [[f64; 6]; 6],
+    pub(super) v: [SVector<f64, N>; 6],
+    pub(super) sigma: [f64; 6],
+    /// Signs of σ to begin with; 0: from the decomposition.
+    pub(super) signs: [f64; 6],
+    pub(super) begun: bool,
+}
+
+impl<const N: usize> Block<N> {
+    pub(super) fn new(rows: impl Iterator<Item = usize>, columns: (usize, usize)) -> Self {
+        let mut block = Self {
+            rows: [0; 6],
+            count: 0,
+            columns,
+            U: std::array::from_fn(|i| std::array::from_fn(|k| if i == k { 1.0 } else { 0.0 })),
+            v: [SVector::zeros(); 6],
+            sigma: [0.0; 6],
+            signs: [0.0; 6],
+            begun: false,
+        };
+        for row in rows {
+            block.rows[block.count] = row;
+            block.count += 1;
+        }
+        block
+    }
+
+    /// σ_i, signed, unit-scaled.
+    #[must_use]
+    pub fn sigma(&self, i: usize) -> f64 {
+        self.sigma[i]
+    }
+
+    /// v_i, on all joints.
+    #[must_use]
+    pub fn v(&self, i: usize) -> SVector<f64, N> {
+        self.v[i]
+    }
+
+    /// u_i on all six rows, scaled.
+    #[must_use]
+    pub fn covector(&self, i: usize) -> Vector6<f64> {
+        let mut u = Vector6::zeros();
+        for k in 0..self.count {
+            u[self.rows[k]] = self.U[i][k];
+        }
+        u
+    }
+
+    /// u_i as a covector of J's own rows: linear ones 1/m.
+    pub(super) fn unscaled(&self, i: usize, length_m: f64) -> Vector6<f64> {
+        let mut a = self.covector(i);
+        a.fixed_rows_mut::<3>(0).scale_mut(1.0 / length_m);
+        a
+    }
+
+    /// ∂σ_i/∂q = u_iᵀ(∂B/∂q)v_i, 1/rad: valid on both sides of zero, and at it.
+    #[must_use]
+    pub fn gradient(&self, screws: &Screws<N>, i: usize, length_m: f64) -> SVector<f64, N> {
+        screws.hessian(&self.unscaled(i, length_m)).tr_mul(&self.v[i])
+    }
+
+    /// The left vector a with aᵀB = (σ_i/slope)·∇sᵀ: at a fold, what is orthogonal to every motion that leaves s alone, where u_i is so at s = 0 only.
+    ///
+    /// a = u_i + Σ_j u_j (σ_i/σ_j)(v_jᵀ∇s)/(v_iᵀ∇s), bounded where σ_j vanishes too. On scaled rows.
+    pub(super) fn along_fold(&self, i: usize, gradient: &SVector<f64, N>, slope: f64) -> Vector6<f64> {
+        let mut a = self.covector(i);
+        for j in (0..self.count).filter(|j| *j != i) {
+            let sigma = self.sigma[j];
+            let share = self.sigma[i] * sigma / (sigma * sigma + CROSSING) * self.v[j].dot(gradient) / slope;
+            a += self.covector(j) * share;
+        }
+        a
+    }
+
+    /// u_iᵀ·Ḃ·v_j for all j, and all i.
+    pub(super) fn coupling(&self, Jdot: &SMatrix<f64, 6, N>, length_m: f64) -> [[f64; 6]; 6] {
+        let mut out = [[0.0; 6]; 6];
+        for i in 0..self.count {
+            let row = Jdot.tr_mul(&self.unscaled(i, length_m));
+            for j in 0..self.count {
+                out[i][j] = row.dot(&self.v[j]);
+            }
+        }
+        out
+    }
+
+    /// How fast ζ_i turns while J changes by `Jdot`: u̇_i = Σ_j u_j (σ_j M_ij + σ_i M_ji)/(σ_i² − σ_j²), M = UᵀḂV.
+    #[must_use]
+    pub fn turning(&self, Jdot: &SMatrix<f64, 6, N>, i: usize, length_m: f64) -> Vector6<f64> {
+        let M = self.coupling(Jdot, length_m);
+        let mut rate = Vector6::zeros();
+        for j in (0..self.count).filter(|j| *j != i) {
+            rate += self.covector(j) * ((self.sigma[j] * M[i][j] + self.sigma[i] * M[j][i]) * self.over(i, j));
+        }
+        rate
+    }
+
+    /// 1/(σ_i² − σ_j²), bounded where the two cross.
+    fn over(&self, i: usize, j: usize) -> f64 {
+        let gap = self.sigma[i] * self.sigma[i] - self.sigma[j] * self.sigma[j];
+        gap / (gap * gap + CROSSING * CROSSING)
+    }
+
+    /// v̇_i·q̇: the acceleration of v_iᵀq̇ at q̈ = 0, rad/s².
+    pub(super) fn v_bias(&self, Jdot: &SMatrix<f64, 6, N>, M: &[[f64; 6]; 6], i: usize, qdot: &SVector<f64, N>, length_m: f64) -> f64 {
+        let mut bias = 0.0;
+        let row = Jdot.tr_mul(&self.unscaled(i, length_m));
+        let mut rest = SVector::<f64, N>::from_fn(|k, _| if k >= self.columns.0 && k < self.columns.1 { row[k] } else { 0.0 });
+        for j in 0..self.count {
+            rest -= self.v[j] * self.v[j].dot(&rest);
+            if j != i {
+                bias += (self.sigma[i] * M[i][j] + self.sigma[j] * M[j][i]) * self.over(i, j) * self.v[j].dot(qdot);
+            }
+        }
+        // What turns v into the null space that a redundant arm has anyway.
+        let sigma = self.sigma[i];
+        bias + rest.dot(qdot) * sigma / (sigma * sigma + CROSSING)
+    }
+
+    /// Decomposes the block of another posture near by.
+    ///
+    /// One-sided Jacobi rotations of the rows UᵀB, begun with the U of before: each at most a quarter turn, so every u_i stays the one it was, and
+    /// values that cross keep their directions. At most [`SWEEPS`] sweeps, one or two near by.
+    pub fn track(&mut self, scaled: &SMatrix<f64, 6, N>) {
+        let n = self.count;
+        self.orthonormalise();
+        let mut X = [SVector::<f64, N>::zeros(); 6];
+        let mut scale = 0.0_f64;
+        for i in 0..n {
+            for k in 0..n {
+                for c in self.columns.0..self.columns.1 {
+                    X[i][c] += self.U[i][k] * scaled[(self.rows[k], c)];
+                }
+            }
+            scale = scale.max(X[i].norm_squared());
+        }
+        for _ in 0..SWEEPS {
+            let mut rotated = false;
+            for i in 0..n {
+                for j in i + 1..n {
+                    let (a, b, c) = (X[i].norm_squared(), X[j].norm_squared(), X[i].dot(&X[j]));
+                    if c.abs() <= 1e-15 * (a * b).sqrt() + 1e-17 * scale {
+                        continue;
+                    }
+                    rotated = true;
+                    let tau = (b - a) / (2.0 * c);
+                    let t = if tau < 0.0 { -1.0 } else { 1.0 } / (tau.abs() + (1.0 + tau * tau).sqrt());
+                    let cos = 1.0 / (1.0 + t * t).sqrt();
+                    let sin = cos * t;
+                    let (x, y) = (X[i], X[j]);
+                    (X[i], X[j]) = (x * cos - y * sin, x * sin + y * cos);
+                    for k in 0..n {
+                        let (x, y) = (self.U[i][k], self.U[j][k]);
+                        (self.U[i][k], self.U[j][k]) = (x * cos - y * sin, x * sin + y * cos);
+                    }
+                }
+            }
+            if !rotated {
+                break;
+            }
+        }
+        self.signed(&X, scaled);
+    }
+
+    /// v and σ from the rows X_i = σ_i v_iᵀ.
+    fn signed(&mut self, X: &[SVector<f64, N>; 6], scaled: &SMatrix<f64, 6, N>) {
+        let n = self.count;
+        let mut tiny = [false; 6];
+        for i in 0..n {
+            let size = X[i].norm();
+            tiny[i] = size < TINY;
+            if !tiny[i] {
+                let v = X[i] / size;
+                let other_side = if self.signs[i] != 0.0 { self.signs[i] < 0.0 } else { self.begun && v.dot(&self.v[i]) < 0.0 };
+                self.v[i] = if other_side { -v } else { v };
+            }
+        }
+        for i in 0..n {
+            if tiny[i] {
+                self.v[i] = self.companion(i, &tiny);
+                tiny[i] = false;
+            }
+        }
+        for i in 0..n {
+            self.sigma[i] = self.v[i].dot(&X[i]);
+        }
+        self.signs = [0.0; 6];
+        if !self.begun {
+            self.begun = true;
+            self.order();
+            // The smallest one says on which side of det = 0 the arm is.
+            if n == self.columns.1 - self.columns.0 && self.determinant(scaled) < 0.0 {
+                (self.v[0], self.sigma[0]) = (-self.v[0], -self.sigma[0]);
+            }
+        }
+    }
+
+    /// The unit vector nearest to the old v_i that is orthogonal to all others that are known.
+    fn companion(&self, i: usize, unknown: &[bool; 6]) -> SVector<f64, N> {
+        let project = |mut v: SVector<f64, N>| {
+            for _ in 0..2 {
+                for j in (0..self.count).filter(|j| *j != i && !unknown[*j]) {
+                    v -= self.v[j] * self.v[j].dot(&v);
+                }
+            }
+            v
+        };
+        let mut best = project(self.v[i]);
+        if best.norm_squared() < 0.25 {
+            for k in self.columns.0..self.columns.1 {
+                let axis = project(SVector::from_fn(|c, _| if c == k { 1.0 } else { 0.0 }));
+                if axis.norm_squared() > best.norm_squared() + 1e-9 {
+                    best = axis;
+                }
+            }
+        }
+        best / best.norm().max(1e-12)
+    }
+
+    /// Smallest first; each u with its largest component positive.
+    fn order(&mut self) {
+        for i in 0..self.count {
+            for j in i + 1..self.count {
+                if self.sigma[j].abs() < self.sigma[i].abs() {
+                    self.U.swap(i, j);
+                    self.v.swap(i, j);
+                    self.sigma.swap(i, j);
+                }
+            }
+            let largest = self.U[i].iter().fold(0.0_f64, |max, x| if x.abs() > max.abs() { *x } else { max });
+            if largest < 0.0 {
+                self.U[i] = self.U[i].map(|x| -x);
+                self.v[i] = -self.v[i];
+            }
+        }
+    }
+
+    /// Sign of det B for a square block, 0 where it is singular.
+    fn determinant(&self, scaled: &SMatrix<f64, 6, N>) -> f64 {
+        let mut M = SMatrix::<f64, 6, 6>::identity();
+        for i in 0..self.count {
+            for k in 0..self.count {
+                M[(i, k)] = scaled[(self.rows[i], self.columns.0 + k)];
+            }
+        }
+        crate::linear::Lu::new(M).map_or(0.0, |lu| lu.determinant())
+    }
+
+    /// Removes what rounding and packing have done to U.
+    fn orthonormalise(&mut self) {
+        for i in 0..self.count {
+            for j in 0..i {
+                let overlap: f64 = (0..self.count).map(|k| self.U[i][k] * self.U[j][k]).sum();
+                for k in 0..self.count {
+                    self.U[i][k] -= overlap * self.U[j][k];
+                }
+            }
+            let size = (0..self.count).map(|k| self.U[i][k] * self.U[i][k]).sum::<f64>().sqrt().max(1e-12);
+            for k in 0..self.count {
+                self.U[i][k] /= size;
+            }
+        }
+    }
+
+    /// Smallest |σ|.
+    pub(super) fn smallest(&self) -> f64 {
+        self.sigma[..self.count].iter().fold(f64::INFINITY, |min, x| min.min(x.abs()))
+    }
+}

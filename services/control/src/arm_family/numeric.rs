@@ -1,0 +1,393 @@
+//! The singularities of any arm, by number: a singular value decomposition that is carried from tick to tick.
+//!
+//! # Blocks
+//! Where the last three axes meet, J at that point is block triangular, and det J = det T·det W with T the wrist centre's translation by the joints
+//! before the wrist and W the wrist's own three axes: each block is decomposed by itself, so a metre never meets a radian. A redundant arm with such
+//! a wrist is singular only where T or W is; its wrist is reported locked even where the arm before it could stand in. Any other arm is one block:
+//! all task rows, lengths divided by the stated length, at the point where the last two axes meet, else at E.
+//!
+//! # Measures
+//! s_i = σ_i/σ_ref, signed: σ_i = u_iᵀ·J·v_i with u_i and v_i carried from the tick before, so that it crosses zero in a straight line where the smallest
+//! singular value itself has a kink. σ_ref is what the smallest one of the block is in the most regular of a fixed set of postures: s is about ±1 in the
+//! arm's best posture, as sin θ is at an elbow. For square blocks Π s_i changes sign where det does; for redundant ones Π s_i² is det JJᵀ up to a factor.
+//!
+//! # Directions
+//! A singular vector of the whole block is part translation, part rotation. ζ is the larger half, made a unit vector: eliminating the rotation's row, not
+//! the singular vector's, keeps translation exact. At a fold the vector is first made orthogonal to every motion that leaves s alone. With a = [u_v/L; u_ω], aᵀJ = σ vᵀ, so modulo the kept rows ζᵀJ = σ/|u_ω|·vᵀ (or σL/|u_v|·vᵀ).
+#![allow(clippy::needless_range_loop, reason = "indices name rows and directions of several arrays at once")]
+
+use super::axes::{frame, meeting};
+use super::block::Block;
+use super::classify::{Verdict, classify};
+use super::family::{ArmFamily, FAMILY_STATE, Posture, Situation};
+use super::screws::Screws;
+use crate::centre::AtCentre;
+use crate::linear::stack;
+use crate::paper::type_1::Fold;
+use crate::paper::type_2::TURNS;
+use crate::random::Uniform;
+use crate::types::{Class, Kind, Singularity};
+use model::{Model, Robot, Terms};
+use nalgebra::{SMatrix, SVector, Vector3};
+use shared_types::MAX_SINGULARITIES;
+use shared_types::scenario::{Analysis, BySingularity};
+
+/// Damping of the fold's feed-forward, on s.
+const MU: f64 = 0.02;
+
+/// |s| over η_out at which a singularity is classified, and at which its type is forgotten.
+const LATCH: (f64, f64) = (1.3, 1.6);
+
+/// Share of rotation in u² above which ζ becomes a rotation, below one minus it a translation: far from the neighbourhood, and in it, where it
+/// is changed only before the half that is left vanishes (at a double singularity).
+const ANGULAR: [f64; 2] = [0.6, 0.95];
+
+/// Regular enough for a place to be given to another direction.
+const FAR: f64 = 0.5;
+
+/// Share of ∇s along v above which s is a coordinate of the fold.
+const SLOPE: f64 = 0.1;
+
+/// s is never exactly zero: its sign says on which side.
+const SMALLEST: f64 = 1e-12;
+
+/// Postures sampled for σ_ref.
+const SAMPLES: usize = 256;
+
+/// A place of the report: which direction of which block it follows, and what is latched about it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Place {
+    block: usize,
+    index: usize,
+    angular: bool,
+    latched: bool,
+    /// ζ is −u: outwards at a fold.
+    flipped: bool,
+    verdict: Verdict,
+}
+
+/// Where the analysis takes place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Centre {
+    /// On the last axis, so far from its origin, m.
+    OnLastAxis(f64),
+    /// At E.
+    EndEffector,
+}
+
+/// Singularities of an arm without formulas.
+#[derive(Clone, Debug)]
+pub struct Numeric<const N: usize> {
+    centre: Centre,
+    length_m: f64,
+    task: [bool; 6],
+    eta_out: BySingularity,
+    blocks: [Block<N>; 2],
+    /// σ_ref of each block.
+    reference: [f64; 2],
+    block_count: usize,
+    places: [Place; MAX_SINGULARITIES],
+    count: usize,
+}
+
+impl<const N: usize> Numeric<N> {
+    /// The source for `robot`, from its geometry; `None` where it has more task axes than joints (it is singular everywhere).
+    #[must_use]
+    pub fn new(robot: &Robot, analysis: &Analysis) -> Option<Self> {
+        let model = Model::<N>::new(robot, None).ok()?;
+        let task = robot.task.0;
+        let rows = task.iter().filter(|counts| **counts).count();
+        if rows > N || rows == 0 {
+            return None;
+        }
+        // Any posture without parallel axes.
+        let q = SVector::from_fn(|i, _| 0.3 + 0.37 * i as f64);
+        let terms = model.evaluate(&q, &SVector::zeros());
+        let (meeting, spherical) = meeting(&terms);
+        let spherical = spherical && robot.task.is_full();
+        let (blocks, block_count) = if spherical {
+            ([Block::new(0..3, (0, N - 3)), Block::new(3..6, (N - 3, N))], 2)
+        } else {
+            let all = Block::new((0..6).filter(|k| task[*k]), (0, N));
+            ([all, all], 1)
+        };
+        let place = |block, index| Place { block, index, angular: block == 1, latched: false, flipped: false, verdict: Verdict::default() };
+        let mut places = [place(0, 0); MAX_SINGULARITIES];
+        let mut count = 0;
+        for index in 0..blocks[0].count.min(MAX_SINGULARITIES) {
+            places[count] = place(0, index);
+            count += 1;
+        }
+        if spherical {
+            // A wrist's axes follow each other at an angle: no more than one of its directions is ever lost.
+            places[count] = place(1, 0);
+            count += 1;
+        }
+        let centre = meeting.map_or(Centre::EndEffector, Centre::OnLastAxis);
+        let mut source = Self {
+            centre,
+            length_m: robot.length_m,
+            task,
+            eta_out: analysis.eta_out,
+            blocks,
+            reference: [1.0; 2],
+            block_count,
+            places,
+            count,
+        };
+        let at = AtCentre::new(&terms, &source.centre(&terms), &Vector3::zeros());
+        source.reference = source.most_regular(&Screws(at.J));
+        Some(source)
+    }
+
+    /// Largest smallest singular value of each block over a fixed set of postures.
+    fn most_regular(&self, screws: &Screws<N>) -> [f64; 2] {
+        let mut random = Uniform(1);
+        let mut best = [1e-6_f64; 2];
+        for _ in 0..SAMPLES {
+            let delta = SVector::from_fn(|_, _| random.within(-std::f64::consts::PI, std::f64::consts::PI));
+            let scaled = screws.moved(&delta).0.scaled(self.length_m);
+            for k in 0..self.block_count {
+                let mut block = self.blocks[k];
+                block.track(&scaled);
+                best[k] = best[k].max(block.smallest());
+            }
+        }
+        best
+    }
+
+    /// Gives a place to a smaller value that has none, where both are regular.
+    fn reassign(&mut self) {
+        for k in 0..self.block_count {
+            for p in 0..self.count {
+                let place = self.places[p];
+                if place.block != k || place.latched {
+                    continue;
+                }
+                for index in 0..self.blocks[k].count {
+                    let block = &self.blocks[k];
+                    let taken = self.places[..self.count].iter().any(|other| other.block == k && other.index == index);
+                    let (new, old) = (block.sigma[index].abs(), block.sigma[self.places[p].index].abs());
+                    if !taken && new < old && new > FAR * self.reference[k] {
+                        // On the side where the other one was, so that s goes on without a step.
+                        if block.sigma[index] * block.sigma[self.places[p].index] < 0.0 {
+                            let block = &mut self.blocks[k];
+                            (block.v[index], block.sigma[index]) = (-block.v[index], -block.sigma[index]);
+                        }
+                        self.places[p].index = index;
+                    }
+                }
+            }
+        }
+    }
+
+    fn singularity(&mut self, p: usize, at: &Posture<'_, N>, screws: &Screws<N>, motion: &[Motion<N>; 2]) -> Singularity<N> {
+        let place = self.places[p];
+        let (block, reference, L) = (&self.blocks[place.block], self.reference[place.block], self.length_m);
+        let (i, motion) = (place.index, &motion[place.block]);
+        let sigma = block.sigma[i];
+        let s = if sigma.abs() < SMALLEST * reference { SMALLEST.copysign(sigma) } else { sigma / reference };
+
+        let kind = if place.block == 1 { Kind::Wrist } else { Kind::Numeric };
+        let eta_out = self.eta_out.of(kind.code());
+        let u = block.covector(i);
+        let threshold = ANGULAR[usize::from(place.latched)];
+        let angular = crate::linear::angular(&u).norm_squared() > if place.angular { 1.0 - threshold } else { threshold };
+        let mut latched = place.latched;
+        let mut verdict = place.verdict;
+        if !latched && s.abs() <= LATCH.0 * eta_out {
+            latched = true;
+            verdict = classify(screws, block, i, L, &self.task);
+        } else if latched && s.abs() > LATCH.1 * eta_out {
+            (latched, verdict) = (false, Verdict::default());
+        }
+
+        let v = block.v[i];
+        let gradient = block.gradient(screws, i, L) / reference;
+        let s_rate = gradient.dot(at.qdot);
+        let slope = gradient.dot(&v);
+        let fold = verdict.class == Class::Type1 && slope.abs() > SLOPE * gradient.norm();
+        let u = if fold { block.along_fold(i, &gradient, slope) } else { u };
+        let (u_v, u_w) = (crate::linear::linear(&u), crate::linear::angular(&u));
+        let (mut axis, size) = if angular { unit(&u_w) } else { unit(&u_v) };
+        let per_aux = if angular { 1.0 / size } else { L / size };
+
+        let mut gain = s * reference * per_aux;
+        // A fold is left against ζ: x = h·s²/2 along it with h < 0. Settled when the type is, so that it never flips inside.
+        let flipped = if latched && !place.latched { fold && slope > 0.0 } else { latched && place.flipped };
+        if flipped {
+            (axis, gain) = (-axis, -gain);
+        }
+        let (zeta_B, R_BS) = if angular {
+            (stack(&Vector3::zeros(), &axis), frame(&axis, &self.towards(at, &axis)))
+        } else {
+            (stack(&axis, &Vector3::zeros()), frame(&axis, &self.towards(at, &axis)))
+        };
+        let (aux, aux_rate, aux_bias, aux_row, gain) = if fold {
+            // A fold: s itself is the task coordinate, x = h·s²/2 along ζ with h = gain/s.
+            (s, s_rate, 0.0, gradient, gain / slope)
+        } else {
+            let bias = block.v_bias(&motion.Jdot, &motion.M, i, at.qdot, L);
+            (0.0, v.dot(at.qdot), bias, v, gain)
+        };
+        self.places[p] = Place { angular, latched, flipped, verdict, ..place };
+        Singularity {
+            kind,
+            class: verdict.class,
+            angular,
+            s,
+            s_rate,
+            zeta_B,
+            R_BS,
+            gain,
+            aux,
+            aux_rate,
+            aux_bias,
+            aux_row,
+            kappa_1: verdict.kappa_1,
+            kappa_2: verdict.kappa_2,
+            ..Singularity::none()
+        }
+    }
+
+    /// What the second axis of a singular frame points to: the last joint's axis, or the one before it where ζ lies along that.
+    fn towards(&self, at: &Posture<'_, N>, axis: &Vector3<f64>) -> Vector3<f64> {
+        let z = at.terms.z[N - 1];
+        if N < 2 || z.dot(axis).abs() < 0.9 { z } else { at.terms.z[N - 2] }
+    }
+}
+
+/// How a block changes at a tick.
+#[derive(Clone, Copy, Debug)]
+struct Motion<const N: usize> {
+    Jdot: SMatrix<f64, 6, N>,
+    M: [[f64; 6]; 6],
+}
+
+impl<const N: usize> ArmFamily<N> for Numeric<N> {
+    fn centre(&self, terms: &Terms<N>) -> Vector3<f64> {
+        match self.centre {
+            Centre::OnLastAxis(offset) => terms.p[N - 1] + terms.z[N - 1] * offset,
+            Centre::EndEffector => terms.X_BE.p,
+        }
+    }
+
+    fn measure(&mut self, posture: &Posture<'_, N>, out: &mut [Singularity<N>; MAX_SINGULARITIES]) -> usize {
+        let screws = Screws(posture.at.J);
+        let scaled = screws.scaled(self.length_m);
+        let Jdot = screws.rate(posture.qdot);
+        let mut motion = [Motion { Jdot, M: [[0.0; 6]; 6] }; 2];
+        for k in 0..self.block_count {
+            self.blocks[k].track(&scaled);
+            motion[k].M = self.blocks[k].coupling(&Jdot, self.length_m);
+        }
+        self.reassign();
+        for p in 0..self.count {
+            out[p] = self.singularity(p, posture, &screws, &motion);
+        }
+        self.count
+    }
+
+    /// s_d² = s² + 2ζᵀe/h: the second-order motion x = h·s²/2 along ζ, with h = gain/s.
+    fn fold(&self, s: &Singularity<N>, at: &Situation<'_, N>) -> Option<Fold> {
+        // s is never exactly zero; gain vanishes with it.
+        let curvature = s.s / s.gain;
+        if !curvature.is_finite() {
+            return None;
+        }
+        let square = s.s * s.s + 2.0 * curvature * s.zeta_B.dot(at.error);
+        let (clipped, size) = (square < -1e-7, square.max(0.0).sqrt());
+        let rate = if clipped { 0.0 } else { curvature * s.zeta_B.dot(&at.desired.V) * size / (size * size + MU * MU) };
+        Some(Fold { x: s.s, size, rate, clipped })
+    }
+
+    /// Along the null motion, which is straight where C is held by joints that rest (any spherical wrist).
+    fn turning(&self, s: &Singularity<N>, _terms: &Terms<N>, _p_BC: &Vector3<f64>, angle: f64) -> Option<SVector<f64, N>> {
+        (s.kappa_2.abs() > TURNS).then(|| s.aux_row * (angle / s.kappa_2))
+    }
+
+    fn state(&self) -> [f64; FAMILY_STATE] {
+        let mut out = [0.0; FAMILY_STATE];
+        // 36 numbers of U in 18, signs and places in one, κ₁ and κ₂ of each place in four.
+        let entries: [f64; 36] = std::array::from_fn(|e| match (self.block_count, e / 6, e % 6) {
+            (1, i, k) => self.blocks[0].U[i][k],
+            (_, i, k) if i < 3 && k < 3 => self.blocks[0].U[i][k],
+            (_, i, k) if i >= 3 && k >= 3 => self.blocks[1].U[i - 3][k - 3],
+            _ => 0.0,
+        });
+        for (place, pair) in out.iter_mut().zip(entries.chunks(2)) {
+            *place = pack(pair[0], pair[1]);
+        }
+        let mut code = f64::from(u8::from(self.blocks[0].begun));
+        for block in &self.blocks {
+            for sigma in block.sigma {
+                code = 2.0 * code + f64::from(u8::from(sigma < 0.0));
+            }
+        }
+        for place in &self.places {
+            let flags = u32::from(place.angular) + 2 * u32::from(place.latched) + 4 * (place.verdict.class.code() & 3);
+            code = 256.0 * code + f64::from(flags + 16 * place.index as u32 + 128 * u32::from(place.flipped));
+        }
+        out[18] = code;
+        for (to, place) in out[19..23].iter_mut().zip(&self.places) {
+            *to = pack(place.verdict.kappa_1 / KAPPA_MAX, place.verdict.kappa_2 / KAPPA_MAX);
+        }
+        out
+    }
+
+    fn restore(&mut self, state: &[f64; FAMILY_STATE]) {
+        let mut code = state[18] as u64;
+        let mut places = self.places;
+        for (place, kappas) in places.iter_mut().zip(&state[19..23]).rev() {
+            let one = code % 256;
+            code /= 256;
+            let [kappa_1, kappa_2] = unpack(*kappas).map(|x| x * KAPPA_MAX);
+            let class = Class::from_code((one / 4 % 4) as u32).unwrap_or_default();
+            let index = ((one / 16 % 8) as usize).min(self.blocks[place.block].count - 1);
+            let verdict = Verdict { class, kappa_1, kappa_2, distance: 0.0 };
+            let (angular, latched, flipped) = (one & 1 != 0, one & 2 != 0, one & 128 != 0);
+            *place = Place { angular, latched, flipped, verdict, index, block: place.block };
+        }
+        if code >> 12 != 1 {
+            return;
+        }
+        self.places = places;
+        for (b, block) in self.blocks.iter_mut().enumerate() {
+            for i in 0..6 {
+                let bit = code >> (11 - (6 * b + i)) & 1;
+                block.signs[i] = if bit == 1 { -1.0 } else { 1.0 };
+                for k in 0..6 {
+                    let own = self.block_count == 1 || (i < 3 && k < 3);
+                    let e = if b == 1 && self.block_count == 2 { 6 * (i + 3) + k + 3 } else { 6 * i + k };
+                    if own {
+                        block.U[i][k] = unpack(state[e / 2])[e % 2];
+                    }
+                }
+            }
+            block.begun = true;
+        }
+    }
+}
+
+/// Largest κ that survives a restart.
+const KAPPA_MAX: f64 = 64.0;
+
+/// Counts per unit of a packed number: 25 bits each, so that two fit the 53 of a float.
+const COUNTS: f64 = 16_777_216.0;
+
+/// Two numbers in [−1, 1] in one.
+fn pack(a: f64, b: f64) -> f64 {
+    let count = |x: f64| libm::rint((x.clamp(-1.0, 1.0) + 1.0) * (0.5 * COUNTS));
+    count(a) * (2.0 * COUNTS) + count(b)
+}
+
+fn unpack(x: f64) -> [f64; 2] {
+    let a = libm::floor(x / (2.0 * COUNTS));
+    let number = |count: f64| count / (0.5 * COUNTS) - 1.0;
+    [number(a), number(x - a * 2.0 * COUNTS)]
+}
+
+fn unit(v: &Vector3<f64>) -> (Vector3<f64>, f64) {
+    let size = v.norm().max(1e-9);
+    (v / size, size)
+}

@@ -1,0 +1,5 @@
+//! Each family's promises.
+
+mod geometry;
+mod inverse;
+mod numeric;

@@ -1,0 +1,187 @@
+//! Hold and blend: the singularity handler of Stanford's SAI, from its published description, in code of our own.
+//!
+//! The singular values of J at the end-effector, metres and radians mixed, split the task: directions whose value is less than a share of the
+//! largest are singular, the rest is controlled with its own Λ. The singular part's torque is blended by one α with a joint strategy that acts along
+//! the right singular vectors, within the null space of the regular part. A jump of five radians along the null motion decides the type, a vote of
+//! the last ticks which strategy acts: Type 1 holds the joints where they were at entry; Type 2 pushes open loop, the harder the more the force
+//! asked for points along the singular direction. Λ is split without its cross terms: that is where its torque jumps come from.
+//!
+//! Beyond the description, in its favour: J̇q̇, gravity and Coriolis are compensated, the error is bounded, and the path has our governor.
+
+use super::resolved_rate::{Arm, Inverse, JointMemory, bounded, scale};
+use crate::law::{LawError, Torques, Wanted};
+use crate::linear::{rotation_log, stack, symmetric_eigen};
+use crate::paper::operational_space::OperationalError;
+use model::Model;
+use nalgebra::{Cholesky, Const, SMatrix, SVector, Vector6};
+use shared_types::scenario::{Damping, HoldAndBlend};
+
+/// Step along the null motion by which a singularity is classified, rad.
+const JUMP: f64 = 5.0;
+/// Motion along the singular direction, m and rad mixed, from which on it is Type 1.
+const MOVED: f64 = 0.5;
+/// How many ticks vote on the type.
+const VOTERS: f64 = 200.0;
+/// Distance from a joint limit at which the open-loop torque turns round, rad.
+const TURN_ROUND: f64 = 5.0 * std::f64::consts::PI / 180.0;
+
+/// Columns in the order of the singular values, largest first.
+fn sorted<const M: usize>(S: &SMatrix<f64, M, M>) -> (SVector<f64, M>, SMatrix<f64, M, M>) {
+    let (values, vectors) = symmetric_eigen(S);
+    let mut order: [usize; M] = std::array::from_fn(|i| i);
+    order.sort_unstable_by(|a, b| values[*b].total_cmp(&values[*a]));
+    (SVector::from_fn(|i, _| values[order[i]]), SMatrix::from_fn(|i, j| vectors[(i, order[j])]))
+}
+
+/// Λ and J̄ of those rows of J that are used: the others are zero, and one on the diagonal keeps a single size for every rank.
+fn operational<const N: usize>(
+    A: &Cholesky<f64, Const<N>>,
+    J: &SMatrix<f64, 6, N>,
+    used: impl Fn(usize) -> bool,
+) -> Option<(SMatrix<f64, 6, 6>, SMatrix<f64, N, 6>)> {
+    let Ainv_Jt = A.solve(&J.transpose());
+    let mut inverse = J * Ainv_Jt;
+    (0..6).filter(|i| !used(*i)).for_each(|i| inverse[(i, i)] = 1.0);
+    let Lambda = Cholesky::new(inverse)?.inverse();
+    Some((Lambda, Ainv_Jt * Lambda))
+}
+
+/// Torques by hold-and-blend.
+///
+/// Γ = J_nsᵀΛ_ns U_nsᵀ(a − J̇q̇) + α·J_sᵀΛ_s U_sᵀ(a − J̇q̇) + (1 − α)·Γ_joint, α = the place of σ_s/σ_1 between the two bounds of `blend`.
+///
+/// # Errors
+/// [`LawError`] if the regular part is rank deficient.
+pub fn torques<const N: usize>(
+    arm: &Arm<'_, N>,
+    wanted: &Wanted<'_, N>,
+    memory: &mut JointMemory<N>,
+    tuned: &HoldAndBlend,
+    model: &Model<N>,
+) -> Result<Torques<N>, LawError> {
+    let terms = arm.terms;
+    let J = scale(&terms.J, &wanted.task, 1.0);
+    let axes = wanted.task.iter().filter(|axis| **axis).count().min(N);
+    let (values, U) = sorted(&(J * J.transpose()));
+    let (_, V) = sorted(&(J.transpose() * J));
+    let ratio = |k: usize| (values[k].max(0.0) / values[0].max(1e-30)).sqrt();
+    let regular = (1..axes).find(|k| ratio(*k) < tuned.blend[1]).unwrap_or(axes);
+    let (is_regular, is_singular) = (|i: usize| i < regular, |i: usize| (regular..axes).contains(&i));
+
+    let desired = arm.desired.at(&-wanted.p_EC);
+    let error = stack(&(desired.p - terms.X_BE.p), &rotation_log(&(desired.R * terms.X_BE.R.transpose())));
+    let a = desired.a + (desired.V - terms.J * arm.qdot) * arm.k_v + bounded(&error) * arm.k_p;
+    let relative = scale(&(a - terms.Jdot_qdot), &wanted.task, 1.0);
+
+    let A = Cholesky::new(*wanted.A).ok_or(OperationalError::MassMatrix)?;
+    let rows = |used: &dyn Fn(usize) -> bool| SMatrix::<f64, 6, 6>::from_fn(|i, j| if used(i) { U[(j, i)] } else { 0.0 });
+    let T_ns = rows(&is_regular);
+    let J_ns = T_ns * J;
+    let (Lambda_ns, Jbar_ns) = operational(&A, &J_ns, is_regular).ok_or(OperationalError::RankDeficient { rows: regular })?;
+    let mut across = J_ns.transpose() * (Lambda_ns * (T_ns * relative));
+    let mut null = SVector::zeros();
+    if regular == axes {
+        *memory = JointMemory { holding: false, votes: 0.0, ..*memory };
+    } else {
+        let alpha = ((ratio(regular) - tuned.blend[0]) / (tuned.blend[1] - tuned.blend[0])).clamp(0.0, 1.0);
+        if !memory.holding || memory.votes < 0.0 {
+            *memory = JointMemory { holding: true, q: *arm.q, ..*memory };
+        }
+        let is_type_1 = (regular..axes).any(|k| {
+            let there = model.forward_kinematics(&(arm.q + V.column(k) * JUMP));
+            let moved = stack(&(there.p - terms.X_BE.p), &rotation_log(&(there.R * terms.X_BE.R.transpose())));
+            moved.dot(&U.column(k)).abs() > MOVED
+        });
+        memory.votes = (memory.votes + if is_type_1 { 1.0 } else { -1.0 }).clamp(-VOTERS, VOTERS);
+
+        // The joint strategy, along the right singular vectors and in the regular part's null space.
+        let V_t = SMatrix::<f64, 6, N>::from_fn(|i, j| if is_singular(i) { V[(j, i)] } else { 0.0 });
+        let J_joint = V_t * (SMatrix::<f64, N, N>::identity() - Jbar_ns * J_ns);
+        if let Some((Lambda_joint, _)) = operational(&A, &J_joint, is_singular) {
+            let through = |x: Vector6<f64>| J_joint.transpose() * x;
+            null = if memory.votes > 0.0 {
+                through(Lambda_joint * (V_t * ((memory.q - arm.q) * tuned.hold_k_p - arm.qdot * tuned.hold_k_v)))
+            } else {
+                let asked = relative.dot(&U.column(regular)).abs() / relative.norm().max(1e-12);
+                let push = SVector::from_fn(|i, _| push(memory, arm.q, model, i) * tuned.push * asked);
+                through(V_t * push - Lambda_joint * (V_t * arm.qdot) * tuned.push_k_v)
+            } * (1.0 - alpha);
+        }
+        // At the lock itself Λ_s has no bound, and α is zero.
+        let T_s = rows(&is_singular);
+        let J_s = T_s * J;
+        if alpha > 0.0
+            && let Some((Lambda_s, _)) = operational(&A, &J_s, is_singular)
+        {
+            let torque = J_s.transpose() * (Lambda_s * (T_s * relative));
+            across += SVector::from_fn(|i, _| torque[i].clamp(-model.effort()[i], model.effort()[i])) * alpha;
+        }
+    }
+    let sharp = Inverse::Damped(Damping { onset: 0.08, largest: 0.06 }).of(&scale(&wanted.at.J, &wanted.task, arm.length_m));
+    let scaled = |x: &Vector6<f64>| scale(x, &wanted.task, arm.length_m);
+    Ok(Torques {
+        path: SVector::zeros(),
+        across,
+        null,
+        qdot_nominal: sharp * scaled(&wanted.V),
+        qddot_path: sharp * scaled(&(wanted.a_feed - wanted.at.Jdot_qdot)),
+    })
+}
+
+/// Torque limit of joint `i` with the sign of the open-loop torque, which turns round near a joint limit and stays so.
+fn push<const N: usize>(memory: &mut JointMemory<N>, q: &SVector<f64, N>, model: &Model<N>, i: usize) -> f64 {
+    if model.upper()[i] - q[i] < TURN_ROUND {
+        memory.reversed |= 1 << i;
+    } else if q[i] - model.lower()[i] < TURN_ROUND {
+        memory.reversed &= !(1 << i);
+    }
+    let limit = if model.effort()[i].is_finite() { model.effort()[i] } else { 1.0 };
+    if memory.reversed >> i & 1 == 1 { -limit } else { limit }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Uniform;
+    use crate::testing::{Plant, Tick, puma, run, scenario};
+
+    const PUBLISHED: [&str; 2] = [
+        "control.strategy=\"hold-and-blend\"",
+        "control.baseline.hold_and_blend={blend=[0.006,0.06],hold_k_p=50.0,hold_k_v=14.0,push=0.01,push_k_v=5.0}",
+    ];
+
+    // What the original does, built and run: 65 % of the joint space (at its tool), 164 mm, no motion out of a straight elbow.
+
+    #[test]
+    fn most_postures_count_as_nearly_singular() {
+        let mut random = Uniform(1);
+        let near = (0..4000).filter(|_| {
+            let q = SVector::<f64, 6>::from_fn(|i, _| random.within(puma().lower()[i], puma().upper()[i]));
+            let J = puma().evaluate(&q, &SVector::zeros()).J;
+            let (values, _) = sorted(&(J * J.transpose()));
+            values[5].max(0.0).sqrt() < 0.06 * values[0].sqrt()
+        });
+        let share = near.count() as f64 / 4000.0;
+        println!("{share}");
+        assert!((0.55..0.75).contains(&share), "{share}");
+    }
+
+    #[test]
+    fn turning_about_the_lost_direction_moves_the_hand() {
+        let text = include_str!("../../../../sim/scenarios/fig5-wrist-rotation.toml");
+        let f = run::<6>(&scenario(text, &PUBLISHED), Plant::default(), |_, _| {});
+        println!("{f:?}");
+        assert!((80.0..250.0).contains(&f.across_mm) && f.final_mm < 1.0, "{f:?}");
+    }
+
+    #[test]
+    fn a_straight_elbow_stays_straight() {
+        let text = include_str!("../../../../sim/scenarios/elbow-in-and-out.toml");
+        let mut scenario = scenario(text, &PUBLISHED);
+        scenario.segment.truncate(1);
+        let mut bent = 0.0_f64;
+        run::<6>(&scenario, Plant::default(), |_, tick: &Tick<6>| bent = bent.max(tick.report.singularities[0].s.abs()));
+        println!("bent by {bent} rad");
+        assert!(bent < 0.05, "{bent}");
+    }
+}

@@ -1,0 +1,196 @@
+//! One state machine and one rate loop per singularity: when operational control gives way, and how the auxiliary coordinate moves meanwhile.
+
+use crate::linear::smoothstep;
+use crate::paper::neighborhood::Neighborhood;
+use crate::paper::reference::{Memory, Target};
+use crate::paper::switching::{self, Condition};
+use crate::types::{Mode, Singularity};
+
+/// Time constant of the feed-forward's low-pass, s: without it encoder noise becomes torque.
+const FEED_FORWARD_LAG: f64 = 0.008;
+
+/// Fastest change of the error's share in β, 1/s: what an error can take back from operational control in one tick.
+const TRUST_RATE: f64 = 30.0;
+
+/// Beyond η_out by this factor the singularity is left, once the error it caused is gone.
+pub const LEFT: f64 = 1.05;
+
+/// Beyond η_out by this factor it is left whatever the error: another cause must have made it.
+const FAR: f64 = 1.5;
+
+/// A rate beyond the largest one by this factor is no arm's: a loop that would begin there would have to come back from it at its own slew.
+const FASTEST: f64 = 4.0;
+
+/// Error along ζ that counts as gone, m or rad.
+const GONE: f64 = 5e-6;
+
+/// Gains and bounds of one auxiliary loop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gains {
+    /// Position gain, 1/s.
+    pub k: f64,
+    /// Rate gain, 1/s.
+    pub k_v: f64,
+    /// Largest rate, rad/s.
+    pub rate_max: f64,
+    /// Largest change of rate, rad/s².
+    pub slew: f64,
+}
+
+/// What the loop at one singularity remembers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Loop {
+    /// What it does.
+    pub mode: Mode,
+    /// Rate commanded, rad/s.
+    pub rate: f64,
+    /// Low-passed change of it, rad/s².
+    pub feed_forward: f64,
+    /// The error's share in β, 0 to 1.
+    pub trust: f64,
+    /// What the reference remembers.
+    pub memory: Memory,
+}
+
+/// What the loop asks of the solve.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Demand {
+    /// 1: operational control along ζ; 0: auxiliary control instead.
+    pub beta: f64,
+    /// Auxiliary acceleration, rad/s².
+    pub acceleration: f64,
+    /// Auxiliary rate at which the path would be followed at full clock speed, rad/s.
+    pub nominal: f64,
+    /// The same, over what the largest rate leaves beside the correction of the error.
+    pub load: f64,
+}
+
+impl Demand {
+    /// Operational control alone.
+    #[must_use]
+    pub fn none() -> Self {
+        Self { beta: 1.0, acceleration: 0.0, nominal: 0.0, load: 0.0 }
+    }
+}
+
+impl Default for Loop {
+    fn default() -> Self {
+        Self { mode: Mode::Regular, rate: 0.0, feed_forward: 0.0, trust: 1.0, memory: Memory::default() }
+    }
+}
+
+impl Loop {
+    /// Whether this singularity takes part in the solve.
+    #[must_use]
+    pub fn engaged(&self) -> bool {
+        self.mode != Mode::Regular
+    }
+
+    /// One tick.
+    ///
+    /// β = smoothstep((|s| − η_in)/(η_out − η_in)) · (1 − smoothstep((|e| − 0.02)/0.08)), the second factor limited in rate so that β never jumps.
+    /// `clock` is the speed of the path's clock, in which `target.rate` already is.
+    /// rate_cmd = slew(sat(rate + K·e)); acceleration = k_v(rate_cmd − rate) + low-passed change of rate_cmd.
+    pub fn step<const N: usize>(&mut self, s: &Singularity<N>, target: &Target, gains: &Gains, clock: f64, dt: f64) -> Demand {
+        let neighborhood = Neighborhood { eta_in: s.eta_in, eta_out: s.eta_out };
+        let error = target.error * target.weight;
+        let gone = 1.0 - smoothstep((error.abs() - 0.02) / 0.08);
+        self.mode = switching::next(self.mode, self.condition(s, target), target.mode);
+        if !self.engaged() {
+            let fastest = FASTEST * gains.rate_max;
+            *self = Self { memory: self.memory, rate: s.aux_rate.clamp(-fastest, fastest), ..Self::default() };
+            return Demand::none();
+        }
+        self.trust += (gone - self.trust).clamp(-TRUST_RATE * dt, TRUST_RATE * dt);
+        let (correction, nominal) = (gains.k * error, target.rate / clock);
+        let wanted = target.rate + correction;
+        let bounded = wanted.clamp(-gains.rate_max, gains.rate_max);
+        let change = (bounded - self.rate).clamp(-gains.slew * dt, gains.slew * dt);
+        self.rate += change;
+        self.feed_forward += (change / dt - self.feed_forward) * dt / (FEED_FORWARD_LAG + dt);
+        let beta = neighborhood.openness(s.s) * self.trust;
+        Demand {
+            beta,
+            acceleration: gains.k_v * (self.rate - s.aux_rate) + self.feed_forward,
+            nominal,
+            load: (1.0 - beta) * nominal.abs() / (gains.rate_max - (correction * nominal.signum()).max(0.0)).max(0.05 * gains.rate_max),
+        }
+    }
+
+    /// The paper's hard switching: the singular direction is given up whole inside |s| ≤ η, and taken back whole outside.
+    pub fn step_switched<const N: usize>(&mut self, s: &Singularity<N>, target: &Target, gains: &Gains, clock: f64, dt: f64) -> Demand {
+        let inside = s.s.abs() <= s.eta_in;
+        if switching::next(self.mode, Condition::hard(inside), target.mode) == Mode::Regular {
+            *self = Self { memory: self.memory, rate: s.aux_rate, ..Self::default() };
+            return Demand::none();
+        }
+        let demand = self.step(&Singularity { inside, eta_out: s.eta_in, ..*s }, target, gains, clock, dt);
+        Demand { beta: 0.0, ..demand }
+    }
+
+    /// The column of the transition table.
+    fn condition<const N: usize>(&self, s: &Singularity<N>, target: &Target) -> Condition {
+        let size = s.s.abs();
+        let (away, far) = (size > LEFT * s.eta_out, size > FAR * s.eta_out);
+        let (restored, gone) = (self.trust >= 1.0, (target.error * s.gain).abs() < GONE);
+        match (s.inside, size < s.eta_out, away && restored, far || gone) {
+            (true, ..) => Condition::Inside,
+            (_, true, ..) => Condition::Near,
+            (_, _, true, true) => Condition::Clear,
+            (_, _, true, false) => Condition::Away,
+            (_, _, false, _) => Condition::Boundary,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn singularity(s: f64, inside: bool) -> Singularity<6> {
+        Singularity { s, inside, eta_in: 0.1, eta_out: 0.2, ..Singularity::none() }
+    }
+
+    const GAINS: Gains = Gains { k: 12.0, k_v: 40.0, rate_max: 3.0, slew: 50.0 };
+
+    #[test]
+    fn in_and_out_visits_every_state_in_order() {
+        let mut state = Loop::default();
+        let target = Target { error: 0.0, weight: 1.0, mode: Mode::Track, ..Target::default() };
+        let mut seen = vec![];
+        let neighborhood = Neighborhood { eta_in: 0.1, eta_out: 0.2 };
+        let mut inside = false;
+        for k in -400..400 {
+            let s = f64::from(k) * 1e-3;
+            inside = neighborhood.update(inside, s);
+            state.step(&singularity(s, inside), &target, &GAINS, 1.0, 1e-3);
+            if seen.last() != Some(&state.mode) {
+                seen.push(state.mode);
+            }
+        }
+        assert_eq!(seen, [Mode::Regular, Mode::Blend, Mode::Track, Mode::Recover, Mode::Regular]);
+    }
+
+    #[test]
+    fn a_rate_that_is_no_arms_is_forgotten() {
+        let mut state = Loop::default();
+        let target = Target { error: 0.0, weight: 1.0, mode: Mode::Track, ..Target::default() };
+        let wild = Singularity { aux_rate: -150_000.0, ..singularity(0.5, false) };
+        state.step(&wild, &target, &GAINS, 1.0, 1e-3);
+        let demands = (0..500).map(|_| state.step(&singularity(0.05, true), &target, &GAINS, 1.0, 1e-3).acceleration);
+        assert!(demands.last().unwrap().abs() < 1e-3, "{state:?}");
+    }
+
+    #[test]
+    fn beta_never_jumps_even_when_the_error_does() {
+        let mut state = Loop::default();
+        let mut last = 1.0;
+        for k in 0..600 {
+            let error = if k % 100 < 50 { 0.5 } else { 0.0 };
+            let target = Target { error, weight: 1.0, mode: Mode::Track, ..Target::default() };
+            let beta = state.step(&singularity(0.199, false), &target, &GAINS, 1.0, 1e-3).beta;
+            assert!((beta - last).abs() < 0.035, "tick {k}: {last} to {beta}");
+            last = beta;
+        }
+    }
+}

@@ -1,0 +1,145 @@
+//! The paper's law as one solve for all singularities, continuous across the edge of every neighbourhood (+).
+//!
+//! For every engaged singularity its ζ is projected out of the translational (or rotational) rows and a row is appended
+//!
+//! ```text
+//! row_i = β_i·(ζ_iᵀJ)/g_i + (1 − β_i)·aux_i
+//! ```
+//!
+//! with the right-hand sides a* − J̇q̇ for what is kept and the auxiliary acceleration for the rest; then Γ = A·q̈ + bias.
+//!
+//! # The paper's law inside, plain operational-space control outside
+//! With β = 1 the rows span those of J and q̈ = J⁻¹(a* − J̇q̇): operational-space control. With β = 0 let [B | w] be the inverse of the augmented
+//! matrix, so J_r·B = 1, J_r·w = 0, aux·w = 1. Then q̈ = B·r + w·a_aux. The paper's Γ = J_rᵀΛ_r·r + N_T·Γ₀ with Γ₀ = A·w·(a_aux − aux·J̄_r·r)
+//! accelerates J_r·q̈ = r and aux·q̈ = a_aux: the same q̈, because the augmented matrix is regular. [CK95 Eq. 3] is thus not approximated; a test says to 1e-12.
+
+use crate::law::{Active, LawError, Torques, Wanted};
+use crate::linear::Lu;
+use crate::paper::singular_frame::{Basis, kept_rows};
+use nalgebra::{SMatrix, SVector};
+
+/// The augmented system: kept rows, one row per engaged singularity, dynamically consistent null space of both where joints are left over.
+#[derive(Clone, Debug)]
+pub struct Augmented<const N: usize> {
+    /// N×N; the first `kept` rows are the kept ones, the next `singular` the singularities'.
+    pub M: SMatrix<f64, N, N>,
+    /// Right-hand side, whole.
+    pub acceleration: SVector<f64, N>,
+    /// The share of it that lies along the path.
+    pub along: SVector<f64, N>,
+    /// Right-hand side for nominal velocities.
+    pub velocity: SVector<f64, N>,
+    /// Right-hand side for the path's own acceleration.
+    pub feed: SVector<f64, N>,
+    /// How many rows are kept.
+    pub kept: usize,
+    /// How many belong to singularities.
+    pub singular: usize,
+}
+
+impl<const N: usize> Augmented<N> {
+    /// Sets the system up.
+    ///
+    /// # Errors
+    /// [`LawError::TooManyRows`] where the task has more axes than the arm has joints.
+    pub fn new(wanted: &Wanted<'_, N>, actives: &[Active<N>]) -> Result<Self, LawError> {
+        let (J, Jdot_qdot) = (&wanted.at.J, &wanted.at.Jdot_qdot);
+        let kept = kept_rows(&wanted.task, actives)?;
+        let mut system = Self {
+            M: SMatrix::zeros(),
+            acceleration: SVector::zeros(),
+            along: SVector::zeros(),
+            velocity: SVector::zeros(),
+            feed: SVector::zeros(),
+            kept: kept.len(),
+            singular: actives.len(),
+        };
+        let mut used = 0;
+        let mut push = |row: SVector<f64, N>, acceleration: f64, along: f64, velocity: f64, feed: f64| {
+            system.M.set_row(used, &row.transpose());
+            (system.acceleration[used], system.along[used]) = (acceleration, along);
+            (system.velocity[used], system.feed[used]) = (velocity, feed);
+            used += 1;
+        };
+        let (relative, feed) = (wanted.a - Jdot_qdot, wanted.a_feed - Jdot_qdot);
+        for e in kept.iter() {
+            push(J.tr_mul(e), e.dot(&relative), e.dot(&wanted.a_path), e.dot(&wanted.V), e.dot(&feed));
+        }
+        for active in actives {
+            let (mut row, mut acceleration) = (active.aux_row * (1.0 - active.beta), active.aux_acceleration * (1.0 - active.beta));
+            let (mut along, mut velocity, mut own) = (0.0, active.aux_rate * (1.0 - active.beta), 0.0);
+            // β > 0 only at |s| > η_in, where the gain is far from zero.
+            if active.beta > 0.0 {
+                let scale = active.beta / active.gain;
+                row += J.tr_mul(&active.zeta_B) * scale;
+                acceleration += active.zeta_B.dot(&relative) * scale;
+                along = active.zeta_B.dot(&wanted.a_path) * scale;
+                velocity += active.zeta_B.dot(&wanted.V) * scale;
+                own = active.zeta_B.dot(&feed) * scale;
+            }
+            push(row, acceleration, along, velocity, own);
+        }
+        if used < N {
+            // WᵀA q̈ = WᵀA q̈₀ with W a basis of the null space: q̈ = J̄·r + N·q̈₀, dynamically consistent.
+            let mut basis = Basis::<N>::empty();
+            for i in 0..used {
+                basis.add(system.M.row(i).transpose());
+            }
+            for i in used..N {
+                basis.add_best((0..N).map(|k| SVector::from_fn(|j, _| if j == k { 1.0 } else { 0.0 })));
+                let row = wanted.A * basis.last();
+                let scale = 1.0 / row.norm();
+                system.M.set_row(i, &(row * scale).transpose());
+                system.acceleration[i] = row.dot(&wanted.posture) * scale;
+            }
+        }
+        Ok(system)
+    }
+}
+
+/// Torques by the blended law; without actives this is plain operational-space control.
+///
+/// # Errors
+/// [`LawError`] if the augmented matrix is singular: σ_min > 0.03 wherever every singularity within η_out is engaged.
+pub fn torques<const N: usize>(wanted: &Wanted<'_, N>, actives: &[Active<N>]) -> Result<Torques<N>, LawError> {
+    let system = Augmented::new(wanted, actives)?;
+    let lu = Lu::new(system.M)?;
+    let qddot = lu.solve(&system.acceleration);
+    let path = wanted.A * lu.solve(&system.along);
+    let qdot_nominal = lu.solve(&system.velocity);
+    let qddot_path = lu.solve(&system.feed);
+    let null = null_torque(wanted.A, &qddot, &lu, &system, actives)?;
+    let task = wanted.A * qddot - null;
+    Ok(Torques { path, across: task - path, null, qdot_nominal, qddot_path })
+}
+
+/// The share of Γ = A·q̈ that lies in the null space of the kept rows, singularity i's weighted by 1 − β_i so that it is continuous.
+///
+/// N_T·Γ = A·W(WᵀAW)⁻¹Wᵀ·Γ with W the motions that leave the kept rows alone: columns of the augmented inverse.
+fn null_torque<const N: usize>(
+    A: &SMatrix<f64, N, N>,
+    qddot: &SVector<f64, N>,
+    lu: &Lu<N>,
+    system: &Augmented<N>,
+    actives: &[Active<N>],
+) -> Result<SVector<f64, N>, LawError> {
+    let free = N - system.kept;
+    if free == 0 {
+        return Ok(SVector::zeros());
+    }
+    let mut W = SMatrix::<f64, N, N>::zeros();
+    for k in 0..free {
+        W.set_column(k, &lu.solve(&SVector::from_fn(|i, _| if i == system.kept + k { 1.0 } else { 0.0 })));
+    }
+    // Unused columns are zero; ones on their diagonal keep the Gram matrix regular.
+    let AW = A * W;
+    let mut gram = W.tr_mul(&AW);
+    for k in free..N {
+        gram[(k, k)] = 1.0;
+    }
+    let mut share = Lu::new(gram)?.solve(&AW.tr_mul(qddot));
+    for (k, active) in actives.iter().enumerate() {
+        share[k] *= 1.0 - active.beta;
+    }
+    Ok(AW * share)
+}

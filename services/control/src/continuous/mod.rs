@@ -1,0 +1,10 @@
+//! What this project adds to the paper (+): continuity where the paper switches, and limits where it has none.
+//!
+//! Each addition reduces to the paper's law inside D_si and to plain operational-space control outside; `proofs` tests it.
+
+pub mod auxiliary;
+pub mod blended;
+pub mod foresight;
+pub mod governor;
+pub mod saturation;
+pub mod turn_plan;

@@ -1,0 +1,74 @@
+//! A commanded turn of ζ, planned and announced before anything moves (+).
+//!
+//! Reduces to nothing: the plan chooses which way round ζ is turned and predicts the motion; the turn itself is the paper's Type 2 strategy.
+
+use super::governor::MARGIN;
+use crate::law::LawError;
+use crate::paper::type_2::Turn;
+use crate::trajectory::quintic;
+use crate::types::Singularity;
+use model::Model;
+use nalgebra::SVector;
+use shared_types::scenario::Control;
+
+/// Distance that a planned null-space motion keeps from joint limits, rad.
+const LIMIT_MARGIN: f64 = 0.03;
+
+/// Slices of the duration's integral.
+const SLICES: u32 = 64;
+
+/// What bounds a turn.
+#[derive(Clone, Copy, Debug)]
+pub struct Room<'a, const N: usize> {
+    /// Joint positions, rad.
+    pub q: &'a SVector<f64, N>,
+    /// The arm's limits.
+    pub model: &'a Model<N>,
+    /// Rate limits of the auxiliary coordinates, and whether the governor acts.
+    pub control: &'a Control,
+}
+
+/// The turn of ζ by `angle` (rad); the other way round where joint limits force it and the goal is the same line.
+///
+/// `motion` gives the joint motion for an angle, rad; `duration_s` is the leg's.
+///
+/// # Errors
+/// [`LawError::Room`] where the joint limits allow neither.
+pub fn plan<const N: usize>(
+    s: &Singularity<N>,
+    angle: f64,
+    duration_s: f64,
+    room: &Room<'_, N>,
+    motion: impl Fn(f64) -> Option<SVector<f64, N>>,
+) -> Result<Turn<N>, LawError> {
+    let plan = |angle: f64| {
+        let by = motion(angle).filter(|by| room.holds(by))?;
+        Some(Turn { from: s.axis(), angle, by, duration_s: room.duration_of(angle, &by, duration_s) })
+    };
+    let other = angle - std::f64::consts::PI.copysign(angle);
+    plan(angle).or_else(|| plan(other)).ok_or(LawError::Room { angle_deg: angle.to_degrees() })
+}
+
+impl<const N: usize> Room<'_, N> {
+    /// Whether every joint stays within its limits.
+    fn holds(&self, by: &SVector<f64, N>) -> bool {
+        let inside = |i: usize| {
+            let end = self.q[i] + by[i];
+            by[i] == 0.0 || end > self.model.lower()[i] + LIMIT_MARGIN && end < self.model.upper()[i] - LIMIT_MARGIN
+        };
+        (0..N).all(inside)
+    }
+
+    /// Duration of a turn whose time law the governor slows down where a rate would exceed its limit: ∫ max(1, demand/0.95) dt, s.
+    fn duration_of(&self, angle: f64, by: &SVector<f64, N>, planned_s: f64) -> f64 {
+        let mut share = angle.abs() / self.control.aux_rate_max.largest();
+        for i in 0..N {
+            share = share.max(by[i].abs() / self.model.velocity()[i]);
+        }
+        if !self.control.governor {
+            return planned_s;
+        }
+        let slice = planned_s / f64::from(SLICES);
+        (0..SLICES).map(|k| slice * (share * quintic(slice * (f64::from(k) + 0.5), planned_s)[1] / MARGIN).max(1.0)).sum()
+    }
+}

@@ -1,0 +1,81 @@
+//! The paper's law in its own form: singular rows dropped, operational forces for the rest, null-space torque for the auxiliary coordinates.
+//!
+//! Γ = J_rᵀF_r + [1 − J_rᵀJ̄_rᵀ]Γ₀, with J_r the Jacobian in the singular frame without its singular rows     [CK95 Eq. 3 to 5, §4]
+
+use super::operational_space::{Operational, null_torque};
+use super::singular_frame::{Basis, kept_rows};
+use crate::law::{Active, Actives, LawError, Torques, Wanted};
+use crate::linear::Lu;
+use nalgebra::{SMatrix, SVector};
+
+/// Torques by the reduced Jacobian and its dynamically consistent null space.
+///
+/// Each active singularity's direction is dropped whole, whatever its β: who switches at η passes only those inside. The number of rows kept is
+/// matched by the type.
+///
+/// # Errors
+/// [`LawError`] if the reduced Jacobian is rank deficient.
+pub fn torques<const N: usize>(wanted: &Wanted<'_, N>, actives: &Actives<N>) -> Result<Torques<N>, LawError> {
+    match kept_rows(&wanted.task, actives)?.len() {
+        6 => reduced::<6, N>(wanted, actives),
+        5 => reduced::<5, N>(wanted, actives),
+        4 => reduced::<4, N>(wanted, actives),
+        3 => reduced::<3, N>(wanted, actives),
+        2 => reduced::<2, N>(wanted, actives),
+        1 => reduced::<1, N>(wanted, actives),
+        rows => Err(LawError::TooManyRows { rows, joints: N }),
+    }
+}
+
+fn reduced<const M: usize, const N: usize>(wanted: &Wanted<'_, N>, actives: &[Active<N>]) -> Result<Torques<N>, LawError> {
+    let kept = kept_rows(&wanted.task, actives)?;
+    let T = SMatrix::<f64, M, 6>::from_fn(|i, j| kept[i][j]);
+    let op = Operational::<M, N>::new(T * wanted.at.J, wanted.A)?;
+    let (a, Jdot_qdot) = (T * wanted.a, T * wanted.at.Jdot_qdot);
+    let F = op.force(&a, &Jdot_qdot);
+    let F_path = op.Lambda * (T * wanted.a_path);
+
+    // Γ₀ = −A∇V₀ with ∇V₀ = −Σ w_i·a_i: w_i moves auxiliary coordinate i alone and nothing that is kept. The auxiliary acceleration that
+    // the task itself causes is taken off, so that the coordinates do what they are told. Damping is in a_i, not in joint space.
+    let lu = Lu::new(augmented(&op.J, actives, wanted.A))?;
+    let caused = op.Jbar * (a - Jdot_qdot);
+    let mut rhs = SVector::<f64, N>::zeros();
+    let mut rates = SVector::<f64, N>::zeros();
+    for (k, active) in actives.iter().enumerate() {
+        rhs[M + k] = active.aux_acceleration - active.aux_row.dot(&caused);
+        rates[M + k] = active.aux_rate;
+    }
+    rates.rows_mut(0, M).copy_from(&(T * wanted.V));
+    let mut feed = SVector::<f64, N>::zeros();
+    feed.rows_mut(0, M).copy_from(&(T * wanted.a_feed - Jdot_qdot));
+    let posture = op.N() * wanted.posture;
+    let redundant = if M + actives.len() < N { posture } else { SVector::zeros() };
+    let grad_V_0 = -(lu.solve(&rhs) + redundant);
+    let Gamma_0 = null_torque(wanted.A, &grad_V_0, 0.0, &SVector::zeros());
+    let null = op.torque(&SVector::zeros(), &Gamma_0);
+    let path = op.J.transpose() * F_path;
+    Ok(Torques { path, across: op.J.transpose() * F - path, null, qdot_nominal: lu.solve(&rates), qddot_path: lu.solve(&feed) })
+}
+
+/// Kept rows, auxiliary rows, and for a redundant arm WᵀA of what is left.
+fn augmented<const M: usize, const N: usize>(J: &SMatrix<f64, M, N>, actives: &[Active<N>], A: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
+    let mut rows = SMatrix::<f64, N, N>::zeros();
+    let mut basis = Basis::<N>::empty();
+    let mut used = 0;
+    let mut push = |row: SVector<f64, N>| {
+        rows.set_row(used, &row.transpose());
+        basis.add(row);
+        used += 1;
+    };
+    for i in 0..M {
+        push(J.row(i).transpose());
+    }
+    for active in actives {
+        push(active.aux_row);
+    }
+    for i in used..N {
+        basis.add_best((0..N).map(|k| SVector::from_fn(|j, _| if j == k { 1.0 } else { 0.0 })));
+        rows.set_row(i, &(A * basis.last()).normalize().transpose());
+    }
+    rows
+}

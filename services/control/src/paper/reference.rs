@@ -1,0 +1,31 @@
+//! What a strategy asks of the auxiliary coordinate, and what it remembers.
+
+use crate::types::Mode;
+
+/// What a strategy remembers of one singularity from tick to tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Memory {
+    /// Side of the singularity, sign of s_i: −1 or +1; 0 before the first tick.
+    pub side: f64,
+    /// Passing through with ζ off the direction of travel.
+    pub passing: bool,
+    /// The desired motion says nothing about ζ.
+    pub holding: bool,
+    /// Angle of the auxiliary coordinate while passing through, rad.
+    pub passage: f64,
+}
+
+/// Where the auxiliary coordinate should be.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Target {
+    /// Reference minus present value, rad.
+    pub error: f64,
+    /// Rate of the reference, rad/s.
+    pub rate: f64,
+    /// Weight of the error, 0 to 1.
+    pub weight: f64,
+    /// The mode this amounts to inside the neighbourhood.
+    pub mode: Mode,
+    /// The desired pose is beyond reach.
+    pub clipped: bool,
+}

@@ -1,0 +1,114 @@
+//! The singular frame: the directions of the task that are kept when the singular ones are dropped.
+
+use crate::law::{Active, LawError};
+use nalgebra::{SVector, Vector6};
+
+/// Directions of the task kept, orthonormal within each half, and how many.
+#[derive(Clone, Copy, Debug)]
+pub struct Kept {
+    rows: [Vector6<f64>; 6],
+    count: usize,
+}
+
+impl std::ops::Deref for Kept {
+    type Target = [Vector6<f64>];
+    fn deref(&self) -> &[Vector6<f64>] {
+        &self.rows[..self.count]
+    }
+}
+
+/// The orthogonal complement of the singular directions in the task, translations and rotations apart.
+///
+/// The singular frame of the paper with its first axes dropped: which basis of the complement is chosen does not matter, for the torque does not
+/// depend on it. A metre is never mixed with a radian.
+///
+/// # Errors
+/// [`LawError::TooManyRows`] where kept and singular rows together outnumber the joints.
+pub fn kept_rows<const N: usize>(task: &[bool; 6], actives: &[Active<N>]) -> Result<Kept, LawError> {
+    let mut kept = Kept { rows: [Vector6::zeros(); 6], count: 0 };
+    for half in [0..3, 3..6] {
+        // Orthonormal directions so far: singular ones first, then the kept.
+        let mut basis = Basis::<6>::empty();
+        for active in actives {
+            if active.zeta_B.rows_range(half.clone()).norm_squared() > 0.25 {
+                let within = Vector6::from_fn(|k, _| if half.contains(&k) && task[k] { active.zeta_B[k] } else { 0.0 });
+                basis.add(within);
+            }
+        }
+        let axes = half.clone().filter(|k| task[*k]).count();
+        while basis.count() < axes {
+            let candidates = half.clone().filter(|k| task[*k]).map(|k| Vector6::from_fn(|i, _| if i == k { 1.0 } else { 0.0 }));
+            if !basis.add_best(candidates) {
+                break;
+            }
+            kept.rows[kept.count] = basis.last();
+            kept.count += 1;
+        }
+    }
+    let rows = kept.count + actives.len();
+    if rows > N {
+        return Err(LawError::TooManyRows { rows, joints: N });
+    }
+    Ok(kept)
+}
+
+/// An orthonormal set that grows: Gram–Schmidt, twice for orthogonality to rounding.
+#[derive(Clone, Copy, Debug)]
+pub struct Basis<const D: usize> {
+    vectors: [SVector<f64, D>; D],
+    count: usize,
+}
+
+impl<const D: usize> Basis<D> {
+    /// The empty set.
+    #[must_use]
+    pub fn empty() -> Self {
+        Self { vectors: [SVector::zeros(); D], count: 0 }
+    }
+
+    /// How many vectors it has.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// The vector added last.
+    #[must_use]
+    pub fn last(&self) -> SVector<f64, D> {
+        self.vectors[self.count - 1]
+    }
+
+    fn residual(&self, mut v: SVector<f64, D>) -> SVector<f64, D> {
+        for _ in 0..2 {
+            for b in &self.vectors[..self.count] {
+                v -= b * b.dot(&v);
+            }
+        }
+        v
+    }
+
+    /// Adds what is new in `v`; false if nothing is (less than 1e-6 of it), or the set is full.
+    pub fn add(&mut self, v: SVector<f64, D>) -> bool {
+        let (length, residual) = (v.norm(), self.residual(v));
+        let new = residual.norm();
+        if self.count == D || new <= 1e-6 * length || new == 0.0 {
+            return false;
+        }
+        self.vectors[self.count] = residual / new;
+        self.count += 1;
+        true
+    }
+
+    /// Adds the candidate with the largest new part.
+    pub fn add_best(&mut self, candidates: impl Iterator<Item = SVector<f64, D>>) -> bool {
+        let mut best = SVector::zeros();
+        let mut size = 0.0;
+        for candidate in candidates {
+            let residual = self.residual(candidate);
+            if residual.norm_squared() > size {
+                (best, size) = (residual, residual.norm_squared());
+            }
+        }
+        self.add(best)
+    }
+}

@@ -1,0 +1,39 @@
+//! Type 1: null-space motion moves the end-effector along ζ_i, so s_i is a task coordinate.
+//!
+//! At a fold the distance along ζ_i is even in the coordinate x (the elbow angle θ, or s_i itself): two values ±|x_d| meet a desired distance, and
+//! their sign is the posture. Into the singularity: x → 0. Out of it: by the rate, whose sign chooses the posture [CK95 §4].
+
+use super::reference::{Memory, Target};
+use crate::types::Mode;
+
+/// Coordinate (rad, or of s_i) within which the arm may change to the other side.
+const SIDE_CHANGE: f64 = 0.02;
+
+/// The fold's coordinate as the desired pose needs it, on either side.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fold {
+    /// Present value x of the coordinate.
+    pub x: f64,
+    /// |x_d|; 0 where the desired pose is beyond reach.
+    pub size: f64,
+    /// Rate of |x_d|, 1/s.
+    pub rate: f64,
+    /// The desired pose is beyond reach and has been projected onto the boundary.
+    pub clipped: bool,
+}
+
+/// The coordinate's target: x_d = side·|x_d|.
+///
+/// The side is kept, or taken from `branch` (−1, +1; 0: keep) within 0.02 of the singularity. Goals beyond reach slide along the boundary.
+pub fn target(fold: &Fold, branch: i32, memory: &mut Memory) -> Target {
+    if branch != 0 && fold.x.abs() < SIDE_CHANGE {
+        memory.side = f64::from(branch);
+    }
+    Target {
+        error: memory.side * fold.size - fold.x,
+        rate: memory.side * fold.rate,
+        weight: 1.0,
+        mode: if fold.clipped { Mode::Slide } else { Mode::Track },
+        clipped: fold.clipped,
+    }
+}

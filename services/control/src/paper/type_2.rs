@@ -1,0 +1,80 @@
+//! Type 2: null-space motion only turns ζ_i. It is held constant, or driven to ζ_id by a potential [CK95 §4].
+
+use super::reference::Target;
+use crate::types::{Mode, Singularity};
+use nalgebra::{SVector, Vector3};
+
+/// Turning rate of ζ per null motion, rad per rad, below which it cannot be turned.
+pub const TURNS: f64 = 0.05;
+
+/// The auxiliary angle at which ζ_i leaves the desired motion feasible.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Direction {
+    /// Desired minus present angle, rad.
+    pub error: f64,
+    /// Rate of the desired angle, rad/s.
+    pub rate: f64,
+    /// Weight of the error, 0 to 1.
+    pub weight: f64,
+    /// ζ is held off the direction of travel, to pass straight through.
+    pub passing: bool,
+    /// The desired motion says too little about ζ: it is held.
+    pub holding: bool,
+    /// The desired pose is beyond reach.
+    pub clipped: bool,
+}
+
+/// ζ_i driven to the direction that the desired motion needs; held where there is none.
+#[must_use]
+pub fn target(direction: Option<Direction>) -> Target {
+    let Some(Direction { error, rate, weight, passing, holding, clipped }) = direction else {
+        return Target { mode: Mode::Hold, ..Target::default() };
+    };
+    let mode = match (passing, clipped, holding) {
+        (true, ..) => Mode::Pass,
+        (_, true, _) => Mode::Slide,
+        (.., true) => Mode::Hold,
+        _ => Mode::Track,
+    };
+    Target { error, rate, weight, mode, clipped }
+}
+
+/// A commanded turn of ζ_i by null-space motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Turn<const N: usize> {
+    /// ζ when it began.
+    pub from: Vector3<f64>,
+    /// The whole angle, rad.
+    pub angle: f64,
+    /// Predicted motion of each joint, rad.
+    pub by: SVector<f64, N>,
+    /// Predicted duration, s; 0 before it begins.
+    pub duration_s: f64,
+}
+
+impl<const N: usize> Turn<N> {
+    /// No turn.
+    #[must_use]
+    pub fn none() -> Self {
+        Self { from: Vector3::zeros(), angle: 0.0, by: SVector::zeros(), duration_s: 0.0 }
+    }
+
+    /// The target that turns ζ_i to ζ_id, `share` of the way with rate `share_rate` (1/s).
+    #[must_use]
+    pub fn target(&self, s: &Singularity<N>, share: f64, share_rate: f64, clock: f64) -> Target {
+        let turned = turned(s, &self.from);
+        let wanted = self.angle * share;
+        // `turned` is known up to whole turns: the one nearest to what is wanted.
+        let error = crate::linear::wrap_angle(wanted - turned);
+        // From angles of ζ to the auxiliary coordinate.
+        let per_aux = if s.kappa_2.abs() > TURNS { s.kappa_2 } else { 1.0 };
+        let rate = self.angle * share_rate * clock;
+        Target { error: error / per_aux, rate: rate / per_aux, weight: 1.0, mode: Mode::Reorient, clipped: false }
+    }
+}
+
+/// Angle through which ζ_i has turned since `from`, in (−π, π], about the second axis of its singular frame.
+fn turned<const N: usize>(s: &Singularity<N>, from: &Vector3<f64>) -> f64 {
+    let (zeta, axis) = (s.axis(), s.R_BS.column(1).into_owned());
+    libm::atan2(axis.dot(&from.cross(&zeta)), from.dot(&zeta))
+}

@@ -1,0 +1,58 @@
+//! From a scenario to what a controller needs before its first tick.
+
+use crate::trajectory::PathError;
+use model::{ModelError, Robot, StartError};
+use nalgebra::SVector;
+use shared_types::scenario::{Scenario, Start};
+
+/// Why a scenario cannot be controlled.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SetupError {
+    /// No model of this size, or no such frame.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// The task is not a path.
+    #[error(transparent)]
+    Path(#[from] PathError),
+    /// The start posture does not fit the arm.
+    #[error(transparent)]
+    Start(#[from] StartError),
+    /// A posture goal does not fit the arm.
+    #[error("segment {segment}: {error}")]
+    Posture {
+        /// Index of the segment.
+        segment: usize,
+        /// What is wrong with it.
+        error: StartError,
+    },
+}
+
+/// The start posture of a scenario, rad.
+///
+/// # Errors
+/// [`SetupError::Start`] if it does not fit the robot or lies outside its limits.
+pub fn start_posture<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<SVector<f64, N>, SetupError> {
+    let q = robot.start_posture(&scenario.start)?;
+    // `Model::new` refuses a robot of another size, so the lengths agree wherever a controller can exist.
+    Ok(SVector::from_fn(|i, _| q.get(i).copied().unwrap_or_default()))
+}
+
+/// The posture goal of each segment, rad; the start posture where it has none.
+///
+/// # Errors
+/// [`SetupError::Posture`] for a posture that does not fit the robot.
+pub(crate) fn posture_goals<const N: usize>(
+    robot: &Robot,
+    scenario: &Scenario,
+    q_start: &SVector<f64, N>,
+) -> Result<Vec<SVector<f64, N>>, SetupError> {
+    let goal = |(segment, goal): (usize, &shared_types::scenario::Segment)| match &goal.posture_deg {
+        None => Ok(*q_start),
+        Some(q) => {
+            let start = Start { q_deg: Some(q.clone()), ..Start::default() };
+            let q = robot.start_posture(&start).map_err(|error| SetupError::Posture { segment, error })?;
+            Ok(SVector::from_fn(|i, _| q.get(i).copied().unwrap_or_default()))
+        }
+    };
+    scenario.segment.iter().enumerate().map(goal).collect()
+}

@@ -1,0 +1,70 @@
+//! The controller as a whole: restarts and refusals.
+
+use crate::testing::{puma, rk4, robot, scenario};
+use crate::types::{Phase, Refusal};
+use crate::{Analyzer, Controller, start_posture};
+use nalgebra::SVector;
+use shared_types::scenario::Scenario;
+
+fn figure_5() -> (Scenario, Controller<6>, Analyzer<6>, SVector<f64, 6>) {
+    let scenario = scenario(include_str!("../../../../sim/scenarios/fig5-wrist-rotation.toml"), &[]);
+    let q = start_posture::<6>(robot("puma560"), &scenario).unwrap();
+    let controller = Controller::new(puma().clone(), robot("puma560"), &scenario, q).unwrap();
+    let analyzer = Analyzer::new(robot("puma560"), &scenario.analysis);
+    (scenario, controller, analyzer, q)
+}
+
+#[test]
+fn a_restarted_controller_and_analyzer_continue_bit_for_bit() {
+    let (scenario, mut controller, mut analyzer, mut q) = figure_5();
+    let mut qdot = SVector::zeros();
+    let mut twins: Option<(Controller<6>, Analyzer<6>)> = None;
+    for k in 0..2600 {
+        if k % 333 == 0 {
+            let (_, mut other, mut eyes, _) = figure_5();
+            other.restore(&controller.state());
+            eyes.restore(&analyzer.state());
+            twins = Some((other, eyes));
+        }
+        let terms = puma().evaluate(&q, &qdot);
+        let report = analyzer.step(&q, &qdot, &terms);
+        let command = controller.step(&q, &qdot, &SVector::zeros(), &report);
+        let (other, eyes) = twins.as_mut().unwrap();
+        assert_eq!(eyes.step(&q, &qdot, &terms), report, "tick {k}");
+        assert_eq!(other.step(&q, &qdot, &SVector::zeros(), &report), command, "tick {k}");
+        (q, qdot) = rk4(puma(), &q, &qdot, &command.tau, scenario.dt_s());
+    }
+}
+
+#[test]
+fn what_is_not_a_number_is_refused_for_good_and_the_arm_held() {
+    let (_, mut controller, mut analyzer, q) = figure_5();
+    let zero = SVector::zeros();
+    let report = analyzer.step(&q, &zero, &puma().evaluate(&q, &zero));
+    let mut bad = q;
+    bad[3] = f64::NAN;
+    let command = controller.step(&bad, &zero, &zero, &report);
+    assert!(command.refusal == Refusal::State && command.phase == Phase::Refused && command.tau.iter().all(|x| x.is_finite()));
+    let command = controller.step(&q, &zero, &zero, &report);
+    assert_eq!((command.phase, command.refusal), (Phase::Refused, Refusal::State), "and stays so");
+    assert!((command.tau - puma().gravity(&q)).amax() < 1e-9, "gravity is held");
+}
+
+#[test]
+fn a_report_that_makes_no_sense_is_refused() {
+    let (_, mut controller, mut analyzer, q) = figure_5();
+    let zero = SVector::zeros();
+    let mut report = analyzer.step(&q, &zero, &puma().evaluate(&q, &zero));
+    report.singularities[1].aux_row = SVector::zeros();
+    let command = controller.step(&q, &zero, &zero, &report);
+    assert!(command.refusal == Refusal::Singular && command.phase == Phase::Refused && command.tau.iter().all(|x| x.is_finite()));
+}
+
+#[test]
+fn scenarios_that_do_not_fit_say_why() {
+    let (mut scenario, ..) = figure_5();
+    scenario.segment[0].posture_deg = Some(vec![0.0]);
+    let q = start_posture::<6>(robot("puma560"), &scenario).unwrap();
+    let error = Controller::new(puma().clone(), robot("puma560"), &scenario, q).unwrap_err();
+    assert!(error.to_string().starts_with("segment 0: "), "{error}");
+}

@@ -1,0 +1,203 @@
+//! The additions to the paper reduce to the paper's law inside D_si and to operational-space control outside.
+
+use crate::analyzer::Analyzer;
+use crate::centre::AtCentre;
+use crate::continuous::blended;
+use crate::law::{Active, Actives, Wanted};
+use crate::linear::singular_values;
+use crate::paper::chang_khatib;
+use crate::random::Uniform;
+use crate::testing::{posture, puma, robot};
+use crate::types::Report;
+use model::{Model, Terms};
+use nalgebra::{Matrix3, Vector3, Vector6};
+use proptest::prelude::*;
+use shared_types::scenario::Analysis;
+
+fn analysed(model: &Model<6>, name: &str, q: &Vector6<f64>, qdot: &Vector6<f64>) -> (Report<6>, Terms<6>) {
+    let terms = model.evaluate(q, qdot);
+    (Analyzer::new(robot(name), &Analysis::default()).step(q, qdot, &terms), terms)
+}
+
+/// A random posture with some of the three locks forced, and which of them.
+fn at_locks(random: &mut Uniform, locks: usize) -> Vector6<f64> {
+    let mut q = Vector6::from_fn(|i, _| random.within(puma().lower()[i], puma().upper()[i]));
+    let near = |random: &mut Uniform| random.within(-1.0, 1.0) * [0.0, 0.08][random.within(0.0, 2.0) as usize % 2];
+    if locks & 1 != 0 {
+        q[2] = 1.617_633_439_908_135_6 + near(random);
+    }
+    if locks & 2 != 0 {
+        q[4] = near(random);
+    }
+    if locks & 4 != 0 {
+        // R = c2·K + s2·M = 0 at q2 = atan2(−K, M), up or down.
+        let theta = q[2] - 1.617_633_439_908_135_6;
+        let L3 = (0.0203_f64 * 0.0203 + 0.4331 * 0.4331).sqrt();
+        let (K, M) = (0.4318 + L3 * libm::cos(theta), -L3 * libm::sin(theta));
+        q[1] = libm::atan2(-K, M) + near(random);
+    }
+    q
+}
+
+fn actives(report: &Report<6>, beta: f64) -> Actives<6> {
+    let mut actives = Actives::none();
+    for s in report.meant().iter().filter(|s| s.s.abs() < s.eta_out) {
+        actives.push(Active { zeta_B: s.zeta_B, gain: s.gain, beta, aux_row: s.aux_row, aux_acceleration: 0.7, aux_rate: 0.3 });
+    }
+    actives
+}
+
+fn wanted<'a>(terms: &'a Terms<6>, at: &'a AtCentre<6>, p_EC: &'a Vector3<f64>) -> Wanted<'a, 6> {
+    Wanted {
+        A: &terms.A,
+        at,
+        p_EC,
+        task: [true; 6],
+        a: Vector6::new(0.3, -0.5, 0.2, 0.4, -0.1, 0.6),
+        a_path: Vector6::zeros(),
+        V: Vector6::zeros(),
+        a_feed: Vector6::zeros(),
+        posture: Vector6::zeros(),
+    }
+}
+
+proptest! {
+    // covers: CK95 Eq. 1
+    #[test]
+    fn the_determinant_is_the_product_of_the_three_factors(q in posture(puma())) {
+        let (report, _) = analysed(puma(), "puma560", &q, &Vector6::zeros());
+        let (a2, L3) = (0.4318, (0.0203_f64 * 0.0203 + 0.4331 * 0.4331).sqrt());
+        let [elbow, wrist, overhead] = [0, 1, 2].map(|i| report.singularities[i].s);
+        let product = -a2 * L3 * (a2 + L3) * elbow * wrist * overhead;
+        prop_assert!((report.det - product).abs() < 1e-14, "{} {}", report.det, product);
+    }
+
+    #[test]
+    fn a_tool_moves_the_determinant_not_at_all_and_the_singularities_neither(q in posture(puma())) {
+        let tool = Model::<6>::new(robot("puma560"), Some("flange")).unwrap();
+        let (a, _) = analysed(puma(), "puma560", &q, &Vector6::zeros());
+        let (b, _) = analysed(&tool, "puma560", &q, &Vector6::zeros());
+        prop_assert!((a.det - b.det).abs() < 1e-14);
+        prop_assert!((a.p_BC - b.p_BC).norm() < 1e-14);
+        for (x, y) in a.meant().iter().zip(b.meant()) {
+            prop_assert!((x.zeta_B - y.zeta_B).norm() < 1e-13 && (x.gain - y.gain).abs() < 1e-13);
+        }
+    }
+
+    #[test]
+    fn rates_biases_and_frames_are_right(q in posture(puma()), qdot in prop::array::uniform6(-1.0..1.0)) {
+        let qdot = Vector6::from(qdot);
+        let h = 1e-6;
+        let (now, _) = analysed(puma(), "puma560", &q, &qdot);
+        let (before, _) = analysed(puma(), "puma560", &(q - qdot * h), &qdot);
+        let (after, _) = analysed(puma(), "puma560", &(q + qdot * h), &qdot);
+        for i in 0..3 {
+            let [a, s, b] = [&before, &now, &after].map(|report| report.singularities[i]);
+            prop_assert!(((b.s - a.s) / (2.0 * h) - s.s_rate).abs() < 1e-7, "{:?} rate of s", s.kind);
+            prop_assert!((s.aux_row.dot(&qdot) - s.aux_rate).abs() < 1e-13, "{:?} auxiliary row", s.kind);
+            prop_assert!(((b.aux_rate - a.aux_rate) / (2.0 * h) - s.aux_bias).abs() < 1e-6, "{:?} auxiliary bias", s.kind);
+            prop_assert!((s.R_BS.transpose() * s.R_BS - Matrix3::identity()).amax() < 1e-12 && s.R_BS.determinant() > 0.0);
+            prop_assert!((s.R_BS.column(0) - s.axis()).norm() < 1e-12, "{:?} first axis", s.kind);
+        }
+    }
+}
+
+#[test]
+fn the_auxiliary_motion_moves_zeta_by_the_gain_and_nothing_else() {
+    let mut random = Uniform(1);
+    for k in 0..2000 {
+        let q = at_locks(&mut random, k % 8);
+        let (report, terms) = analysed(puma(), "puma560", &q, &Vector6::zeros());
+        let at = AtCentre::new(&terms, &report.p_BC, &terms.omega[5]);
+        let actives = actives(&report, 0.0);
+        let system = blended::Augmented::new(&wanted(&terms, &at, &Vector3::zeros()), &actives).unwrap();
+        let lu = crate::linear::Lu::new(system.M).unwrap();
+        for (i, active) in actives.iter().enumerate() {
+            let w = lu.solve(&Vector6::from_fn(|j, _| if j == system.kept + i { 1.0 } else { 0.0 }));
+            let moved = active.zeta_B.dot(&(at.J * w));
+            // With other locks active, ζ of this one is not orthogonal to theirs: only a lone one moves by its own gain alone.
+            if actives.len() == 1 {
+                assert!((moved - active.gain).abs() < 1e-9, "{:?}: {moved} against {}", report.singularities[i].kind, active.gain);
+            }
+        }
+    }
+}
+
+#[test]
+fn the_augmented_matrix_is_regular_everywhere() {
+    let mut random = Uniform(2);
+    let (mut smallest, mut of_J) = (f64::MAX, f64::MAX);
+    for k in 0..20_000 {
+        let q = at_locks(&mut random, k % 8);
+        if (0..6).any(|i| q[i] < puma().lower()[i] || q[i] > puma().upper()[i]) {
+            continue;
+        }
+        let (report, terms) = analysed(puma(), "puma560", &q, &Vector6::zeros());
+        let mut at = AtCentre::new(&terms, &report.p_BC, &terms.omega[5]);
+        (0..3).for_each(|i| at.J.row_mut(i).scale_mut(1.0 / report.length_m));
+        // Engaged as long as the law keeps it so on the way out.
+        let mut engaged = report;
+        engaged.singularities.iter_mut().for_each(|s| s.eta_out *= crate::continuous::auxiliary::LEFT);
+        let system = blended::Augmented::new(&wanted(&terms, &at, &Vector3::zeros()), &actives(&engaged, 0.0)).unwrap();
+        smallest = smallest.min(singular_values(&system.M).0[5]);
+        of_J = of_J.min(report.sigma[5]);
+    }
+    println!("smallest singular value: augmented {smallest}, J {of_J}");
+    assert!(smallest > 0.03 && of_J < 1e-6, "{smallest} {of_J}");
+}
+
+// covers: CK95 Eq. 3 (the one-solve form)
+#[test]
+fn one_solve_gives_the_papers_torque() {
+    let mut random = Uniform(3);
+    for k in 0..4000 {
+        let q = at_locks(&mut random, 1 + k % 7);
+        let qdot = Vector6::from_fn(|_, _| random.within(-0.5, 0.5));
+        let (report, terms) = analysed(puma(), "puma560", &q, &qdot);
+        let at = AtCentre::new(&terms, &report.p_BC, &terms.omega[5]);
+        let (actives, zero) = (actives(&report, 0.0), Vector3::zeros());
+        let wanted = wanted(&terms, &at, &zero);
+        let one = blended::torques(&wanted, &actives).unwrap();
+        if actives.is_empty() {
+            continue;
+        }
+        let paper = chang_khatib::torques(&wanted, &actives).unwrap();
+        let sum = |t: &crate::law::Torques<6>| t.path + t.across + t.null;
+        let scale = sum(&one).amax().max(1.0);
+        assert!((sum(&one) - sum(&paper)).amax() < 1e-11 * scale, "k {k}: {} against {}", sum(&one), sum(&paper));
+        assert!((one.null - paper.null).amax() < 1e-9 * scale, "the same split: {} against {}", one.null, paper.null);
+    }
+}
+
+#[test]
+fn the_blend_is_a_convex_weight_with_the_right_sign() {
+    // With a wrong sign of the gain some β between 0 and 1 makes the matrix singular.
+    let mut random = Uniform(4);
+    for k in 0..2000 {
+        let q = at_locks(&mut random, [1, 2, 4][k % 3]);
+        let (report, terms) = analysed(puma(), "puma560", &q, &Vector6::zeros());
+        let at = AtCentre::new(&terms, &report.p_BC, &terms.omega[5]);
+        if report.meant().iter().any(|s| s.s.abs() < 1e-3) {
+            continue;
+        }
+        let zero = Vector3::zeros();
+        let det = |beta: f64| {
+            let system = blended::Augmented::new(&wanted(&terms, &at, &zero), &actives(&report, beta)).unwrap();
+            crate::linear::Lu::new(system.M).unwrap().determinant()
+        };
+        let (one, other) = (det(0.0), det(1.0));
+        for beta in [0.25, 0.5, 0.75] {
+            assert!((det(beta) / one - 1.0).abs() < 1e-6, "the row is the same modulo the others: {one}, {}, {other}", det(beta));
+        }
+    }
+}
+
+#[test]
+fn straight_up_the_ideal_arm_has_rank_three_and_the_measured_one_four() {
+    let q = Vector6::new(0.3, -std::f64::consts::FRAC_PI_2, std::f64::consts::FRAC_PI_2, 0.0, 0.0, 0.0);
+    let ideal = Model::<6>::new(robot("puma560-ideal"), None).unwrap();
+    assert_eq!(analysed(&ideal, "puma560-ideal", &q, &Vector6::zeros()).0.rank, 3);
+    let mut q = q;
+    q[2] = 1.617_633_439_908_135_6;
+    assert_eq!(analysed(puma(), "puma560", &q, &Vector6::zeros()).0.rank, 4);
+}
