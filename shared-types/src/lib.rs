@@ -3,6 +3,7 @@
 //! * [`wire`]: what a message and a checkpoint are (fixed size, `repr(C)`, no padding, explicit versioned name), and their layout as data.
 //! * [`messages`]: the messages, field by field with units and frames.
 //! * [`topics`]: THE list of topics, and what is derived from it.
+//! * [`bounds`]: comparisons that decide an outcome; NaN fails them.
 //! * [`codes`]: the named integers that travel in them.
 //! * [`scenario`]: what a run does: robot, start, task, gains, noise, seed, judgement.
 //! * [`fault`]: what can be made to go wrong, in which process, when.
@@ -13,6 +14,7 @@
 //!
 //! This crate imports no other crate of the workspace, knows no algebra and does no input or output.
 
+pub mod bounds;
 pub mod codes;
 pub mod fault;
 pub mod file;

@@ -121,10 +121,26 @@ pub struct JointSummary {
     pub switches: u64,
     /// Energy put in at them: the jump in commanded power, |Δτᵀq̇| of the tick of the change, over the 25 ms in which velocity feedback takes it back; J.
     pub switch_energy_j: f64,
+    /// Limits that joints reached: stops, speeds above the limit, torques at it; in the order in which they were first reached.
+    #[serde(default)]
+    pub limits: Vec<LimitSummary>,
     /// Position at the start; rad.
     pub q_start: Vec<f64>,
     /// Position at the end; rad.
     pub q_end: Vec<f64>,
+}
+
+/// A limit that a joint reached.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LimitSummary {
+    /// The joint's name.
+    pub joint: String,
+    /// `"lower stop"`, `"upper stop"`, `"speed"` (above the limit) or `"torque"` (at the limit).
+    pub limit: String,
+    /// The first tick at which it was reached.
+    pub first_tick: u64,
+    /// Ticks spent there.
+    pub ticks: u64,
 }
 
 /// One singularity over the run.
@@ -147,6 +163,15 @@ pub struct SingularitySummary {
     pub entries: u64,
     /// Largest angle between ζ and what it was when the neighbourhood was entered; degrees.
     pub zeta_turned_deg: f64,
+    /// Ticks in mode hold or slide with an error along the singular directions beyond the goal's final bounds.
+    #[serde(default)]
+    pub hold_ticks: u64,
+    /// Largest position error along the singular directions in those ticks; mm.
+    #[serde(default)]
+    pub hold_max_mm: f64,
+    /// Largest orientation error about the singular directions in those ticks; degrees.
+    #[serde(default)]
+    pub hold_max_deg: f64,
 }
 
 /// A null-space turn of a singular direction.

@@ -1,7 +1,7 @@
 //! What is to be seen at a tick, and what null-space motion has shown so far. PURE.
 
 use glam::{Mat3, Quat, Vec3};
-use nalgebra::{Matrix3, Rotation3, Vector3, Vector6};
+use nalgebra::{Matrix3, Vector3, Vector6};
 use shared_types::MAX_DOF;
 use shared_types::codes::{MODE_TRACK, TYPE_1};
 use shared_types::messages::SingularityState;
@@ -156,7 +156,7 @@ impl NullMotion {
             (V.fixed_rows::<3>(0).norm_squared() / (self.length_m * self.length_m) + V.fixed_rows::<3>(3).norm_squared()).sqrt();
         let (p, R) = (Vector3::from(state.p_BE), Matrix3::from_column_slice(&state.R_BE));
         if let Some((p_0, R_0, _)) = self.start {
-            let turned = Rotation3::from_matrix_unchecked(R * R_0.transpose()).angle();
+            let turned = model::rotation_log(&(R * R_0.transpose())).norm();
             if (p - p_0).norm() / self.length_m + turned > 0.15 {
                 self.start = None;
                 self.turned = [0.0; MAX_DOF];

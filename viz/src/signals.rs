@@ -4,7 +4,7 @@
 //! where many narrow ones are not. Positions are f64, as they came; the rest is f32, 7 digits, which halves the file.
 
 use model::Robot;
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use nalgebra::{Matrix3, Vector3};
 use shared_types::messages::{PlantState, SingularityState, TorqueCommand};
 use shared_types::topics::{ByTopic, Lent};
 use shared_types::wire::{HOPS, Stamps};
@@ -257,7 +257,7 @@ impl TaskError {
     pub(crate) fn new(state: &PlantState, command: &TorqueCommand, singularities: &[SingularityState]) -> Self {
         let p = Vector3::from(command.p_BE_d) - Vector3::from(state.p_BE);
         let R_error = Matrix3::from_column_slice(&command.R_BE_d) * Matrix3::from_column_slice(&state.R_BE).transpose();
-        let r = Rotation3::from_matrix_unchecked(R_error).scaled_axis();
+        let r = model::rotation_log(&R_error);
         let directions = |angular: u32, offset: usize| {
             singularities
                 .iter()
@@ -311,7 +311,7 @@ mod tests {
         state.p_BE = [0.1, 0.2, 0.3];
         let mut command = TorqueCommand { R_BE_d: state.R_BE, p_BE_d: [0.103, 0.2, 0.304], ..TorqueCommand::default() };
         // A turn of 0.02 rad about z.
-        command.R_BE_d = *Rotation3::from_axis_angle(&Vector3::z_axis(), 0.02).matrix().as_slice().first_chunk().expect("nine");
+        command.R_BE_d = *nalgebra::Rotation3::from_axis_angle(&Vector3::z_axis(), 0.02).matrix().as_slice().first_chunk().expect("nine");
         let elbow = SingularityState { inside: 1, zeta_B: [1., 0., 0., 0., 0., 0.], ..SingularityState::default() };
         let wrist = SingularityState { inside: 1, angular: 1, zeta_B: [0., 0., 0., 0., 0., 1.], ..SingularityState::default() };
         let close = |a: [f64; 2], b: [f64; 2]| assert!((a[0] - b[0]).abs() < 1e-12 && (a[1] - b[1]).abs() < 1e-12, "{a:?} {b:?}");

@@ -6,7 +6,7 @@
 use chain::Tick;
 use control::sweep;
 use model::Robot;
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use nalgebra::{Matrix3, Vector3};
 use shared_types::codes::{MODE_REGULAR, PHASE_DONE, PHASE_REFUSED};
 use shared_types::scenario::Scenario;
 
@@ -84,7 +84,7 @@ fn split(tick: &Tick) -> ([f64; 2], [f64; 2]) {
     let (truth, command) = (&tick.plant_state, &tick.torque);
     let matrix = |R: &[f64; 9]| Matrix3::from_column_slice(R);
     let p = Vector3::from(command.p_BE_d) - Vector3::from(truth.p_BE);
-    let w = Rotation3::from_matrix_unchecked(matrix(&command.R_BE_d) * matrix(&truth.R_BE).transpose()).scaled_axis();
+    let w = model::rotation_log(&(matrix(&command.R_BE_d) * matrix(&truth.R_BE).transpose()));
     let (mut linear, mut angular) = (p, w);
     for (i, s) in tick.singularity.singularities[..tick.singularity.count as usize].iter().enumerate() {
         if command.mode[i] == MODE_REGULAR {

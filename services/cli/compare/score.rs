@@ -4,6 +4,7 @@ use model::{Model, Refused, Robot, with_dof};
 use nalgebra::{Cholesky, SVector};
 use recorder::{Judge, TaskError, Verdict, limits};
 use serde::Serialize;
+use shared_types::bounds::{larger, within};
 use shared_types::codes::DRIVE_ACTIVE;
 use shared_types::scenario::Scenario;
 
@@ -111,7 +112,7 @@ impl<const N: usize> Meter<N> {
 
     fn tick(&mut self, tick: &recorder::Tick<'_>) {
         let TaskError { position, orientation } = TaskError::of(tick);
-        self.along = [self.along[0].max(position[2]), self.along[1].max(orientation[2])];
+        self.along = [larger(self.along[0], position[2]), larger(self.along[1], orientation[2])];
         self.stopped_by_plant |= tick.truth.limit_mask != 0 || tick.truth.drive != DRIVE_ACTIVE && tick.truth.header.tick > 0;
         let tau = SVector::<f64, N>::from_fn(|i, _| tick.command.tau[i]);
         if let Some(last) = self.last_tau.replace(tau) {
@@ -146,11 +147,11 @@ impl<const N: usize> Meter<N> {
         let missed: Vec<&'static str> = [
             ("stopped", !verdict.completed),
             ("joint stop", self.stopped_by_plant),
-            ("end", task.final_position_mm >= 1.0 || task.final_orientation_deg >= 0.5),
-            ("speed", joints.speed_max_ratio > 1.0),
+            ("end", !(within(task.final_position_mm, 1.0) && within(task.final_orientation_deg, 0.5))),
+            ("speed", !within(joints.speed_max_ratio, 1.0)),
             ("torque", saturated_s > SATURATED_S + 1e-9),
-            ("across", across_mm >= 1.0 || across_deg >= 3.0),
-            ("along", along_mm >= 10.0 || along_deg >= 5.0),
+            ("across", !(within(across_mm, 1.0) && within(across_deg, 3.0))),
+            ("along", !(within(along_mm, 10.0) && within(along_deg, 5.0))),
         ]
         .into_iter()
         .filter_map(|(what, is_so)| is_so.then_some(what))

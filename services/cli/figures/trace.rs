@@ -1,8 +1,9 @@
 //! What a figure needs of a run.
 
-use model::{Model, Refused, Robot, with_dof};
-use nalgebra::{Matrix3, Rotation3, SVector, Vector3};
+use model::{Model, Refused, Robot, rotation_log, with_dof};
+use nalgebra::{Matrix3, SVector, Vector3};
 use recorder::TaskError;
+use shared_types::bounds::larger;
 use shared_types::scenario::Scenario;
 
 /// Length of the hand in stick figures, m.
@@ -38,7 +39,7 @@ pub(super) struct Sample {
 impl Sample {
     /// Angle about `axis` by which the end-effector has turned since another moment; rad.
     pub(super) fn turned_about(&self, axis: &Vector3<f64>, since: Option<&Self>) -> f64 {
-        since.map_or(0.0, |since| Rotation3::from_matrix_unchecked(self.R * since.R.transpose()).scaled_axis().dot(axis))
+        since.map_or(0.0, |since| rotation_log(&(self.R * since.R.transpose())).dot(axis))
     }
 }
 
@@ -59,7 +60,7 @@ impl Trace {
     }
 
     pub(super) fn largest(&self, of: impl Fn(&Sample) -> f64) -> f64 {
-        self.samples.iter().map(of).fold(0.0, f64::max)
+        self.samples.iter().map(of).fold(0.0, larger)
     }
 
     pub(super) fn last(&self, of: impl Fn(&Sample) -> f64) -> f64 {

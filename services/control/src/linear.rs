@@ -1,5 +1,6 @@
 //! Small dense algebra of static size: solvers that say how close they came to failing, and never iterate without a bound.
 
+pub use model::rotation_log;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3, Vector6};
 
 /// Why a square system could not be solved.
@@ -211,27 +212,6 @@ pub fn rotation_exp(rho: &Vector3<f64>) -> Matrix3<f64> {
     let K = (rho / angle).cross_matrix();
     let (sin, cos) = libm::sincos(angle);
     Matrix3::identity() + K * sin + K * K * (1.0 - cos)
-}
-
-/// The rotation vector of `R` (axis times angle, rad), angle in [0, π].
-///
-/// Exact to rounding at both ends: near 0 from the antisymmetric part, near π from the symmetric one.
-#[must_use]
-pub fn rotation_log(R: &Matrix3<f64>) -> Vector3<f64> {
-    let w = Vector3::new(R.m32 - R.m23, R.m13 - R.m31, R.m21 - R.m12) * 0.5;
-    let (sin, cos) = (w.norm(), 0.5 * (R.trace() - 1.0));
-    let angle = libm::atan2(sin, cos);
-    if sin > 1e-6 {
-        return w * (angle / sin);
-    }
-    if cos > 0.0 {
-        return w;
-    }
-    // Near a half turn R + 1 = 2·u·uᵀ: the largest column gives the axis, w its sign.
-    let S = R + Matrix3::identity();
-    let column = (0..3).max_by(|i, j| S[(*i, *i)].total_cmp(&S[(*j, *j)])).unwrap_or(0);
-    let axis = S.column(column).normalize();
-    axis * if axis.dot(&w) < 0.0 { -angle } else { angle }
 }
 
 /// Cubic step: 0 at x ≤ 0, 1 at x ≥ 1, flat at both ends.

@@ -8,6 +8,7 @@ use crate::robot::{Robot, RobotSource};
 use crate::task::TaskAxes;
 use crate::{geometry, urdf};
 use nalgebra::Vector3;
+use shared_types::bounds::within;
 use std::collections::BTreeMap;
 
 impl Robot {
@@ -62,7 +63,7 @@ impl Robot {
                 });
             };
             let actual = nalgebra::Matrix6::from_columns(&square).determinant();
-            if (actual - product).abs() > 1e-9 * scale {
+            if !within((actual - product).abs(), 1e-9 * scale) {
                 return Err(RobotError::Factors { robot: self.name.clone(), q, actual, product });
             }
         }

@@ -150,13 +150,19 @@ fn take<const N: usize>(row: &Row, judge: &mut Judge, tape: &mut Tape<N>) {
         judge.torn(sensor);
     }
     tape.tick(row);
+    judge.events().for_each(|(tick, text)| tape.event(tick, Level::Warning, &text));
 }
 
 /// A robot's limits, as the judge wants them.
 #[must_use]
 pub fn limits(robot: &Robot) -> Limits {
     let of = |value: fn(&model::Joint) -> f64| robot.joints.iter().map(value).collect();
-    Limits { effort: of(|joint| joint.effort), velocity: of(|joint| joint.velocity) }
+    Limits {
+        names: robot.joints.iter().map(|joint| joint.name.clone()).collect(),
+        middle: of(|joint| 0.5 * (joint.lower + joint.upper)),
+        effort: of(|joint| joint.effort),
+        velocity: of(|joint| joint.velocity),
+    }
 }
 
 /// The recording, as long as it can be written; the first error ends it and is kept.

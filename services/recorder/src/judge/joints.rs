@@ -1,0 +1,139 @@
+//! Loads of the joints, and the limits that they reach.
+
+use hdrhistogram::Histogram;
+use serde::{Deserialize, Serialize};
+use shared_types::bounds::{larger, share, within};
+use shared_types::summary::{JointSummary, LimitSummary};
+
+use super::histogram::{new, stored};
+use super::tick::Tick;
+
+/// Torque steps are kept in millionths of the limit: a ratio of 1 is 1 000 000.
+const STEP_UNIT: f64 = 1e6;
+/// Larger steps than this many limits, which only a fault makes, count as it.
+const STEP_MOST: f64 = 1e3;
+/// Time over which the jump of a switch is taken back, s: the default velocity feedback's, 1/k_v.
+const SWITCH_S: f64 = 0.025;
+
+/// The arm's limits, one entry a joint.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Limits {
+    /// Names.
+    pub names: Vec<String>,
+    /// Half-way between the position limits, rad (m for a sliding joint).
+    pub middle: Vec<f64>,
+    /// N·m.
+    pub effort: Vec<f64>,
+    /// rad/s.
+    pub velocity: Vec<f64>,
+}
+
+/// Gathers the joints' loads tick by tick.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct JointMeter {
+    limits: Limits,
+    summary: JointSummary,
+    #[serde(with = "stored")]
+    torque_steps: Histogram<u64>,
+    last_tau: Option<Vec<f64>>,
+}
+
+impl JointMeter {
+    pub(super) fn new(limits: Limits) -> Self {
+        Self { limits, summary: JointSummary::default(), torque_steps: new(), last_tau: None }
+    }
+
+    /// Number of joints.
+    pub(super) fn count(&self) -> usize {
+        self.limits.effort.len()
+    }
+
+    /// Takes in a tick with `switches` changes of mode; a limit that is reached for the first time goes into `events`.
+    pub(super) fn tick(&mut self, tick: &Tick<'_>, switches: usize, mut events: impl FnMut(String)) {
+        self.measure_switches(tick, switches);
+        self.measure_loads(tick);
+        for i in 0..self.count() {
+            self.watch_limits(tick, i, &mut events);
+        }
+    }
+
+    fn measure_loads(&mut self, tick: &Tick<'_>) {
+        let n = self.count();
+        let joints = &mut self.summary;
+        let tau = &tick.command.tau[..n];
+        for (i, torque) in tau.iter().enumerate() {
+            joints.speed_max_ratio = larger(joints.speed_max_ratio, share(tick.truth.qdot[i], self.limits.velocity[i]));
+            joints.torque_max_ratio = larger(joints.torque_max_ratio, share(*torque, self.limits.effort[i]));
+        }
+        if let Some(last) = &self.last_tau {
+            let step = (0..n).fold(0.0f64, |step, i| larger(step, share(tau[i] - last[i], self.limits.effort[i])));
+            joints.torque_step_max_ratio = larger(joints.torque_step_max_ratio, step);
+            self.torque_steps.saturating_record((step.min(STEP_MOST) * STEP_UNIT) as u64 + 1);
+        } else {
+            joints.q_start = tick.truth.q[..n].to_vec();
+        }
+        joints.q_end.clear();
+        joints.q_end.extend_from_slice(&tick.truth.q[..n]);
+        joints.saturated_ticks += u64::from(tick.command.saturation_mask != 0);
+        let last = self.last_tau.get_or_insert_default();
+        last.clear();
+        last.extend_from_slice(tau);
+    }
+
+    /// The jump in power that a change of mode commands.
+    fn measure_switches(&mut self, tick: &Tick<'_>, changes: usize) {
+        self.summary.switches += changes as u64;
+        if changes > 0
+            && let Some(last) = &self.last_tau
+        {
+            let jump: f64 = last.iter().enumerate().map(|(i, before)| (tick.command.tau[i] - before) * tick.truth.qdot[i]).sum();
+            self.summary.switch_energy_j += jump.abs() * SWITCH_S;
+        }
+    }
+
+    fn watch_limits(&mut self, tick: &Tick<'_>, i: usize, events: &mut impl FnMut(String)) {
+        let bit = 1u32 << i;
+        let stop = if tick.truth.q[i] > self.limits.middle[i] { "upper stop" } else { "lower stop" };
+        for (is_reached, limit) in [
+            (tick.truth.limit_mask & bit != 0, stop),
+            (!within(share(tick.truth.qdot[i], self.limits.velocity[i]), 1.0), "speed"),
+            ((tick.command.saturation_mask | tick.truth.saturation_mask) & bit != 0, "torque"),
+        ] {
+            if !is_reached {
+                continue;
+            }
+            let joint = &self.limits.names[i];
+            if let Some(known) = self.summary.limits.iter_mut().find(|known| known.joint == *joint && known.limit == limit) {
+                known.ticks += 1;
+                continue;
+            }
+            let first = LimitSummary { joint: joint.clone(), limit: limit.to_owned(), first_tick: tick.truth.header.tick, ticks: 1 };
+            events(reached(&first));
+            self.summary.limits.push(first);
+        }
+    }
+
+    /// One clause for each limit that was reached.
+    pub(super) fn clauses(&self) -> impl Iterator<Item = String> {
+        self.summary.limits.iter().map(|limit| {
+            let LimitSummary { first_tick, ticks, .. } = limit;
+            format!("{} for {ticks} ticks from tick {first_tick} on", reached(limit))
+        })
+    }
+
+    pub(super) fn finish(mut self) -> JointSummary {
+        if !self.torque_steps.is_empty() {
+            self.summary.torque_step_p95_ratio = self.torque_steps.value_at_quantile(0.95) as f64 / STEP_UNIT;
+        }
+        self.summary
+    }
+}
+
+fn reached(limit: &LimitSummary) -> String {
+    let joint = &limit.joint;
+    match limit.limit.as_str() {
+        "speed" => format!("{joint} above its speed limit"),
+        "torque" => format!("{joint} at its torque limit"),
+        stop => format!("{joint} against its {stop}"),
+    }
+}

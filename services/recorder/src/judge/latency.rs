@@ -1,0 +1,144 @@
+//! Latencies, from the stamps of the messages.
+
+use std::collections::BTreeMap;
+
+use hdrhistogram::Histogram;
+use serde::{Deserialize, Serialize};
+use shared_types::summary::Latency;
+use shared_types::wire::HOPS;
+use shared_types::{SensorSample, TorqueCommand};
+
+use super::histogram::{new, stored};
+
+/// A span of time that is measured each tick.
+#[derive(Clone, Copy)]
+pub(super) enum Span {
+    /// Sensor to torque in the plant's hands.
+    Chain,
+    /// A process's own part.
+    Own(usize),
+    /// The way to a process from the one before it.
+    Way(usize),
+}
+
+impl Span {
+    pub(super) fn all() -> impl Iterator<Item = Self> {
+        std::iter::once(Self::Chain).chain((0..HOPS.len()).map(Self::Own)).chain((1..HOPS.len()).map(Self::Way))
+    }
+
+    /// Its place among all.
+    const fn place(self) -> usize {
+        match self {
+            Self::Chain => 0,
+            Self::Own(hop) => 1 + hop,
+            Self::Way(hop) => HOPS.len() + hop,
+        }
+    }
+
+    fn name(self) -> String {
+        match self {
+            Self::Chain => "chain".to_owned(),
+            Self::Own(hop) => HOPS[hop].to_owned(),
+            Self::Way(hop) => format!("{} to {}", HOPS[hop - 1], HOPS[hop]),
+        }
+    }
+}
+
+/// Gathers the latencies of a run.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct LatencyMeter {
+    /// Of each span that is timed.
+    #[serde(with = "stored_all")]
+    latencies: Vec<Histogram<u64>>,
+    /// Not stored: no latency is measured over a gap.
+    #[serde(skip)]
+    last_sensor: Option<SensorSample>,
+    /// Between two points of the real-time grid; 0 without one.
+    period_ns: u64,
+    /// When the tick before the last one was due.
+    due_before_ns: u64,
+    first_ns: u64,
+    last_ns: u64,
+}
+
+impl LatencyMeter {
+    /// For ticks on a grid of `period_ns`; 0 without a grid.
+    pub(super) fn new(period_ns: u64) -> Self {
+        Self { latencies: Span::all().map(|_| new()).collect(), last_sensor: None, period_ns, due_before_ns: 0, first_ns: 0, last_ns: 0 }
+    }
+
+    pub(super) fn of(&self, span: Span) -> &Histogram<u64> {
+        &self.latencies[span.place()]
+    }
+
+    /// Wall-clock time between the first and the last sample; s.
+    pub(super) fn wall_s(&self) -> f64 {
+        self.last_ns.saturating_sub(self.first_ns) as f64 * 1e-9
+    }
+
+    pub(super) fn summary(&self) -> BTreeMap<String, Latency> {
+        Span::all().map(|span| (span.name(), latency(self.of(span)))).collect()
+    }
+
+    /// Adds a time to a distribution; the histogram grows with its samples, so it can hold every time.
+    fn measure(&mut self, span: Span, from_ns: u64, to_ns: u64) {
+        if from_ns != 0 && to_ns != 0 {
+            let _ = self.latencies[span.place()].record(to_ns.saturating_sub(from_ns));
+        }
+    }
+
+    /// Each hand-over and each computation, from the stamps of the last message of the way.
+    pub(super) fn measure_hops(&mut self, command: &TorqueCommand) {
+        let stamps = command.header.stamps;
+        for hop in 1..HOPS.len() {
+            self.measure(Span::Way(hop), stamps.sent_ns[hop - 1], stamps.received_ns[hop]);
+            self.measure(Span::Own(hop), stamps.received_ns[hop], stamps.sent_ns[hop]);
+        }
+    }
+
+    /// Sensor to torque in the plant's hands, and the plant's own part; on a grid both from when the tick was due.
+    pub(super) fn measure_chain(&mut self, sensor: &SensorSample) {
+        let now = sensor.header.stamps;
+        let sent = now.sent_ns[0];
+        // The sample of tick k + 1 carries the time at which the plant received torque k.
+        if let Some(last) = self.last_sensor
+            && last.header.tick + 1 == sensor.header.tick
+        {
+            let then = last.header.stamps;
+            // A torque that never came counts with all the time that the plant gave it.
+            let ended = if now.received_ns[0] > then.sent_ns[0] { now.received_ns[0] } else { sent };
+            self.measure(Span::Chain, then.origin_ns(), ended);
+            if self.period_ns > 0 && self.due_before_ns > 0 {
+                // No coordinated omission: a request at a skipped grid point would have waited for this answer.
+                let skipped = (self.due_before_ns + self.period_ns..then.due_ns).step_by(self.period_ns as usize);
+                skipped.for_each(|due| self.measure(Span::Chain, due, ended));
+            }
+            self.due_before_ns = then.due_ns;
+            let began = if now.due_ns > 0 { now.due_ns } else { now.received_ns[0] };
+            self.measure(Span::Own(0), began, sent);
+        }
+        self.first_ns = if self.first_ns == 0 { sent } else { self.first_ns };
+        self.last_ns = sent.max(self.last_ns);
+        self.last_sensor = Some(*sensor);
+    }
+}
+
+fn latency(histogram: &Histogram<u64>) -> Latency {
+    let us = |quantile: f64| histogram.value_at_quantile(quantile) as f64 * 1e-3;
+    Latency { count: histogram.len(), p50: us(0.5), p99: us(0.99), p999: us(0.999), max: histogram.max() as f64 * 1e-3 }
+}
+
+mod stored_all {
+    use super::{Histogram, Span, stored};
+    use serde::de::Error;
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    pub(super) fn serialize<S: Serializer>(all: &[Histogram<u64>], serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(all.iter().map(stored::values))
+    }
+
+    pub(super) fn deserialize<'a, D: Deserializer<'a>>(deserializer: D) -> Result<Vec<Histogram<u64>>, D::Error> {
+        let all: Vec<_> = Vec::deserialize(deserializer)?.into_iter().map(stored::of).collect();
+        if all.len() == Span::all().count() { Ok(all) } else { Err(D::Error::invalid_length(all.len(), &"one for each span")) }
+    }
+}

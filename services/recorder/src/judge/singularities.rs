@@ -1,0 +1,118 @@
+//! Singularities over a run: how near, how long, in which mode, and at which cost.
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+use shared_types::bounds::{larger, smaller, within};
+use shared_types::codes::{self, MODE_HOLD, MODE_REGULAR, MODE_SLIDE};
+use shared_types::scenario::Goal;
+use shared_types::summary::{ModeChange, SingularitySummary};
+
+use super::task::TaskError;
+use super::tick::{Tick, active, halves};
+
+/// Gathers figures for each singularity.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(super) struct SingularityMeter {
+    watched: Vec<Watched>,
+    modes: Vec<ModeChange>,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+struct Watched {
+    summary: SingularitySummary,
+    mode: u32,
+    inside: bool,
+    /// ζ when the neighbourhood was entered last.
+    zeta_at_entry: [f64; 3],
+    /// The first tick of the first hold that costs more than the goal allows.
+    held_from: Option<u64>,
+    /// Whether such a hold is under way.
+    is_held: bool,
+}
+
+impl SingularityMeter {
+    /// Takes in a tick; each beginning of a hold that costs more than the goal allows goes into `events`. Returns the changes of mode.
+    pub(super) fn tick(&mut self, tick: &Tick<'_>, error: &TaskError, goal: &Goal, mut events: impl FnMut(String)) -> usize {
+        let before = self.modes.len();
+        for (i, singularity) in active(tick.report).iter().enumerate() {
+            if self.watched.len() <= i {
+                let name = codes::singularity_name(singularity.kind, i);
+                let summary = SingularitySummary { name, s_min: f64::INFINITY, ..SingularitySummary::default() };
+                self.watched.push(Watched {
+                    summary,
+                    mode: MODE_REGULAR,
+                    inside: false,
+                    zeta_at_entry: [0.0; 3],
+                    held_from: None,
+                    is_held: false,
+                });
+            }
+            let watched = &mut self.watched[i];
+            let summary = &mut watched.summary;
+            summary.s_min = smaller(summary.s_min, singularity.s.abs());
+            codes::name_of(codes::TYPES, singularity.class).clone_into(&mut summary.class);
+            (summary.kappa_1, summary.kappa_2) = (singularity.kappa_1, singularity.kappa_2);
+            let inside = singularity.inside != 0;
+            summary.inside_ticks += u64::from(inside);
+            summary.entries += u64::from(inside && !watched.inside);
+            let (linear, angular) = halves(&singularity.zeta_B);
+            let zeta = if singularity.angular != 0 { angular } else { linear };
+            if inside && !watched.inside {
+                watched.zeta_at_entry = zeta.into();
+            }
+            if inside {
+                let entry = Vector3::from(watched.zeta_at_entry);
+                let turned = entry.cross(&zeta).norm().atan2(entry.dot(&zeta)).to_degrees();
+                summary.zeta_turned_deg = larger(summary.zeta_turned_deg, turned);
+            }
+            watched.inside = inside;
+            let mode = tick.command.mode[i];
+            if mode != watched.mode {
+                watched.mode = mode;
+                self.modes.push(ModeChange {
+                    tick: tick.command.header.tick,
+                    singularity: summary.name.clone(),
+                    mode: codes::name_of(codes::MODES, mode).to_owned(),
+                });
+            }
+            watched.hold(tick.command.header.tick, error, goal, &mut events);
+        }
+        self.modes.len() - before
+    }
+
+    /// One clause for each singularity at which a hold cost more than the goal allows.
+    pub(super) fn clauses(&self) -> impl Iterator<Item = String> {
+        self.watched.iter().filter_map(|watched| {
+            let SingularitySummary { name, hold_ticks, hold_max_mm, hold_max_deg, .. } = &watched.summary;
+            let from = watched.held_from?;
+            Some(format!(
+                "held at the {name} singularity for {hold_ticks} ticks from tick {from} on, up to {hold_max_mm:.3} mm and {hold_max_deg:.3} ° \
+                 off along the singular directions"
+            ))
+        })
+    }
+
+    pub(super) fn finish(self) -> (Vec<SingularitySummary>, Vec<ModeChange>) {
+        (self.watched.into_iter().map(|watched| watched.summary).collect(), self.modes)
+    }
+}
+
+impl Watched {
+    /// A hold whose error along the singular directions is beyond the goal's final bounds.
+    fn hold(&mut self, tick: u64, error: &TaskError, goal: &Goal, events: &mut impl FnMut(String)) {
+        let (mm, deg) = (error.position[2], error.orientation[2]);
+        let is_cheap = within(mm, goal.position_mm) && within(deg, goal.orientation_deg);
+        let is_held = [MODE_HOLD, MODE_SLIDE].contains(&self.mode) && !is_cheap;
+        if is_held {
+            let summary = &mut self.summary;
+            summary.hold_ticks += 1;
+            summary.hold_max_mm = larger(summary.hold_max_mm, mm);
+            summary.hold_max_deg = larger(summary.hold_max_deg, deg);
+            if !self.is_held {
+                events(format!("the law holds at the {} singularity: the goal's bounds are exceeded along it", summary.name));
+            }
+            self.held_from.get_or_insert(tick);
+        }
+        self.is_held = is_held;
+    }
+}

@@ -1,0 +1,44 @@
+//! The judge's input: one whole tick.
+
+use nalgebra::Vector3;
+use shared_types::topics::{ByTopic, Lent};
+use shared_types::{MAX_SINGULARITIES, PlantState, SensorSample, SingularityReport, SingularityState, StateEstimate, TorqueCommand};
+
+/// One tick, whole: a message of each topic.
+#[derive(Clone, Copy, Debug)]
+pub struct Tick<'a> {
+    /// From the plant.
+    pub sensor: &'a SensorSample,
+    /// From the plant.
+    pub truth: &'a PlantState,
+    /// From the estimator.
+    pub estimate: &'a StateEstimate,
+    /// From the analyzer.
+    pub report: &'a SingularityReport,
+    /// From the controller.
+    pub command: &'a TorqueCommand,
+}
+
+impl<'a> Tick<'a> {
+    /// The judge's part of a tick; `None` where a message of it is missing.
+    #[must_use]
+    pub fn of(messages: &ByTopic<Lent<'a>>) -> Option<Self> {
+        Some(Self {
+            sensor: messages.sensor?,
+            truth: messages.plant_state?,
+            estimate: messages.estimate?,
+            report: messages.singularity?,
+            command: messages.torque?,
+        })
+    }
+}
+
+/// The singularities in use, bounded by the message's capacity.
+pub(super) fn active(report: &SingularityReport) -> &[SingularityState] {
+    &report.singularities[..(report.count as usize).min(MAX_SINGULARITIES)]
+}
+
+/// The linear and the angular half of a twist.
+pub(super) fn halves(twist: &[f64; 6]) -> (Vector3<f64>, Vector3<f64>) {
+    (Vector3::new(twist[0], twist[1], twist[2]), Vector3::new(twist[3], twist[4], twist[5]))
+}
