@@ -290,6 +290,15 @@ fn is_paused(account: &FaultRecord) -> bool {
     strike.kind() == Some(Kind::Hang) && strike.way() == Some(Way::Paused) && *injected_ns != 0 && *recovered_ns == 0
 }
 
+/// Whether a fault ends its process, by itself or through the launcher.
+fn ends_process(fault: &ScheduledFault) -> bool {
+    match fault.kind() {
+        Some(Kind::Kill | Kind::Crash) => true,
+        Some(Kind::Hang) => fault.way() == Some(Way::ForEver),
+        _ => false,
+    }
+}
+
 /// A prepared run: its directory, control page and topics exist, and no process yet.
 ///
 /// It must be run on the thread that stays: the kernel kills the children when the thread that started them ends.
@@ -476,13 +485,13 @@ impl Launcher {
     /// so that the run can be repeated.
     fn enter_death(&self, index: usize) {
         let table = self.control_page.fault_table();
-        let is_explained = |account: &FaultRecord| {
-            account.scheduled.process as usize == index
-                && account.scheduled.kind().is_some_and(Kind::takes_down)
-                && account.injected_ns != 0
-                && account.recovered_ns == 0
+        // Each fault that ends its process has ended one incarnation. Where more have ended, the last one was killed by somebody else, perhaps
+        // before it could take the place of one that a fault had ended.
+        let has_ended = |account: &FaultRecord| {
+            account.scheduled.process as usize == index && ends_process(&account.scheduled) && account.injected_ns != 0
         };
-        let is_known = table.records().any(|(_, account)| is_explained(&account));
+        let explained = table.records().filter(|(_, account)| has_ended(account)).count();
+        let is_known = explained >= self.control_page.process(index).incarnation() as usize;
         if !is_known {
             let fault = Fault { at_tick: Some(self.first_tick_missed(index)), ..Fault::new(self.name(index), Kind::Kill) };
             // A process that the vocabulary does not know cannot be waited for by its ticks either.
@@ -505,10 +514,16 @@ impl Launcher {
         }
         let process = &self.plan.children[index].process;
         let reads = |other: &Process| !other.polled && process.writes.iter().any(|topic| other.reads.contains(topic));
+        // A reader that was down at the tick has passed over it, whatever was sent.
+        let has_missed = |other: usize| {
+            let is_it = |fault: &ScheduledFault| fault.process as usize == other && fault.concerns(closed);
+            let takes_down = |fault: &ScheduledFault| fault.kind().is_some_and(Kind::takes_down);
+            self.control_page.fault_table().records().any(|(_, record)| is_it(&record.scheduled) && takes_down(&record.scheduled))
+        };
         let has_got = |(other, child): (usize, &Child)| {
             // Who makes the ticks says when it begins one, the others when they end it.
             let head_start = u64::from(child.process.makes_ticks);
-            reads(&child.process) && self.control_page.process(other).ticks() > closed + head_start
+            reads(&child.process) && self.control_page.process(other).ticks() > closed + head_start && !has_missed(other)
         };
         closed + u64::from(self.plan.children.iter().enumerate().any(has_got))
     }

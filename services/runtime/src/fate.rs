@@ -10,6 +10,8 @@ use shared_types::fault::{Kind, ScheduledFault, Way};
 use crate::clock::now_ns;
 use crate::control_page::{PROGRESS, State};
 use crate::fault::table::Origin;
+use crate::lockstep::{Outage, Progress, Protocol, Report, Role, View};
+use crate::manifest::Process;
 use crate::realtime;
 use crate::shell::Shared;
 
@@ -89,29 +91,15 @@ impl Shared {
         !self.is_unharmed() && self.fates.borrow().shapes_messages()
     }
 
-    /// Whether a process is dead or stands still at a tick.
-    pub(crate) fn is_down(&self, process: usize, tick: u64) -> bool {
-        self.fates.borrow().is_down(process, tick)
+    /// The decisions of the lockstep protocol for this process.
+    pub(crate) fn protocol(&self) -> Protocol<'_, Self> {
+        Protocol::new(self, self.me)
     }
 
     /// When this process, started again, may answer: the first tick after its last death. 0: no death is known.
-    ///
-    /// In real time a death that nobody planned has no length: its replacement answers as soon as it can.
     pub(crate) fn returns_at(&self) -> u64 {
-        if self.line().incarnation() < 2 {
-            return 0;
-        }
         self.learn();
-        let (fates, done) = (self.fates.borrow(), self.line().ticks());
-        let down = |(place, strike): &&(usize, ScheduledFault)| {
-            let account = self.control_page.fault_table().record(*place);
-            let has_struck = account.is_some_and(|account| account.injected_ns != 0);
-            let has_length = self.is_lockstep() || account.is_none_or(|account| account.origin != Origin::Detected);
-            let is_mine = strike.process as usize == self.me && strike.kind().is_some_and(Kind::takes_down);
-            // Who died between sending a tick and saying so is down from the next one on.
-            is_mine && has_length && (strike.at <= done || has_struck)
-        };
-        fates.strikes().iter().filter(down).map(|(_, strike)| strike.until).max().unwrap_or(0)
+        self.protocol().returns_at()
     }
 
     /// Carries out what concerns the process itself at a tick, with the tick's first input in hand. Returns the tick at which it goes on:
@@ -122,8 +110,9 @@ impl Shared {
             return tick;
         }
         self.starve(tick);
-        let Some((place, strike, kind)) = self.downfall(tick) else { return tick };
-        self.control_page.fault_table().mark_injected(place, now_ns());
+        let Some(outage) = self.protocol().downfall(tick) else { return tick };
+        self.control_page.fault_table().mark_injected(outage.place, now_ns());
+        let Some((strike, kind)) = self.fault(outage.place) else { return tick };
         match kind {
             Kind::Kill => self.die(),
             Kind::Crash => {
@@ -135,20 +124,25 @@ impl Shared {
         strike.until
     }
 
-    /// What takes this process down at a tick. Who makes the ticks, and who takes in what others have sent, is down at no tick but the first,
-    /// because no tick passes meanwhile: it falls once. In real time everybody does: a replacement that is there early is not struck again.
-    pub(crate) fn downfall(&self, tick: u64) -> Option<(usize, ScheduledFault, Kind)> {
-        let process = &self.manifest.processes[self.me];
-        let falls_once = process.polled || process.makes_ticks || !self.is_lockstep();
-        let has_struck = |place| self.control_page.fault_table().record(place).is_some_and(|account| account.injected_ns != 0);
+    /// Dies where a replacement has died before it could answer, so that a run repeats the deaths of its plan.
+    pub(crate) fn meet_fate_at_start(&self) {
+        self.learn();
+        if let Some(outage) = self.protocol().downfall_at_start() {
+            self.control_page.fault_table().mark_injected(outage.place, now_ns());
+            self.die();
+        }
+    }
+
+    /// The fault at a place of the table, as this process knows it.
+    fn fault(&self, place: usize) -> Option<(ScheduledFault, Kind)> {
         let fates = self.fates.borrow();
-        let mut falls = fates.of(self.me, tick).filter(|(place, _, kind)| kind.takes_down() && !(falls_once && has_struck(*place)));
-        falls.next().map(|(place, strike, kind)| (place, *strike, kind))
+        let (_, fault) = fates.strikes().iter().find(|(one, _)| *one == place)?;
+        Some((*fault, fault.kind()?))
     }
 
     /// The others are told before, so that nobody waits for what cannot come.
     fn leave(&self, state: State) {
-        self.line().set_state(state);
+        self.entry().set_state(state);
         self.control_page.ring_all();
     }
 
@@ -166,16 +160,15 @@ impl Shared {
             let _ = kill_process(getpid(), Signal::STOP);
         }
         self.skip_to(strike.until);
-        self.line().set_state(State::Running);
+        self.entry().set_state(State::Running);
         self.control_page.fault_table().mark_recovered(self.me, now_ns());
         self.control_page.ring_all();
     }
 
     /// In lockstep: nothing before `tick` will come of this process any more.
     pub(crate) fn skip_to(&self, tick: u64) {
-        let process = &self.manifest.processes[self.me];
-        if self.is_lockstep() && !process.polled && !process.makes_ticks && tick > self.line().ticks() {
-            self.line().set_ticks(tick);
+        if let Some(ticks) = self.protocol().skips_to(tick) {
+            self.entry().set_ticks(ticks);
         }
     }
 
@@ -250,7 +243,7 @@ impl Shared {
         for outlet in self.outlets.borrow().iter() {
             outlet.flush(tick);
         }
-        self.line().set_ticks(tick + 1);
+        self.entry().set_ticks(tick + 1);
         for outlet in self.outlets.borrow().iter() {
             outlet.ring();
         }
@@ -261,80 +254,60 @@ impl Shared {
         self.outlets.borrow_mut().push(outlet);
     }
 
-    /// Whether a writer has nothing more to send at a tick: it said so, or it is down and the tick has begun.
-    pub(crate) fn has_closed(&self, writer: Option<usize>, tick: u64) -> bool {
-        let Some(writer) = writer else { return false };
-        // Where the maker of ticks stands still there are none: nothing is passed over. And nobody runs ahead of it: what leaves late would
-        // arrive in a tick of its own choosing.
-        let has_begun = || self.source().is_none_or(|source| source != writer && self.control_page.process(source).ticks() > tick);
-        self.control_page.process(writer).ticks() > tick || (!self.is_unharmed() && self.is_down(writer, tick) && has_begun())
-    }
-
-    /// Who makes the ticks.
-    fn source(&self) -> Option<usize> {
-        self.manifest.processes.iter().position(|process| process.makes_ticks)
-    }
-
-    /// In lockstep, before a tick begins: who is not through with the ticks before it. Where there is no torque to wait for the maker of ticks
-    /// would run ahead, and what it sends in a later tick would be taken for what is missing in this one.
-    pub(crate) fn straggler(&self, tick: u64) -> Option<usize> {
-        if self.is_unharmed() {
-            return None;
-        }
-        let lags = |index: &usize| {
-            let (process, done) = (&self.manifest.processes[*index], self.control_page.process(*index).ticks());
-            *index != self.me && !process.polled && done < tick && !self.is_down(*index, done)
-        };
-        (0..self.manifest.processes.len()).find(lags)
-    }
-
-    /// Whether nothing of the ticks before `tick` is still to be sent: in lockstep the maker of ticks waits, and all others have come as far.
-    pub(crate) fn is_settled(&self, tick: u64) -> bool {
-        let has_come = |index: usize| {
-            let (process, line) = (&self.manifest.processes[index], self.control_page.process(index));
-            let done = line.ticks();
-            match process.makes_ticks {
-                true => line.bell().is_armed_for(PROGRESS),
-                false => index == self.me || process.polled || done >= tick || self.is_down(index, done),
-            }
-        };
-        !self.is_lockstep() || (0..self.manifest.processes.len()).all(has_come)
-    }
-
-    /// Tells those that wait for no message but for the others' progress: the maker of ticks that everybody follows it, and everybody who
-    /// reads of a dead one that a tick has begun.
+    /// Tells those that wait for no message but for the others' progress that this process has closed a tick.
     pub(crate) fn report_progress(&self) {
-        if self.is_unharmed() {
-            return;
+        match self.protocol().reports_to() {
+            Report::Everybody => self.control_page.ring_all(),
+            Report::Source(source) => self.control_page.process(source).bell().ring(PROGRESS),
+            Report::Nobody => {}
         }
-        match self.source() {
-            Some(source) if source == self.me => self.control_page.ring_all(),
-            Some(source) => self.control_page.process(source).bell().ring(PROGRESS),
-            None => {}
+    }
+}
+
+impl View for Shared {
+    fn processes(&self) -> usize {
+        self.manifest.processes.len()
+    }
+
+    fn role(&self, process: usize) -> Role {
+        let Process { makes_ticks, polled, .. } = self.manifest.processes[process];
+        Role { makes_ticks, polled }
+    }
+
+    fn progress(&self, process: usize) -> Progress {
+        let entry = self.control_page.process(process);
+        Progress {
+            ticks: entry.ticks(),
+            incarnation: entry.incarnation(),
+            is_running: entry.state() == State::Running,
+            awaits_progress: entry.bell().is_armed_for(PROGRESS),
         }
     }
 
-    /// In lockstep, before a tick begins: whether all are back who were to be back by then, and the recorder has let go of what it must not lose.
-    pub(crate) fn awaited(&self, tick: u64) -> Option<usize> {
-        if self.is_unharmed() {
-            return None;
-        }
-        let fates = self.fates.borrow();
-        let late = |(place, strike): &(usize, ScheduledFault)| {
-            let process = strike.process as usize;
-            let line = self.control_page.process(process);
-            if process == self.me || !strike.kind().is_some_and(Kind::takes_down) {
-                return false;
-            }
-            if self.manifest.processes[process].polled {
-                // Nothing may be lost: everything waits at the tick of its death until its replacement works.
-                let struck = self.control_page.fault_table().record(*place).is_some_and(|account| account.injected_ns != 0);
-                return strike.at <= tick && !(struck && line.state() == State::Running);
-            }
-            // Who is busy still may not have fallen yet: back is who has these ticks behind it.
-            let is_back = line.state() == State::Running && line.ticks() >= strike.until;
-            strike.until <= tick && !is_back && !self.manifest.processes[process].makes_ticks
+    fn has_faults(&self) -> bool {
+        !self.is_unharmed()
+    }
+
+    fn outages(&self) -> impl Iterator<Item = Outage> {
+        let outage = |index: usize| {
+            let (place, fault) = *self.fates.borrow().strikes().get(index)?;
+            let kind = fault.kind().filter(|kind| kind.takes_down())?;
+            let record = self.control_page.fault_table().record(place)?;
+            Some(Outage {
+                place,
+                process: fault.process as usize,
+                at: fault.at,
+                until: fault.until,
+                has_struck: record.injected_ns != 0,
+                is_death: kind != Kind::Hang || fault.way() == Some(Way::ForEver),
+                is_unplanned: record.origin == Origin::Detected,
+            })
         };
-        fates.strikes().iter().find(|strike| late(strike)).map(|(_, strike)| strike.process as usize)
+        let count = self.fates.borrow().strikes().len();
+        (0..count).filter_map(outage)
+    }
+
+    fn is_lockstep(&self) -> bool {
+        Shared::is_lockstep(self)
     }
 }

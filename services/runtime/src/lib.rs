@@ -16,6 +16,7 @@ mod control_page;
 mod fate;
 mod fault;
 pub mod floor;
+mod lockstep;
 mod manifest;
 mod memory;
 mod ports;

@@ -147,7 +147,7 @@ impl<M: Message> Reader<M> {
                 Ok(Some(&self.current))
             }
             Waited::Ready(Found::Nothing) => {
-                self.shared.line().add(Count::Lost, 1);
+                self.shared.entry().add(Count::Lost, 1);
                 if self.shared.is_lockstep() && self.shared.is_unharmed() {
                     return Err(self.lost(tick, self.ahead.map_or(tick + 1, |ahead| ahead.header().tick)));
                 }
@@ -184,7 +184,7 @@ impl<M: Message> Reader<M> {
                     while let Some(message) = self.inlet.receive()? {
                         let came = message.header().tick;
                         if newest.is_some_and(|newest| came <= newest) {
-                            shared.line().add(Count::Repeated, 1);
+                            shared.entry().add(Count::Repeated, 1);
                             shared.message_fault_detected();
                             continue;
                         }
@@ -236,7 +236,7 @@ impl<M: Message> Reader<M> {
         loop {
             while let Some(message) = self.inlet.receive()? {
                 if self.last.is_some_and(|last| message.header().tick <= last) {
-                    self.shared.line().add(Count::Repeated, 1);
+                    self.shared.entry().add(Count::Repeated, 1);
                     self.shared.message_fault_detected();
                     continue;
                 }
@@ -261,7 +261,7 @@ impl<M: Message> Reader<M> {
         let mut found = self.take_up_ahead().then_some(Found::Current);
         while let Some(message) = self.inlet.receive()? {
             if self.last.is_some_and(|last| message.header().tick <= last) {
-                self.shared.line().add(Count::Repeated, 1);
+                self.shared.entry().add(Count::Repeated, 1);
                 self.shared.message_fault_detected();
                 continue;
             }
@@ -287,7 +287,7 @@ impl<M: Message> Reader<M> {
                     self.ahead = Some(message);
                     return Ok(Some(Found::Nothing));
                 }
-                Some(_) => self.shared.line().add(Count::Repeated, 1),
+                Some(_) => self.shared.entry().add(Count::Repeated, 1),
                 None if over => return Ok(Some(Found::Nothing)),
                 None if self.shared.is_lockstep() && self.inlet.is_over(self.shared.tick.get()) => over = true,
                 None => return Ok(None),
@@ -299,7 +299,7 @@ impl<M: Message> Reader<M> {
         let tick = self.current.header().tick;
         let expected = self.last.map_or(tick, |last| last + 1);
         if tick > expected {
-            self.shared.line().add(Count::Lost, tick - expected);
+            self.shared.entry().add(Count::Lost, tick - expected);
             if self.shared.is_lockstep() && self.shared.is_unharmed() {
                 // What came too early is not lost by having been looked at.
                 self.ahead = Some(self.current);
@@ -360,7 +360,7 @@ impl<M: Message> Inlet<M> {
         } else {
             return true;
         };
-        self.shared.line().add(refused, 1);
+        self.shared.entry().add(refused, 1);
         self.shared.message_fault_detected();
         false
     }
@@ -368,7 +368,7 @@ impl<M: Message> Inlet<M> {
     /// In lockstep: whether the writer sends nothing more at a tick.
     fn is_over(&self, tick: u64) -> bool {
         self.shared.learn();
-        self.shared.has_closed(self.writer, tick)
+        self.shared.protocol().has_closed(self.writer, tick)
     }
 
     /// Whether something has come since the last look.
@@ -502,9 +502,9 @@ impl<M: Message> Collector<M> {
         let expected = self.last.map_or(0, |last| last + 1);
         if tick > expected {
             self.lost += tick - expected;
-            self.inlet.shared.line().add(Count::Lost, tick - expected);
+            self.inlet.shared.entry().add(Count::Lost, tick - expected);
         } else if tick < expected {
-            self.inlet.shared.line().add(Count::Repeated, 1);
+            self.inlet.shared.entry().add(Count::Repeated, 1);
         }
         self.last = Some(tick.max(expected));
     }
@@ -595,7 +595,7 @@ struct Sending<M: Message> {
 impl<M: Message> Writer<M> {
     pub(crate) fn new(shared: &Rc<Shared>, publisher: Rc<Publishing<M>>) -> Result<Self, TopicError> {
         let memory = Memory::open(&shared.run).map_err(|error| TopicError::Memory { topic: M::TOPIC, reason: error.to_string() })?;
-        let legacy = if shared.line().incarnation() > 1 { memory.last() } else { None };
+        let legacy = if shared.entry().incarnation() > 1 { memory.last() } else { None };
         let outlet = Rc::new(Sending {
             shared: Rc::clone(shared),
             publisher,
@@ -626,7 +626,7 @@ impl<M: Message> Writer<M> {
         let shared = &outlet.shared;
         let tick = message.header().tick;
         if let Some(field) = first_not_finite(&message) {
-            shared.line().add(Count::NotFinite, 1);
+            shared.entry().add(Count::NotFinite, 1);
             let error = SendError::NotFinite { process: shared.name().to_owned(), topic: M::TOPIC, tick, field };
             tracing::error!("{error}");
             return Err(error);
@@ -645,7 +645,7 @@ impl<M: Message> Writer<M> {
         }
         // With shaped messages in lockstep a tick is closed when its inputs are exhausted, for one message may be several or none.
         if !(shared.is_shaped() && shared.is_lockstep()) {
-            shared.line().set_ticks(tick + 1);
+            shared.entry().set_ticks(tick + 1);
             if shared.is_lockstep() {
                 shared.tick.set(tick + 1);
             }
@@ -669,7 +669,7 @@ fn count_lateness(usage: &mut Usage, shared: &Shared, header: &shared_types::Hea
     let now = Usage::now();
     if is_late {
         let was_late_already = header.stamps.received_ns.iter().any(|&ns| ns > due_ns);
-        shared.line().add(if was_late_already { Count::MissedLateInput } else { cause(*usage, now, false) }, 1);
+        shared.entry().add(if was_late_already { Count::MissedLateInput } else { cause(*usage, now, false) }, 1);
     }
     *usage = now;
 }
@@ -683,7 +683,7 @@ impl<M: Message> Sending<M> {
         self.memory.deliver(message);
         let sample = self.publisher.loan_uninit().map_err(|e| e.to_string())?;
         sample.write_payload(Wire(*message)).send().map_err(|e| e.to_string())?;
-        self.shared.line().add(Count::Sent, 1);
+        self.shared.entry().add(Count::Sent, 1);
         Ok(())
     }
 

@@ -18,17 +18,12 @@ use crate::control_page::{ANYTHING, ControlPage, ControlPageError, Count, PROGRE
 use crate::fate::{Hog, Outlet};
 use crate::fault::table::{Copied, FaultTable};
 use crate::manifest::{Disturbance, Manifest, ManifestError, Mode};
-use crate::memory::RING;
 use crate::ports::Connect;
 use crate::ports::{Collector, Reader, SendError, Writer};
 use crate::realtime;
 use crate::run_dir::{RunDir, RunDirError};
 use crate::tick_source::TickSource;
 use crate::validation::Pauses;
-
-/// In lockstep the source of ticks may be this many ticks ahead of the recorder: far less than what is still there for its replacement, also
-/// when faults make several messages of a tick, and with what a block of kept messages holds.
-const RECORDER_LAG: u64 = RING as u64 / 8;
 
 /// Why a process cannot join its run.
 #[derive(Debug, thiserror::Error)]
@@ -179,7 +174,7 @@ impl Shared {
         &self.manifest.processes[self.me].name
     }
 
-    pub(crate) fn line(&self) -> &ProcessEntry {
+    pub(crate) fn entry(&self) -> &ProcessEntry {
         self.control_page.process(self.me)
     }
 
@@ -212,21 +207,22 @@ impl Shared {
         if self.started.get() {
             return Ok(Waited::Ready(()));
         }
-        self.line().set_state(State::Ready);
+        self.entry().set_state(State::Ready);
         if matches!(self.wait_for_phase(Phase::Connect)?, Waited::Stopped) {
             return Ok(Waited::Stopped);
         }
         for port in self.ports.take() {
             port.connect(self)?;
         }
-        self.line().set_state(State::Connected);
+        self.entry().set_state(State::Connected);
         if matches!(self.wait_for_phase(Phase::Work)?, Waited::Stopped) {
             return Ok(Waited::Stopped);
         }
         self.started.set(true);
+        self.meet_fate_at_start();
         self.skip_to(self.tick.get());
-        self.line().set_state(State::Running);
-        if self.line().incarnation() > 1 {
+        self.entry().set_state(State::Running);
+        if self.entry().incarnation() > 1 {
             self.control_page.fault_table().mark_recovered(self.me, now_ns());
             self.control_page.ring_all();
         }
@@ -249,7 +245,7 @@ impl Shared {
         if self.is_stopping() {
             return Ok(Waited::Stopped);
         }
-        let bell = self.line().bell();
+        let bell = self.entry().bell();
         let limit_ns = self.manifest.wait_limit.as_nanos() as u64;
         let (mut is_first_look, mut began_ns) = (true, None);
         loop {
@@ -303,14 +299,14 @@ impl Shared {
         self.input.set(input);
         if self.hop == Some(0) {
             // The answer to its own tick.
-            self.line().note_age(input.received_ns.saturating_sub(input.stamps.origin_ns()));
+            self.entry().note_age(input.received_ns.saturating_sub(input.stamps.origin_ns()));
         }
     }
 
     /// Fills an output's header: the stamps of the inputs of the same tick, and this hop's own. Returns the time of sending.
     pub(crate) fn stamp(&self, header: &mut Header) -> u64 {
         let input = self.input.get();
-        header.incarnation = self.line().incarnation();
+        header.incarnation = self.entry().incarnation();
         header.stamps = if input.tick == header.tick { input.stamps } else { Stamps::default() };
         let now = self.clock_ns();
         if let Some(hop) = self.hop {
@@ -332,20 +328,16 @@ impl Shared {
         let Stamps { received_ns, due_ns, .. } = header.stamps;
         let began_ns = if hop == 0 && due_ns > 0 { due_ns } else { received_ns[hop] };
         if began_ns > 0 {
-            self.line().note_step(now_ns.saturating_sub(began_ns));
+            self.entry().note_step(now_ns.saturating_sub(began_ns));
         }
         if hop > 0 && header.stamps.origin_ns() > 0 {
-            self.line().note_age(now_ns.saturating_sub(header.stamps.origin_ns()));
+            self.entry().note_age(now_ns.saturating_sub(header.stamps.origin_ns()));
         }
     }
 
     /// In lockstep: waits until no polled process lags so far that it could lose this tick, and all are back whom the fault table has back by then.
     pub(crate) fn wait_for_others(&self, tick: u64) -> Result<Waited<()>, Interrupted> {
-        let laggard = || {
-            let lags =
-                |index: &usize| self.manifest.processes[*index].polled && tick > self.control_page.process(*index).ticks() + RECORDER_LAG;
-            (0..self.manifest.processes.len()).find(lags).or_else(|| self.awaited(tick)).or_else(|| self.straggler(tick))
-        };
+        let laggard = || self.protocol().holds_back(tick);
         let describe = || Wait {
             what: format!("its turn to begin tick {tick}"),
             from: laggard().map_or("the others".into(), |index| self.manifest.processes[index].name.clone()),
@@ -501,17 +493,17 @@ impl Shell {
         match self.round.get() {
             Round::Last => return Ok(false),
             Round::From(ticks) => {
-                if ticks > shared.line().ticks() {
-                    shared.line().set_ticks(ticks);
+                if ticks > shared.entry().ticks() {
+                    shared.entry().set_ticks(ticks);
                     self.each_other(|line| line.bell().ring(PROGRESS));
                 }
-                shared.tick.set(shared.line().ticks());
+                shared.tick.set(shared.entry().ticks());
                 if self.is_falling.replace(false) {
                     shared.meet_fate(shared.tick.get());
                 }
                 // Not before one more round: everything before the tick of its fall is taken in and safe by then.
                 shared.learn();
-                self.is_falling.set(shared.downfall(ticks).is_some() && shared.is_settled(ticks));
+                self.is_falling.set(shared.protocol().downfall(ticks).is_some() && shared.protocol().is_settled(ticks));
             }
             Round::Before => {
                 if matches!(shared.start()?, Waited::Stopped) {
@@ -523,7 +515,7 @@ impl Shell {
         let is_awaited = Cell::new(false);
         self.each_other(|line| is_awaited.set(is_awaited.get() || line.bell().is_armed_for(PROGRESS)));
         if !is_awaited.get() && !shared.is_stopping() && !self.is_falling.get() {
-            let bell = shared.line().bell();
+            let bell = shared.entry().bell();
             let seen = bell.rings();
             bell.arm(ANYTHING);
             if !shared.is_stopping() {
@@ -533,8 +525,8 @@ impl Shell {
         }
         // Read before the round: everything of these ticks is in the buffers now.
         let last = shared.is_stopping();
-        shared.trouble_volume(shared.line().ticks(), last);
-        shared.starve(shared.line().ticks());
+        shared.trouble_volume(shared.entry().ticks(), last);
+        shared.starve(shared.entry().ticks());
         let ticks = Cell::new(0);
         self.each_other(|line| ticks.set(ticks.get().max(line.ticks())));
         self.round.set(if last { Round::Last } else { Round::From(ticks.get()) });
@@ -567,7 +559,7 @@ impl Shell {
     /// How often this process has been started in this run, from 1.
     #[must_use]
     pub fn incarnation(&self) -> u32 {
-        self.shared.line().incarnation()
+        self.shared.entry().incarnation()
     }
 
     /// The faults that concern this process at a tick, and their places in the fault table: for the plant, whose faults are physical, and the
@@ -637,7 +629,7 @@ impl Shell {
     /// One of this process's counts so far.
     #[must_use]
     pub fn count(&self, count: Count) -> u64 {
-        self.shared.line().count(count)
+        self.shared.entry().count(count)
     }
 
     pub(crate) fn shared(&self) -> Rc<Shared> {

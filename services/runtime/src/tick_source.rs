@@ -80,7 +80,7 @@ impl TickSource {
             if missed > 0 || self.next_tick.is_multiple_of(USAGE_EVERY) {
                 let usage = Usage::now();
                 if missed > 0 {
-                    self.shared.line().add(cause(self.usage, usage, incarnations != self.incarnations), missed);
+                    self.shared.entry().add(cause(self.usage, usage, incarnations != self.incarnations), missed);
                 }
                 self.usage = usage;
             }

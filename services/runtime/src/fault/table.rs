@@ -244,11 +244,6 @@ impl Copied {
         self.strikes.extend(table.records().map(|(place, account)| (place, account.scheduled)).take(MOST_FAULTS));
     }
 
-    /// Whether a process is dead or stands still at a tick.
-    pub(crate) fn is_down(&self, process: usize, tick: u64) -> bool {
-        self.of(process, tick).any(|(_, _, kind)| kind.takes_down())
-    }
-
     /// What concerns a process at a tick.
     pub(crate) fn of(&self, process: usize, tick: u64) -> impl Iterator<Item = (usize, &ScheduledFault, Kind)> {
         self.strikes
@@ -278,13 +273,14 @@ mod tests {
         let run = RunDir::create().unwrap();
         let (ours, theirs) = (ControlPage::create(&run).unwrap(), ControlPage::open(&run).unwrap());
         let mut copied = Copied::new();
-        assert!(copied.is_current(theirs.fault_table()) && !copied.is_down(3, 500));
+        let is_down = |copied: &Copied, process, tick| copied.of(process, tick).any(|(_, _, kind)| kind.takes_down());
+        assert!(copied.is_current(theirs.fault_table()) && !is_down(&copied, 3, 500));
         let place = theirs.fault_table().request(&strike(Kind::Kill, 0)).unwrap();
         assert!(copied.is_current(theirs.fault_table()) && !theirs.fault_table().is_in_force(place));
         ours.fault_table().adopt(500);
         assert!(!copied.is_current(theirs.fault_table()) && theirs.fault_table().is_in_force(place));
         copied.renew(theirs.fault_table());
-        assert!(copied.is_down(3, 500) && copied.is_down(3, 599) && !copied.is_down(3, 600) && !copied.is_down(2, 500));
+        assert!(is_down(&copied, 3, 500) && is_down(&copied, 3, 599) && !is_down(&copied, 3, 600) && !is_down(&copied, 2, 500));
         assert!(!copied.shapes_messages());
     }
 

@@ -1,0 +1,241 @@
+//! The lockstep protocol: which ticks are closed, who waits for whom, and what a death changes. Pure decisions on a view of the run.
+//!
+//! ```text
+//! tick k of a process     its messages of k are sent, or it is down at k; then k is closed and its tick count is k + 1
+//! a reader at k           takes the message of k, or closes k as well once the writer has closed k without one
+//! the tick source at k    begins k when every process has closed k − 1, every process due back by k is back, and no recorder lags
+//! ```
+//!
+//! A fault anywhere in the chain is therefore a tick without torque at its end, and never a wait for a message that cannot come. All decisions
+//! follow from the outages in the fault table, the tick counts and the states of the processes; none depends on a clock.
+
+/// What the protocol needs to know of a process that never changes in a run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Role {
+    /// It makes the ticks: while it stands still there are none.
+    pub(crate) makes_ticks: bool,
+    /// It collects messages in rounds (the recorder); it closes no ticks for others.
+    pub(crate) polled: bool,
+}
+
+/// How far a process has come.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Progress {
+    /// Ticks closed. The tick source counts a tick when its messages are sent, the others when they have answered.
+    pub(crate) ticks: u64,
+    /// How often it has been started.
+    pub(crate) incarnation: u32,
+    /// It works: started, connected, neither dead nor stopped.
+    pub(crate) is_running: bool,
+    /// It waits for the progress of the others.
+    pub(crate) awaits_progress: bool,
+}
+
+/// A fault that takes a process down for some ticks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Outage {
+    /// Place in the fault table.
+    pub(crate) place: usize,
+    /// Which process.
+    pub(crate) process: usize,
+    /// First tick without an answer.
+    pub(crate) at: u64,
+    /// First tick at which the process answers again.
+    pub(crate) until: u64,
+    /// It has taken effect.
+    pub(crate) has_struck: bool,
+    /// The process ends; otherwise it is stopped and goes on.
+    pub(crate) is_death: bool,
+    /// No plan had it: detected when it had happened.
+    pub(crate) is_unplanned: bool,
+}
+
+impl Outage {
+    fn covers(&self, tick: u64) -> bool {
+        (self.at..self.until).contains(&tick)
+    }
+}
+
+/// The run at a moment, as one process sees it.
+pub(crate) trait View {
+    /// How many processes there are.
+    fn processes(&self) -> usize;
+    /// What a process is.
+    fn role(&self, process: usize) -> Role;
+    /// How far a process has come.
+    fn progress(&self, process: usize) -> Progress;
+    /// Whether the run has faults of any kind. Without one, every decision is that of a run in which nothing goes wrong.
+    fn has_faults(&self) -> bool;
+    /// All outages known, in the order of the fault table.
+    fn outages(&self) -> impl Iterator<Item = Outage>;
+    /// Whether ticks wait for all (lockstep), or pass by the clock (real time).
+    fn is_lockstep(&self) -> bool;
+}
+
+/// Ticks that the source may be ahead of a polled process.
+///
+/// Far less than the messages that stay available to its replacement, also where faults make several messages of one tick, and with what a block
+/// of a message log holds.
+pub(crate) const RECORDER_LAG: u64 = 256;
+
+/// To whom a process reports that it has closed a tick, beyond the readers of its messages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Report {
+    /// Nobody waits for anything but messages.
+    Nobody,
+    /// The tick source waits until all follow it.
+    Source(usize),
+    /// Everybody: readers of a dead writer wait for the beginning of a tick.
+    Everybody,
+}
+
+/// The decisions of one process.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Protocol<'a, V> {
+    view: &'a V,
+    me: usize,
+}
+
+impl<'a, V: View> Protocol<'a, V> {
+    pub(crate) fn new(view: &'a V, me: usize) -> Self {
+        Self { view, me }
+    }
+
+    fn processes(&self) -> std::ops::Range<usize> {
+        0..self.view.processes()
+    }
+
+    fn source(&self) -> Option<usize> {
+        self.processes().find(|&process| self.view.role(process).makes_ticks)
+    }
+
+    /// Whether a process is dead or stopped at a tick.
+    pub(crate) fn is_down(&self, process: usize, tick: u64) -> bool {
+        self.view.has_faults() && self.view.outages().any(|outage| outage.process == process && outage.covers(tick))
+    }
+
+    /// Whether a writer sends nothing more at a tick: it has closed the tick, or it is down and the tick has begun.
+    pub(crate) fn has_closed(&self, writer: Option<usize>, tick: u64) -> bool {
+        let Some(writer) = writer else { return false };
+        // Where the tick source stands still there are no ticks: none is passed over. And no process runs ahead of it: what leaves late would
+        // arrive in a tick of its own choosing.
+        let has_begun = || self.source().is_none_or(|source| source != writer && self.view.progress(source).ticks > tick);
+        self.view.progress(writer).ticks > tick || (self.is_down(writer, tick) && has_begun())
+    }
+
+    /// For the tick source, before it begins a tick: a process for which it must wait.
+    pub(crate) fn holds_back(&self, tick: u64) -> Option<usize> {
+        self.lags(tick).or_else(|| self.awaited(tick)).or_else(|| self.straggler(tick))
+    }
+
+    /// A polled process that has more to take in than stays available.
+    fn lags(&self, tick: u64) -> Option<usize> {
+        self.processes().find(|&process| self.view.role(process).polled && tick > self.view.progress(process).ticks + RECORDER_LAG)
+    }
+
+    /// A process that the fault table has back by a tick, and that is not back.
+    fn awaited(&self, tick: u64) -> Option<usize> {
+        if !self.view.has_faults() {
+            return None;
+        }
+        let is_late = |outage: &Outage| {
+            let (role, progress) = (self.view.role(outage.process), self.view.progress(outage.process));
+            if outage.process == self.me {
+                false
+            } else if role.polled {
+                // Nothing may be lost: everything waits at the tick of its death until its replacement works.
+                outage.at <= tick && !(outage.has_struck && progress.is_running)
+            } else {
+                // A process that is late may not have died yet: it is back when it has these ticks behind it.
+                let is_back = progress.is_running && progress.ticks >= outage.until;
+                outage.until <= tick && !is_back && !role.makes_ticks
+            }
+        };
+        self.view.outages().find(is_late).map(|outage| outage.process)
+    }
+
+    /// A process that is not through with the ticks before a tick. Where there is no torque to wait for, the source would run ahead, and what
+    /// it sends in a later tick would be taken for what is missing in this one.
+    fn straggler(&self, tick: u64) -> Option<usize> {
+        let lags = |process: &usize| {
+            let closed = self.view.progress(*process).ticks;
+            *process != self.me && !self.view.role(*process).polled && closed < tick && !self.is_down(*process, closed)
+        };
+        if self.view.has_faults() { self.processes().find(lags) } else { None }
+    }
+
+    /// Whether nothing of the ticks before a tick is still to be sent: the tick source waits, and all others have come as far.
+    pub(crate) fn is_settled(&self, tick: u64) -> bool {
+        let has_come = |process: usize| {
+            let (role, progress) = (self.view.role(process), self.view.progress(process));
+            match role.makes_ticks {
+                true => progress.awaits_progress,
+                false => process == self.me || role.polled || progress.ticks >= tick || self.is_down(process, progress.ticks),
+            }
+        };
+        !self.view.is_lockstep() || self.processes().all(has_come)
+    }
+
+    /// The first tick at which this process, started again, may answer: after its last outage. 0: none is known.
+    ///
+    /// In real time a death that no plan had has no length: the replacement answers as soon as it can.
+    pub(crate) fn returns_at(&self) -> u64 {
+        let Progress { ticks: closed, incarnation, .. } = self.view.progress(self.me);
+        if incarnation < 2 {
+            return 0;
+        }
+        // A process that died between sending a tick and closing it is down from the next one on.
+        let is_behind = |outage: &Outage| {
+            outage.process == self.me && (self.view.is_lockstep() || !outage.is_unplanned) && (outage.at <= closed || outage.has_struck)
+        };
+        self.view.outages().filter(is_behind).map(|outage| outage.until).max().unwrap_or(0)
+    }
+
+    /// What takes this process down at a tick. The tick source and a polled process are down at no tick but the first of an outage, because no
+    /// tick passes meanwhile: each falls once. In real time every process does: a replacement that is there early does not fall again.
+    pub(crate) fn downfall(&self, tick: u64) -> Option<Outage> {
+        let role = self.view.role(self.me);
+        let falls_once = role.polled || role.makes_ticks || !self.view.is_lockstep();
+        let concerns = |outage: &Outage| outage.process == self.me && outage.covers(tick) && !(falls_once && outage.has_struck);
+        self.view.outages().find(concerns)
+    }
+
+    /// For a process that has been started again: a death that came to its predecessor's replacement before that could answer. It must come again,
+    /// so that the incarnations are those of the run that is repeated.
+    pub(crate) fn downfall_at_start(&self) -> Option<Outage> {
+        let (role, incarnation) = (self.view.role(self.me), self.view.progress(self.me).incarnation);
+        let returns_at = self.returns_at();
+        if !self.view.is_lockstep() || role.polled || role.makes_ticks || returns_at == 0 {
+            return None;
+        }
+        let before = |outage: &Outage| outage.process == self.me && outage.is_death && outage.at < returns_at;
+        let deaths = self.view.outages().filter(before).count();
+        let is_next = |outage: &Outage| before(outage) && !outage.has_struck;
+        if (incarnation as usize) <= deaths { self.view.outages().find(is_next) } else { None }
+    }
+
+    /// The tick count that this process takes on when nothing before `tick` will come of it any more; `None`: it stays.
+    pub(crate) fn skips_to(&self, tick: u64) -> Option<u64> {
+        let role = self.view.role(self.me);
+        let closed = self.view.progress(self.me).ticks;
+        (self.view.is_lockstep() && !role.polled && !role.makes_ticks && tick > closed).then_some(tick)
+    }
+
+    /// Who must know that this process has closed a tick.
+    pub(crate) fn reports_to(&self) -> Report {
+        match self.source() {
+            Some(source) if self.view.has_faults() => {
+                if source == self.me {
+                    Report::Everybody
+                } else {
+                    Report::Source(source)
+                }
+            }
+            _ => Report::Nobody,
+        }
+    }
+}
+
+#[cfg(test)]
+#[path = "lockstep_tests.rs"]
+mod tests;
