@@ -41,21 +41,24 @@ fn dependencies_of(folder: &str) -> Vec<String> {
     section.lines().filter_map(|line| line.split(['.', '=', ' ']).next()).filter(|name| !name.is_empty()).map(str::to_owned).collect()
 }
 
-const CRATES: [&str; 14] = [
+const CRATES: [&str; 17] = [
     "shared-types",
     "sim",
     "viz",
     "services/analyzer",
     "services/chain",
+    "services/cli",
     "services/control",
     "services/controller",
     "services/estimator",
+    "services/lab",
     "services/launcher",
     "services/message_log",
     "services/model",
     "services/plant",
     "services/recorder",
     "services/runtime",
+    "services/session",
 ];
 
 fn name_of(folder: &str) -> &str {

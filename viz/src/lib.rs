@@ -5,7 +5,8 @@
 //!   the lost direction ζ, the ellipsoids that go flat along it, ghosts of null-space motion; modes, states and words come as they change.
 //! * How it is shown: a blueprint in the file, one layout per purpose, also as `.rbl` ([`Recording::save_blueprint`]).
 //!
-//! * How it is read back without a viewer: [`read`].
+//! * How it is read back without a viewer: [`read`]; as tables of other formats: [`export`]; as one HTML page: [`report`], with the pictures
+//!   of [`plot`].
 //!
 //! Cost, six joints at 1 kHz with everything on: 4.5 µs CPU a tick and 16 MB a minute (`examples/synthetic.rs`). It grows with the number
 //! of chunks, each of which carries its schema, hence one wide table of numbers and a signal per component rather than per entity.
@@ -28,9 +29,12 @@ mod ability;
 mod arm;
 mod blueprint;
 mod entity;
+mod export;
 mod frames;
+pub mod plot;
 mod read;
 mod recording;
+mod report;
 mod scene;
 mod signals;
 mod sink;
@@ -39,7 +43,9 @@ mod story;
 #[cfg(test)]
 mod synthetic;
 
+pub use export::{ExportError, ExportFormat, ExportNews, export};
 pub use read::{About, Damage, Piece, ReadError, Rows, read};
 pub use recording::{Level, Options, Recording, RunInfo, Written, part_name, parts_in, save_blueprint};
+pub use report::{ReportError, report};
 pub use signals::{HOP_NAMES, Signal, TickRow};
 pub use sink::{FileInfo, RecordError, Storage};

@@ -1,0 +1,267 @@
+//! `armplane bench`: what a hand-over, a cycle, a period and a step cost here, beside what the machine itself charges.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::{Args, ValueEnum};
+use lab::benchmarks::hour::{EVERY_S, Hour, Look};
+use lab::benchmarks::realtime::Ran;
+use lab::benchmarks::{self, Distribution, Recorded, Row};
+use lab::faults;
+use serde_json::json;
+use session::{Failure, load};
+
+use crate::out::say;
+use crate::progress::Terminal;
+use crate::soak;
+use crate::table::{digits, number, table};
+
+#[derive(Args)]
+pub(crate) struct BenchArgs {
+    /// What to measure [default: everything].
+    #[arg(value_enum, value_name = "BENCH")]
+    what: Vec<Bench>,
+    /// Samples of each hop and cycle.
+    #[arg(long, value_name = "N", default_value_t = 20_000, value_parser = clap::value_parser!(u64).range(1000..=10_000_000))]
+    samples: u64,
+    /// How long each paced measurement lasts; s [default: 5; `realtime` 60 at 1 kHz and 20 at 4 kHz; `hour` 3600; `soak` 1800].
+    #[arg(long, value_name = "S", value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    seconds: Option<u64>,
+    /// Rates of `realtime`, the first of them that of `soak`; Hz [default: 1000 4000].
+    #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u32).range(50..=20_000))]
+    rate: Vec<u32>,
+    /// Seed of what strikes in `soak`, and of its runs [default: another one each time].
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Run `realtime` without the competing load.
+    #[arg(long)]
+    idle: bool,
+    /// Save bench.json and a picture of the distributions, bench.svg and bench.png, in this folder.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+#[derive(Args)]
+pub(crate) struct BenchPeerArgs {
+    /// Which.
+    name: String,
+    /// The run's directory in shared memory.
+    #[arg(long, value_name = "DIR")]
+    run: PathBuf,
+}
+
+/// What can be measured.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Bench {
+    /// Half a round trip between two processes.
+    Hop,
+    /// Once around four processes: sensor, estimate, singularities, torque.
+    Cycle,
+    /// The same on a grid of 1 and 4 kHz, and how late the grid's owner wakes.
+    Paced,
+    /// The arm's dynamics.
+    Model,
+    /// Estimator, analyzer and controller, one step.
+    Control,
+    /// The simulated arm, one step.
+    Plant,
+    /// What the recorder does with a tick, and how much it writes.
+    Record,
+    /// The whole graph in real time beside a busy thread on every core: deadlines missed, by process and cause (only when asked for).
+    Realtime,
+    /// An hour of the arm's time in lockstep: memory, files and the recorder's processor time (only when asked for).
+    Hour,
+    /// The whole graph in real time for 30 minutes, struck at random by every fault (only when asked for).
+    Soak,
+}
+
+pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure> {
+    let chosen =
+        |bench: Bench| args.what.contains(&bench) || args.what.is_empty() && !matches!(bench, Bench::Realtime | Bench::Hour | Bench::Soak);
+    let load::Loaded { scenario, robot } = load::scenario(load::DEFAULT_SCENARIO, &[], None)?;
+    let out = args.out.as_deref().map(folder).transpose()?;
+    let terminal = Terminal::default();
+    let observer: session::Observer<'_> = &|progress| terminal.show(progress);
+    let (mut rows, mut record, mut realtime, mut hour) = (Vec::new(), None, Vec::new(), None);
+    if chosen(Bench::Hop) {
+        rows.extend(benchmarks::hop(args.samples, observer)?);
+    }
+    if chosen(Bench::Cycle) {
+        rows.extend(benchmarks::cycle(args.samples, observer)?);
+    }
+    if chosen(Bench::Paced) {
+        for rate_hz in [1_000, 4_000] {
+            rows.extend(benchmarks::paced(rate_hz, args.seconds.unwrap_or(5), observer)?);
+        }
+    }
+    if chosen(Bench::Model) {
+        rows.extend(benchmarks::model(&robot)?);
+    }
+    if chosen(Bench::Control) {
+        rows.extend(benchmarks::steps(&robot, &scenario, "control")?);
+    }
+    if chosen(Bench::Plant) {
+        rows.extend(benchmarks::steps(&robot, &scenario, "plant")?);
+    }
+    if chosen(Bench::Record) {
+        let (measured, account) = benchmarks::record(&robot, &scenario, observer)?;
+        rows.extend(measured);
+        record = Some(account);
+    }
+    if chosen(Bench::Realtime) {
+        let rates = if args.rate.is_empty() { vec![1_000, 4_000] } else { args.rate.clone() };
+        for rate_hz in rates {
+            let seconds = args.seconds.unwrap_or(if rate_hz > 1_000 { 20 } else { 60 });
+            realtime.push(benchmarks::realtime::graph(&robot, &scenario, rate_hz, seconds, !args.idle, observer)?);
+        }
+    }
+    if chosen(Bench::Hour) {
+        hour = Some(benchmarks::hour::hour(&robot, &scenario, args.seconds.unwrap_or(3600), observer)?);
+    }
+    let soaked = if chosen(Bench::Soak) {
+        let (rate_hz, seconds) = (args.rate.first().copied().unwrap_or(1_000), args.seconds.unwrap_or(1_800));
+        Some(faults::soak::soak(&robot, &scenario, rate_hz, seconds, args.seed, out.as_deref(), observer)?)
+    } else {
+        None
+    };
+    let machine = benchmarks::machine();
+    let machine_line = benchmarks::machine_line(&machine);
+    let whole = json!({
+        "machine": machine, "rows": rows.iter().map(Row::json).collect::<Vec<_>>(), "record": record,
+        "realtime": realtime.iter().map(Ran::json).collect::<Vec<_>>(), "hour": hour, "soak": soaked,
+    });
+    let mut pictures = match &out {
+        Some(out) => save(out, &whole, &rows, &machine_line)?,
+        None => Vec::new(),
+    };
+    if let (Some(out), Some(soaked)) = (&out, &soaked) {
+        pictures.extend(faults::soak::picture(soaked).save(&out.join("soak")).map_err(Failure::work)?);
+    }
+    if as_json {
+        say!("{whole}");
+    } else {
+        if !rows.is_empty() {
+            print_rows(&rows);
+        }
+        record.iter().for_each(print_record);
+        realtime.iter().for_each(print_realtime);
+        hour.iter().for_each(print_hour);
+        soaked.iter().for_each(soak::print);
+        say!("{machine_line}");
+        match &out {
+            Some(_) => pictures.iter().for_each(|path| say!("{}", path.display())),
+            None if rows.is_empty() => {}
+            None => say!("a picture of the distributions: --out DIR"),
+        }
+    }
+    match soaked.as_ref().map(|soaked| (soaked.passed, soaked.interrupted.as_deref())) {
+        Some((_, Some(signal))) => Err(Failure::Work(format!("the soak was stopped by {signal}"))),
+        Some((false, None)) => Ok(ExitCode::from(1)),
+        _ => Ok(ExitCode::SUCCESS),
+    }
+}
+
+/// Takes part in a ring.
+pub(crate) fn peer(args: &BenchPeerArgs) -> Result<ExitCode, Failure> {
+    benchmarks::peer(&args.name, &args.run).map_err(Failure::work)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The folder for what is saved, made before anything is measured.
+fn folder(out: &Path) -> Result<PathBuf, Failure> {
+    let made = std::fs::create_dir_all(out).and_then(|()| out.canonicalize());
+    made.map_err(|error| Failure::Input(format!("cannot write to {}: {error}; choose another folder with --out", out.display())))
+}
+
+fn save(out: &Path, whole: &serde_json::Value, rows: &[Row], machine: &str) -> Result<Vec<PathBuf>, Failure> {
+    let path = out.join("bench.json");
+    let text = serde_json::to_vec_pretty(whole).map_err(Failure::work)?;
+    std::fs::write(&path, text).map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))?;
+    let mut paths = vec![path];
+    if !rows.is_empty() {
+        paths.extend(benchmarks::picture(rows, machine).save(&out.join("bench")).map_err(Failure::work)?);
+    }
+    Ok(paths)
+}
+
+fn print_rows(rows: &[Row]) {
+    let mut lines = table(&["bench", "placement", "bytes", "mechanism", "samples", "p50 µs", "p99", "p99.9", "max", "ratio p50", "p99"]);
+    for row in rows {
+        let Distribution { samples, p50_us, p99_us, p999_us, max_us, .. } = row.distribution;
+        let ratio = |ratio: Option<f64>| number(ratio.map_or(String::new(), |ratio| format!("{ratio:.2}")));
+        lines.add_row([
+            row.bench.clone().into(),
+            row.placement.clone().into(),
+            number(row.payload_bytes),
+            row.mechanism.clone().into(),
+            number(samples),
+            number(digits(p50_us)),
+            number(digits(p99_us)),
+            number(digits(p999_us)),
+            number(digits(max_us)),
+            ratio(row.ratio_p50),
+            ratio(row.ratio_p99),
+        ]);
+    }
+    say!("{lines}");
+}
+
+fn print_record(recorded: &Recorded) {
+    let Recorded { cpu_us_per_tick, recording_mb_per_min, messages_mb_per_min } = recorded;
+    say!(
+        "recorder: {cpu_us_per_tick:.1} µs of processor time a tick; {recording_mb_per_min:.0} MB a minute of recording and \
+         {messages_mb_per_min:.0} of messages at 1 kHz"
+    );
+}
+
+fn print_hour(hour: &Hour) {
+    let Some((first, last)) = hour.memory.first().zip(hour.memory.last()) else {
+        say!("shorter than the {EVERY_S} s after which memory is looked at first");
+        return;
+    };
+    say!(
+        "\n{:.0} s of the arm's time, {} ticks at {:.0} a second, {}: {:.1} µs of processor time a tick in the recorder, {:.1} MB a minute of \
+         recording in {} parts and {:.0} of messages, {} lost",
+        last.at_s,
+        hour.ticks,
+        hour.ticks_per_s,
+        hour.outcome,
+        hour.recorder_cpu_us_per_tick,
+        hour.recording_mb_per_min,
+        hour.parts,
+        hour.messages_mb_per_min,
+        hour.lost
+    );
+    let headings = ["process", "after 1 min, MB", "most", "at the end", "change in the second half", "shared, MB"];
+    let mut rows = table(&headings);
+    for name in first.processes.keys() {
+        let own = |look: &Look| look.processes.get(name).map_or(0.0, |memory| memory.own_mb);
+        let most = hour.memory.iter().map(own).fold(0.0, f64::max);
+        let half = &hour.memory[hour.memory.len() / 2];
+        let shared = last.processes.get(name).map_or(0.0, |memory| memory.shared_mb);
+        let numbers = [own(first), most, own(last)].map(|mb| number(digits(mb)));
+        let change = number(format!("{:+.2}", own(last) - own(half)));
+        rows.add_row([name.into()].into_iter().chain(numbers).chain([change, number(digits(shared))]));
+    }
+    say!("{rows}");
+}
+
+fn print_realtime(ran: &Ran) {
+    let load = if ran.loaded { "a busy thread on every core" } else { "no load of ours" };
+    let seconds = ran.ticks as f64 / f64::from(ran.rate_hz);
+    say!("\n{} Hz for {seconds:.0} s, {load}: {} of {} deadlines missed, {}", ran.rate_hz, ran.deadlines.missed, ran.ticks, ran.outcome);
+    let mut rows = table(&["process", "missed", "why"]);
+    for process in &ran.processes {
+        let causes = ran.missed(process);
+        let why = causes.iter().map(|(cause, count)| format!("{count} {cause}")).collect::<Vec<_>>().join(", ");
+        rows.add_row([process.clone().into(), number(causes.values().sum::<u64>()), why.into()]);
+    }
+    say!("{rows}");
+    let mut rows = table(&["latency", "samples", "p50 µs", "p99", "p99.9", "max"]);
+    for (name, latency) in &ran.latency_us {
+        let times = [latency.p50, latency.p99, latency.p999, latency.max].map(|time| number(digits(time)));
+        rows.add_row([name.clone().into(), number(latency.count)].into_iter().chain(times));
+    }
+    say!("{rows}");
+    say!("recorder: {} lost, {:.1} µs of processor time a tick", ran.recorder.lost, ran.cpu_us_per_tick());
+}

@@ -1,0 +1,24 @@
+//! `armplane clean`.
+
+use std::process::ExitCode;
+
+use serde_json::json;
+
+use crate::out::say;
+use session::Failure;
+
+pub(crate) fn clean(as_json: bool) -> Result<ExitCode, Failure> {
+    let removed = launcher::clean().map_err(Failure::work)?;
+    if as_json {
+        let removed: Vec<_> =
+            removed.iter().map(|run| json!({"run": run.name, "launcher_pid": run.launcher_pid, "bytes": run.bytes})).collect();
+        say!("{}", json!({"removed": removed}));
+    } else if removed.is_empty() {
+        say!("nothing to clean: no dead run has left anything in {}", runtime::SHM);
+    } else {
+        for run in &removed {
+            say!("removed {} ({:.1} MB), left by launcher {}", run.name, run.bytes as f64 / 1e6, run.launcher_pid);
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}

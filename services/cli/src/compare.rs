@@ -1,0 +1,210 @@
+//! `armplane compare`: every control law on the same plant, seed and task, side by side.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+use control::Kind;
+use lab::studies::compare::{self, Compared, KINDS, Ranked, Request, SWEEP, Score, Sweep, SweepSize, missed, quantile, worth};
+use serde_json::json;
+use session::{Failure, load};
+use shared_types::scenario::{Scenario, Strategy};
+
+use crate::out::say;
+use crate::progress::Terminal;
+use crate::table::{digits, number, table};
+
+/// How many of the best settings are shown.
+const SHOWN: usize = 5;
+
+#[derive(Args)]
+pub(crate) struct CompareArgs {
+    /// Built-in scenarios' names, or scenario files.
+    #[arg(value_name = "SCENARIO|FILE.toml", default_value = load::DEFAULT_SCENARIO)]
+    scenarios: Vec<String>,
+    /// Only these laws, separated by commas [default: ours in both forms, and the baselines].
+    #[arg(long, value_name = "LAW", value_delimiter = ',')]
+    law: Vec<String>,
+    /// Folder for the results [default: the next free runs/compare-NNN].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Seed of every random number of the runs, and of the sweep's lines [default: the scenario's].
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Lay a value over every scenario's, for example control.k_p=900 (repeatable).
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Lines of the sweep.
+    #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    count: u32,
+    /// Peak speed of the sweep's lines; m/s.
+    #[arg(long, value_name = "M/S", default_value_t = 0.28)]
+    speed: f64,
+    /// Search the baselines' parameters for the most lines of the sweep, on a seed of its own.
+    #[arg(long)]
+    tune: bool,
+}
+
+pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Failure> {
+    let laws = compare::laws(&args.law)?;
+    if !(args.speed.is_finite() && args.speed > 0.0) {
+        return Err(Failure::Input(format!("--speed is {}: it must be a positive number of m/s", args.speed)));
+    }
+    if args.tune {
+        return tune(args, &laws, as_json);
+    }
+    let request = Request {
+        scenarios: &args.scenarios,
+        laws: &laws,
+        settings: &args.set,
+        seed: args.seed,
+        out: args.out.as_deref(),
+        size: SweepSize { count: args.count, speed: args.speed },
+    };
+    let terminal = Terminal::default();
+    let mut each = |compared: &Compared| {
+        if !as_json {
+            print_compared(compared);
+        }
+    };
+    let (whole, folder) = compare::compare(&request, &|progress| terminal.show(progress), &mut each)?;
+    if as_json {
+        say!("{whole}");
+    } else {
+        say!("{}\n  compare.json and a picture of each table, SVG and PNG", folder.display());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn print_compared(compared: &Compared) {
+    let say_left_out = |name: &str, left_out: usize| {
+        if left_out > 0 {
+            say!("{name}: without its planned faults ({left_out}): laws are compared on one thread, and faults happen to processes");
+        }
+    };
+    match compared {
+        Compared::Scenario { scenario, faults_left_out, scores, .. } => {
+            say_left_out(&scenario.name, *faults_left_out);
+            print(scenario, scores);
+        }
+        Compared::Sweep { sweep, faults_left_out } => {
+            say_left_out(SWEEP, *faults_left_out);
+            print_sweep(sweep);
+        }
+    }
+}
+
+/// Searches each law's parameters and prints the best.
+fn tune(args: &CompareArgs, laws: &[Strategy], as_json: bool) -> Result<ExitCode, Failure> {
+    if args.scenarios != [SWEEP] {
+        return Err(Failure::Input("--tune searches on the lines of the sweep: armplane compare sweep --tune".to_owned()));
+    }
+    let size = SweepSize { count: args.count, speed: args.speed };
+    let mut searched = Vec::new();
+    let mut each = |law: Strategy, seed: u64, ranked: &Ranked<'_>| {
+        searched.push(json!({"law": law.name(), "points": ranked.iter().map(|(point, scores)| {
+            let [s2, s1, ends] = worth(scores);
+            json!({"settings": point.settings, "s2": s2, "s1": s1, "ends": ends})
+        }).collect::<Vec<_>>()}));
+        if as_json {
+            return;
+        }
+        let lines = ranked.first().map_or(0, |(_, scores)| scores.len());
+        say!("{}: {} settings on {lines} lines at {} m/s (seed {seed})", law.name(), ranked.len(), args.speed);
+        let mut rows = table(&["S2", "S1", "ends", "settings", "S2 missed by"]);
+        for (point, scores) in ranked.iter().take(SHOWN) {
+            let mut row = worth(scores).map(number).to_vec();
+            row.extend([point.settings.clone().into(), missed(scores).into()]);
+            rows.add_row(row);
+        }
+        say!("{rows}");
+    };
+    let terminal = Terminal::default();
+    let (seed, lines) = compare::tune(&args.set, args.seed, size, laws, &|progress| terminal.show(progress), &mut each)?;
+    if as_json {
+        say!("{}", json!({"lines": lines, "seed": seed, "speed_m_s": args.speed, "laws": searched}));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn percent(ratio: f64) -> String {
+    format!("{:.0} %", ratio * 100.0)
+}
+
+fn print(scenario: &Scenario, scores: &[Score]) {
+    say!("{}: {} (seed {})", scenario.name, scenario.title, scenario.seed);
+    let headings = [
+        "law",
+        "along ζ, mm",
+        "°",
+        "across ζ, mm",
+        "°",
+        "end, mm",
+        "°",
+        "speed",
+        "torque",
+        "torque step",
+        "chatter",
+        "jumps, J",
+        "time",
+        "success",
+    ];
+    let mut rows = table(&headings);
+    for score in scores {
+        let error = |value: f64| number(if score.completed { digits(value) } else { "–".to_owned() });
+        rows.add_row([
+            score.law.clone().into(),
+            error(score.along_max_mm),
+            error(score.along_max_deg),
+            error(score.across_max_mm),
+            error(score.across_max_deg),
+            error(score.final_mm),
+            error(score.final_deg),
+            number(percent(score.speed_max_ratio)),
+            number(percent(score.torque_max_ratio)),
+            number(percent(score.torque_step_max_ratio)),
+            number(score.chatter),
+            number(digits(score.jump_energy_j)),
+            number(format!("× {:.2}", score.time_stretch)),
+            score.success().into(),
+        ]);
+    }
+    say!("{rows}");
+}
+
+fn print_sweep(sweep: &Sweep) {
+    say!("sweep: {} lines at {} m/s (seed {})", sweep.near.len(), sweep.speed, sweep.seed);
+    let mut rows = table(&[
+        "law",
+        "S1 %",
+        "S2 %",
+        "elbow S1 S2",
+        "wrist S1 S2",
+        "overhead S1 S2",
+        "ends %",
+        "across p95, mm",
+        "torque step p95",
+        "jumps p95, J",
+        "time p90",
+        "S2 missed by",
+    ]);
+    for (law, scores) in &sweep.laws {
+        let share = |near: Option<Kind>, so: &dyn Fn(&Score) -> bool| {
+            let (yes, all) = sweep.count(scores, near, so);
+            format!("{:.1}", 100.0 * yes as f64 / all.max(1) as f64)
+        };
+        let both = |kind: Kind| format!("{} {}", share(Some(kind), &|score| score.s1), share(Some(kind), &|score| score.s2));
+        let mut row = vec![law.name().into(), number(share(None, &|score| score.s1)), number(share(None, &|score| score.s2))];
+        row.extend(KINDS.map(|kind| number(both(kind))));
+        row.extend([
+            number(share(None, &Score::ended)),
+            number(digits(quantile(scores, 0.95, |score| score.across_max_mm))),
+            number(digits(quantile(scores, 0.95, |score| score.torque_step_p95_ratio))),
+            number(digits(quantile(scores, 0.95, |score| score.jump_energy_j))),
+            number(format!("× {:.2}", quantile(scores, 0.9, |score| score.time_stretch))),
+            missed(scores).into(),
+        ]);
+        rows.add_row(row);
+    }
+    say!("{rows}");
+}

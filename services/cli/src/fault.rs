@@ -1,0 +1,210 @@
+//! `armplane fault`: something goes wrong in a running graph, now.
+
+use std::path::Path;
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use runtime::{ControlPage, Manifest, RunDir, SHM, random};
+use serde_json::json;
+use session::{Failure, JOB, load};
+use shared_types::fault::{Fault, Kind, Way};
+use shared_types::job::Job;
+
+use crate::out::say;
+use crate::table::table;
+use crate::top::choose;
+
+/// How long to wait for the next tick of a run.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// A stretch of time as people write it: `100ms`, `0.5s`, or a bare number of ticks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Length {
+    Ticks(u64),
+    Seconds(f64),
+}
+
+impl std::str::FromStr for Length {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let seconds = |number: &str, unit: f64| number.trim().parse::<f64>().ok().map(|number| Self::Seconds(number * unit));
+        let parsed = match text.strip_suffix("ms") {
+            Some(number) => seconds(number, 1e-3),
+            None => match text.strip_suffix('s') {
+                Some(number) => seconds(number, 1.0),
+                None => text.trim().parse().ok().map(Self::Ticks),
+            },
+        };
+        parsed.ok_or_else(|| format!("`{text}` is not a length: 100ms, 0.5s, or a number of ticks"))
+    }
+}
+
+#[derive(Args)]
+pub(crate) struct FaultArgs {
+    /// To which process.
+    process: Option<String>,
+    /// What happens (see --list).
+    kind: Option<Kind>,
+    /// Show all kinds of faults, what they do and to whom they can happen.
+    #[arg(long)]
+    list: bool,
+    /// In which way, for the kinds that have several.
+    #[arg(long = "as", value_name = "WAY")]
+    way: Option<Way>,
+    /// How long: 100ms, 0.5s, or a number of ticks [default: the kind's].
+    #[arg(long = "for", value_name = "LENGTH")]
+    length: Option<Length>,
+    /// The share of messages it concerns, 0 to 1.
+    #[arg(long, value_name = "P")]
+    probability: Option<f64>,
+    /// Ticks by which messages are late.
+    #[arg(long, value_name = "TICKS")]
+    delay: Option<u64>,
+    /// Up to so many ticks more.
+    #[arg(long, value_name = "TICKS")]
+    jitter: Option<u64>,
+    /// Which field of the message is spoilt, as tau[2].
+    #[arg(long, value_name = "FIELD")]
+    field: Option<String>,
+    /// Which joint, from 1.
+    #[arg(long, value_name = "N")]
+    joint: Option<u32>,
+    /// By how much, in the way's unit.
+    #[arg(long, value_name = "X", allow_negative_numbers = true)]
+    amount: Option<f64>,
+    /// The run's name, where several are alive (see `armplane doctor --json`).
+    #[arg(long, value_name = "RUN")]
+    run: Option<String>,
+}
+
+pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure> {
+    let (Some(process), Some(kind)) = (&args.process, args.kind) else {
+        if args.list {
+            list(as_json)?;
+            return Ok(ExitCode::SUCCESS);
+        }
+        return Err(Failure::Input(
+            "say what happens to which process: armplane fault PROCESS KIND; see `armplane fault --list`".to_owned(),
+        ));
+    };
+    let name = choose(args.run.as_deref())?;
+    let run = RunDir::open(&Path::new(SHM).join(&name)).map_err(Failure::input)?;
+    let manifest = Manifest::read(&run).map_err(Failure::work)?;
+    let control_page = ControlPage::open(&run).map_err(Failure::work)?;
+    let fault = Fault {
+        way: args.way,
+        for_ticks: args.length.and_then(|length| if let Length::Ticks(ticks) = length { Some(ticks) } else { None }),
+        for_s: args.length.and_then(|length| if let Length::Seconds(s) = length { Some(s) } else { None }),
+        probability: args.probability,
+        delay_ticks: args.delay,
+        jitter_ticks: args.jitter,
+        field: args.field.clone(),
+        joint: args.joint,
+        amount: args.amount,
+        ..Fault::new(process, kind)
+    };
+    let Some(index) = manifest.index_of(process) else {
+        let known: Vec<_> = manifest.processes.iter().map(|process| process.name.as_str()).collect();
+        return Err(Failure::Input(format!("the run has no process `{process}`; it has {}", known.join(", "))));
+    };
+    if let (Some(joint), Some(dof)) = (args.joint, joints(&run))
+        && joint as usize > dof
+    {
+        // What the arm does not have the run could not be repeated with.
+        return Err(Failure::Input(format!("joint: there is no joint {joint}: the arm of {name} has {dof} (joints count from 1)")));
+    }
+    // Any seed will do: the run records it with the fault.
+    let seed = random(runtime::now_ns(), u64::from(std::process::id()));
+    let strike = fault.schedule(index as u32, manifest.rate_hz, seed).map_err(|complaint| Failure::Input(complaint.to_string()))?;
+    let Some(place) = control_page.fault_table().request(&strike) else {
+        return Err(Failure::Work(format!("the run {name} has had {} faults and has room for no more", runtime::MOST_FAULTS)));
+    };
+    let asked = Instant::now();
+    while !control_page.fault_table().is_in_force(place) {
+        if asked.elapsed() > PATIENCE || !run.path().exists() {
+            return Err(Failure::Work(format!(
+                "the run {name} has begun no tick since: the fault takes effect with its next one, if there is one"
+            )));
+        }
+        std::thread::sleep(Duration::from_micros(200));
+    }
+    let in_force = control_page.fault_table().record(place).and_then(|account| account.scheduled.fault(process));
+    let Some(in_force) = in_force else { return Err(Failure::Work(format!("the run {name} does not know this fault"))) };
+    if as_json {
+        say!("{}", json!({ "run": name, "tick": in_force.at_tick, "fault": in_force }));
+    } else {
+        say!("{in_force} ({name})");
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// How many joints the arm of a run has; `None` for a graph without an arm (a bench).
+fn joints(run: &RunDir) -> Option<usize> {
+    let job: Job = serde_json::from_slice(&std::fs::read(run.path().join(JOB)).ok()?).ok()?;
+    load::robot_of(&job.robot).ok().map(|robot| robot.dof())
+}
+
+/// The unit of a way's amount.
+fn unit(kind: Kind, way: Way) -> &'static str {
+    match (kind, way) {
+        (Kind::Sensor, Way::Drift) => "rad/s",
+        (Kind::Sensor, Way::Bias | Way::Noise | Way::Quantise) => "rad",
+        (Kind::Drive, Way::Saturated | Way::Friction) => "of the limit",
+        (Kind::Clock, Way::Jump) => "ms",
+        (Kind::Clock, _) => "of its rate",
+        (Kind::Corrupt, Way::Huge) => "times",
+        _ => "",
+    }
+}
+
+fn list(as_json: bool) -> Result<(), Failure> {
+    if as_json {
+        let kinds: Vec<_> = Kind::ALL
+            .iter()
+            .map(|&kind| {
+                let length_s = kind.usual_length_s();
+                json!({
+                    "kind": kind.name(), "about": kind.about(), "processes": kind.processes(),
+                    "length_s": length_s.is_finite().then_some(length_s),
+                    "ways": kind.ways().map(|way| json!({
+                        "as": way.name(), "about": way.about(), "amount": kind.usual_amount(way), "unit": unit(kind, way)
+                    })).collect::<Vec<_>>(),
+                })
+            })
+            .collect();
+        say!("{}", serde_json::to_string_pretty(&kinds).map_err(Failure::work)?);
+        return Ok(());
+    }
+    let mut rows = table(&["kind", "what happens", "to", "usually for", "as (usual amount)"]);
+    for &kind in Kind::ALL {
+        let ways: Vec<_> = kind
+            .ways()
+            .map(|way| match kind.usual_amount(way) {
+                0.0 => way.name().to_owned(),
+                amount => format!("{} ({amount} {})", way.name(), unit(kind, way)),
+            })
+            .collect();
+        let processes = if kind.processes().len() == 5 { "any".to_owned() } else { kind.processes().join(" ") };
+        let length_s = kind.usual_length_s();
+        let length = if length_s.is_finite() { format!("{length_s} s") } else { "ever".to_owned() };
+        rows.add_row([kind.name().to_owned(), kind.about().to_owned(), processes, length, ways.join(", ")]);
+    }
+    say!("{rows}");
+    say!("The same words in a scenario, under [[fault]], with at_tick or at_s: they strike at that tick, the same way every time.");
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lengths_are_read_with_and_without_a_unit() {
+        assert_eq!("100ms".parse(), Ok(Length::Seconds(0.1)));
+        assert_eq!("0.5 s".parse(), Ok(Length::Seconds(0.5)));
+        assert_eq!("40".parse(), Ok(Length::Ticks(40)));
+        assert!("soon".parse::<Length>().unwrap_err().contains("a number of ticks"));
+    }
+}

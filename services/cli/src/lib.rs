@@ -1,0 +1,205 @@
+//! The command line of `armplane`: one file per command, which owns its arguments, what it prints, and its exit code.
+#![allow(non_snake_case)]
+
+mod bench;
+mod clean;
+mod compare;
+mod doctor;
+mod drill;
+mod export;
+mod failure;
+mod fault;
+mod figures;
+mod graph;
+mod inspect;
+mod layout;
+mod list;
+mod out;
+mod process;
+mod progress;
+mod replay;
+mod report;
+mod run;
+mod soak;
+mod table;
+mod top;
+mod verify;
+mod view;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+#[derive(Parser)]
+#[command(
+    name = "armplane",
+    version,
+    about = "Robot arms through kinematic singularities: five processes, shared memory, one recording",
+    long_about = "Runs a robot arm through kinematic singularities with the dynamically consistent strategy of Chang & Khatib (1995): \
+                  plant, estimator, analyzer, controller and recorder as processes over shared memory. Without a command it runs the \
+                  default scenario.",
+    after_help = "Examples:\n  armplane                                    run the default scenario, save a recording\n  armplane run fig5-wrist-rotation --seed 7   the same, with other noise\n  armplane list                               scenarios and robots\n  armplane inspect --robot puma560 --q ready  the arm's numbers at a posture\n\nExit codes: 0 success, 1 the run failed its goal or was stopped by a fault, 2 usage or invalid input."
+)]
+struct Cli {
+    #[command(subcommand)]
+    command: Option<Command>,
+    /// Print results as JSON on standard output, for machines.
+    #[arg(long, global = true)]
+    json: bool,
+    /// Say more on standard error (-v, -vv).
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    verbose: u8,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Run a scenario in its processes and save a recording.
+    #[command(
+        after_help = "Examples:\n  armplane run\n  armplane run fig5-wrist-rotation --out /tmp/fig5 --seed 3\n  armplane run my.toml --set control.k_p=900 --set plant.friction=true"
+    )]
+    Run(run::RunArgs),
+    /// Run a scenario several times under different conditions and compare every byte.
+    #[command(
+        long_about = "Runs a scenario in lockstep several times, in real processes under deliberately different conditions: other cores, other \
+                      nice values, random delays at the start and random pauses in every process, a spinning thread on every core, with and \
+                      without a recording. Compares every message of every topic with what one thread computes without shared memory, or where \
+                      the scenario plans faults, which happen to processes, with the first run. Where they differ it names the first tick, \
+                      topic and field.",
+        after_help = "Examples:\n  armplane verify fig5-wrist-rotation\n  armplane verify my.toml --runs 12 --json\n\nExit code 1: some bytes differ."
+    )]
+    Verify(verify::VerifyArgs),
+    /// Feed a run's recorded inputs to one process and say where its outputs first differ.
+    #[command(
+        long_about = "Takes the messages that a run kept, feeds its inputs to the step of one process as this program computes it, and compares every \
+                      output with the recorded one: where they first differ (tick, topic, field, both values), and by how much each field \
+                      differs at most. For a changed control law: build it, replay an old run, see what has changed and what has not.",
+        after_help = "Examples:\n  armplane replay runs/fig5-wrist-rotation-001\n  armplane replay runs/fig5-wrist-rotation-001 --process estimator --json\n  armplane replay runs/fig5-wrist-rotation-001 --set control.k_p=900\n\nExit code 1: an output differs."
+    )]
+    Replay(replay::ReplayArgs),
+    /// Measure hand-overs, cycles and steps beside what the machine itself charges.
+    #[command(
+        long_about = "Measures in one run, in turns, the topics of armplane and floors built into the same program: a bare futex, a pipe, a \
+                      spinning reader, iceoryx2's own wake-ups. Times are of real processes, pinned and under SCHED_FIFO where the machine allows; a first round warms \
+                      everything up, after it no sample is left out. Ratios are against the futex of the same placement and payload.\n\n\
+                      `soak` runs the whole graph in real time, a minute at a time, and strikes it live with every kind of fault in every way on every \
+                      process, and with signals from outside. Each round is judged as `armplane drill` judges: torque, step, speed, age of the torque; \
+                      every death noticed and mended; messages sent against messages taken in, at most 100 ms lost for each death of the recorder; \
+                      every file readable; nothing left behind. A round that breaks a promise leaves its files with a scenario.toml of its faults.",
+        after_help = "Examples:\n  armplane bench\n  armplane bench hop cycle --samples 100000 --json\n  armplane bench --out bench          table, JSON and pictures\n  armplane bench realtime             the whole graph for 80 s beside a busy thread on every core\n  armplane bench soak --out soak      30 minutes in real time, struck at random by every fault\n  armplane bench soak --seconds 120 --seed 7\n\nExit code 1: the soak found a promise broken."
+    )]
+    Bench(bench::BenchArgs),
+    /// Run scenarios under every control law, on the same plant and seed, and put them side by side.
+    #[command(
+        long_about = "Runs each scenario once per control law on one thread (the same bytes as the processes give), with the same plant, seed, \
+                      gains and governor, and prints one table per scenario. SCENARIO `sweep` stands for seeded straight lines through and near \
+                      each singularity of a PUMA. Saves compare.json and a picture per scenario (SVG and PNG).\n\n\
+                      Errors are desired against true pose, split along and across the singular directions ζ while those are engaged. A jump is \
+                      a tick in which a torque changes by more than a tenth of its limit; chatter counts jumps back within 10 ms; energy sums \
+                      ½ΔΓᵀA⁻¹ΔΓ/k_v² over the jumps, whatever their cause. S1: end within 1 mm and 0.5°, across within 1 mm and 0.5°, no joint beyond its speed or \
+                      position, no torque at its limit for more than 10 ms. S2: the same, but across within 1 mm and 3°, along within 10 mm and 5°.",
+        after_help = "Examples:\n  armplane compare fig5-wrist-rotation elbow-in-and-out\n  armplane compare sweep --count 90 --speed 0.5 --json\n  armplane compare my.toml --law blended,damped-least-squares --set control.baseline.damped_least_squares.largest=0.1\n  armplane compare sweep --tune --count 30"
+    )]
+    Compare(compare::CompareArgs),
+    /// Draw the paper's Figures 1, 2, 4 and 5 from runs made for it.
+    #[command(
+        long_about = "Runs the scenarios of Chang & Khatib's Figures 1, 2, 4 and 5 on one thread and draws them: arm postures, errors, joint motion, \
+                      with the numbers below. Saves each as SVG and PNG, and the numbers as figures.json.",
+        after_help = "Examples:\n  armplane figures\n  armplane figures --out figures --set plant.encoder_bits=0"
+    )]
+    Figures(figures::FiguresArgs),
+    /// Watch a running graph: processes, ticks, rates, misses.
+    #[command(after_help = "Examples:\n  armplane top\n  armplane top --once --json")]
+    Top(top::TopArgs),
+    /// Open a run's recording in the installed Rerun viewer.
+    #[command(
+        long_about = "Opens a run's recording in the Rerun viewer that is installed (`pip install rerun-sdk==0.36.3`, or `cargo install \
+                      rerun-cli@0.36.3 --locked`). If a viewer is running, it shows the recording there.",
+        after_help = "Examples:\n  armplane view\n  armplane view runs/fig5-wrist-rotation-001 --layout timing"
+    )]
+    View(view::ViewArgs),
+    /// Write a run up as one HTML page with plots, tables and the log, for people without a viewer.
+    #[command(after_help = "Examples:\n  armplane report\n  armplane report runs/fig5-wrist-rotation-001 --out fig5.html")]
+    Report(report::ReportArgs),
+    /// Write a run's numbers and events for other tools.
+    #[command(
+        long_about = "Reads the recording back and writes its numbers as one wide table (a row a tick) and its log and states as another, \
+                      into the run's folder or --out. Columns: `joint.q.1`, `singularity.s.wrist`, `error.position_mm.across` and so on; what \
+                      they mean, with units, is in the recording under /signals/about. `rbl` is the layout for the viewer.",
+        after_help = "Examples:\n  armplane export --format csv\n  armplane export runs/fig5-wrist-rotation-001 --format parquet --out tables\n  armplane export --format rbl --layout timing\n\nparquet and mcap need a build with --features parquet,mcap."
+    )]
+    Export(export::ExportArgs),
+    /// Let something go wrong in a running graph.
+    #[command(
+        long_about = "Injects a fault into one process of a running graph, from its next tick on. The run records it with that tick, and leaves \
+                      a scenario.toml beside its results in which the fault is planned: `armplane run` of it gives the same bytes again.",
+        after_help = "Examples:\n  armplane fault --list\n  armplane fault controller kill\n  armplane fault estimator delay --delay 3 --for 0.5s\n  armplane fault plant sensor --as bias --joint 5 --amount 0.02"
+    )]
+    Fault(fault::FaultArgs),
+    /// Try every fault on every process of a real graph, and judge what the arm does.
+    #[command(
+        long_about = "Runs a scenario once for every kind of fault and every process it can happen to, and for a seeded sample of pairs, in its \
+                      processes and in lockstep. The fault is injected live in the middle of the motion; then the run is repeated from the \
+                      plan it left, which must give the same bytes. Judged on the simulator's truth: torque and speed against the limits, age of \
+                      the torque in force, largest torque step, distance from the fault-free path, the end; and what was lost or left behind.",
+        after_help = "Examples:\n  armplane drill\n  armplane drill --only controller:kill\n  armplane drill elbow-in-and-out --out drill\n\nExit code 1: an invariant broke."
+    )]
+    Drill(drill::DrillArgs),
+    /// List the built-in scenarios and robots.
+    #[command(after_help = "Example:\n  armplane list --json")]
+    List,
+    /// Show an arm's kinematics, dynamics and singularities at one posture.
+    #[command(
+        after_help = "Examples:\n  armplane inspect --robot puma560 --q ready\n  armplane inspect --robot puma560 --q-deg=20,-60,170,0,0,0\n  armplane inspect --robot my.urdf --frame tool0 --q=0,0.1,0.2,0,0,0 --qdot=0,0,0,0,0,1 --json"
+    )]
+    Inspect(inspect::InspectArgs),
+    /// Show which process reads and writes what.
+    #[command(after_help = "Examples:\n  armplane graph\n  armplane graph --format dot | dot -Tsvg > graph.svg")]
+    Graph(graph::GraphArgs),
+    /// Check what the machine offers: shared memory, real-time rights, cores, leftovers.
+    #[command(after_help = "Example:\n  armplane doctor")]
+    Doctor,
+    /// Remove what dead runs left in shared memory; living runs are not touched.
+    #[command(after_help = "Example:\n  armplane clean")]
+    Clean,
+    /// One process of a bench.
+    #[command(hide = true)]
+    BenchPeer(bench::BenchPeerArgs),
+    #[command(flatten)]
+    Process(process::Command),
+}
+
+/// Parses the arguments of the process and executes the command; the exit code of the program.
+#[must_use]
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let level = match cli.verbose {
+        0 => "warn",
+        1 => "info",
+        _ => "debug",
+    };
+    let filter = tracing_subscriber::EnvFilter::try_from_env("ARMPLANE_LOG").unwrap_or_else(|_| level.into());
+    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).without_time().with_target(false).init();
+    let json = cli.json;
+    let done = match cli.command.unwrap_or_else(|| Command::Run(run::RunArgs::default())) {
+        Command::Run(args) => run::run(&args, json),
+        Command::Verify(args) => verify::verify(&args, json),
+        Command::Replay(args) => replay::replay(&args, json),
+        Command::Bench(args) => bench::bench(&args, json),
+        Command::Compare(args) => compare::compare(&args, json),
+        Command::Figures(args) => figures::figures(&args, json),
+        Command::Top(args) => top::top(&args, json),
+        Command::BenchPeer(args) => bench::peer(&args),
+        Command::Drill(args) => drill::drill(&args, json),
+        Command::View(args) => view::view(&args, json),
+        Command::Report(args) => report::report(&args, json),
+        Command::Export(args) => export::export(&args, json),
+        Command::Fault(args) => fault::fault(&args, json),
+        Command::List => list::list(json),
+        Command::Inspect(args) => inspect::inspect(&args, json),
+        Command::Graph(args) => graph::graph(&args, json),
+        Command::Doctor => doctor::doctor(json),
+        Command::Clean => clean::clean(json),
+        Command::Process(command) => process::run(&command),
+    };
+    done.unwrap_or_else(failure::report)
+}

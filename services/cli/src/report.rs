@@ -1,0 +1,34 @@
+//! `armplane report`: a run as one HTML page.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+use session::{Failure, Run};
+
+use crate::out::say;
+
+#[derive(Args)]
+pub(crate) struct ReportArgs {
+    /// The run's folder, or its name under runs/ [default: the latest].
+    #[arg(value_name = "RUN")]
+    run: Option<PathBuf>,
+    /// Where to write the page [default: report.html in the run's folder].
+    #[arg(long, value_name = "FILE.html")]
+    out: Option<PathBuf>,
+}
+
+pub(crate) fn report(args: &ReportArgs, as_json: bool) -> Result<ExitCode, Failure> {
+    let run = Run::find(args.run.as_deref())?;
+    let (summary, job) = (run.summary()?, run.job()?);
+    let path = args.out.clone().unwrap_or_else(|| run.folder.join("report.html"));
+    let text = viz::report(&summary, &job, &run.parts, &path, &mut |damage| eprintln!("{damage}")).map_err(Failure::work)?;
+    std::fs::write(&path, &text)
+        .map_err(|error| Failure::Work(format!("cannot write {}: {error}; name another file with --out", path.display())))?;
+    if as_json {
+        say!("{}", serde_json::json!({"file": path, "bytes": text.len()}));
+    } else {
+        say!("{}  {:.1} MB; open it with any browser", path.display(), text.len() as f64 / 1e6);
+    }
+    Ok(ExitCode::SUCCESS)
+}

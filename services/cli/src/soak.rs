@@ -1,0 +1,102 @@
+//! The table of a soak.
+
+use lab::faults::soak::{Messages, Soak};
+
+use crate::out::say;
+use crate::table::{digits, number, table};
+
+/// Prints faults by kind, totals, and each broken promise.
+pub(crate) fn print(soak: &Soak) {
+    let mut rows = table(&[
+        "kind",
+        "times",
+        "noticed",
+        "ms p50",
+        "max",
+        "deaths",
+        "mended, ms p50",
+        "max",
+        "stops",
+        "stood, ms p50",
+        "max",
+        "goal",
+        "rest",
+        "ended",
+    ]);
+    let optional = |value: Option<f64>| number(value.map_or(String::from("–"), digits));
+    for kind in &soak.kinds {
+        rows.add_row([
+            kind.kind.clone().into(),
+            number(kind.times),
+            number(kind.noticed),
+            optional(kind.noticed_ms_p50),
+            optional(kind.noticed_ms_max),
+            number(kind.deaths),
+            optional(kind.mended_ms_p50),
+            optional(kind.mended_ms_max),
+            number(kind.stops),
+            optional(kind.stood_ms_p50),
+            optional(kind.stood_ms_max),
+            number(kind.goal),
+            number(kind.rest),
+            number(kind.ended),
+        ]);
+    }
+    say!("{rows}");
+    let all = &soak.totals;
+    say!(
+        "rounds     {}: {} reached the goal, {} came to rest, {} ended by design; {:.0} s at {} Hz, seed {}",
+        all.rounds,
+        all.goal,
+        all.rest,
+        all.ended,
+        all.ticks as f64 / f64::from(soak.rate_hz),
+        soak.rate_hz,
+        soak.seed
+    );
+    let left_out = all.left_out.iter().map(|(why, count)| format!("{count} because {why}")).collect::<Vec<_>>().join(", ");
+    say!("faults     {} struck{}", all.blows, if left_out.is_empty() { String::new() } else { format!("; left out {left_out}") });
+    let restarts = all.restarts.iter().filter(|(_, count)| **count > 0).map(|(process, count)| format!("{process} {count}"));
+    say!("restarts   {}", restarts.collect::<Vec<_>>().join(", "));
+    let Messages { sent, taken_in, refused, fenced, lost, kept } = all.messages;
+    say!("messages   {sent} sent, {taken_in} taken in by the recorder, {kept} read back from its files");
+    say!(
+        "           {refused} refused for a number that is not finite, {fenced} of a dead incarnation; {lost} lost, sent while the recorder was away or too far behind ({:.0} for each of its deaths)",
+        all.lost_per_death_of_recorder
+    );
+    say!("deadlines  {} missed of {}", all.deadlines_missed, all.ticks);
+    for (cause, count) in &all.deadlines_by_cause {
+        say!("           {count} {cause}");
+    }
+    let percent = |ratio: f64| format!("{:.1} %", ratio * 100.0);
+    say!(
+        "worst      torque {} of the limit, step in one tick {}, speed {}; a torque {} ticks old",
+        percent(all.torque_max_ratio),
+        percent(all.torque_step_max_ratio),
+        percent(all.speed_max_ratio),
+        all.stale_ticks
+    );
+    say!("the arm    was stopped or braked for {:.1} s", all.stood_s);
+    if let (Some(first), Some(last)) = (soak.usage.first(), soak.usage.last()) {
+        say!(
+            "the soak   {:.1} to {:.1} MB, {} to {} open files, {} to {} threads from its first round to its last",
+            first.resident_kb as f64 / 1e3,
+            last.resident_kb as f64 / 1e3,
+            first.open_files,
+            last.open_files,
+            first.threads,
+            last.threads
+        );
+    }
+    for round in soak.rounds.iter().filter(|round| !round.broken.is_empty()) {
+        for what in &round.broken {
+            say!("BROKEN     round {}, seed {}: {what}", round.round, round.seed);
+        }
+    }
+    if let Some(kept) = &soak.kept {
+        say!("           {}/round-NNN/scenario.toml holds the faults of each such round", kept.display());
+    }
+    if soak.passed {
+        say!("every promise was kept, and nothing is left over");
+    }
+}

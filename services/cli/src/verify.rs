@@ -1,0 +1,122 @@
+//! `armplane verify`: the same scenario under different conditions, compared byte by byte.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+use lab::conformance::verify::{Place, Ran, Request, Verified};
+use message_log::Difference;
+use serde_json::json;
+use session::{Failure, load};
+use shared_types::scenario::Scenario;
+use shared_types::topics::{COUNT, TOPICS};
+
+use crate::out::say;
+use crate::progress::Terminal;
+use crate::table::{number, table};
+
+#[derive(Args)]
+pub(crate) struct VerifyArgs {
+    /// A built-in scenario's name, or a scenario file.
+    #[arg(value_name = "SCENARIO|FILE.toml", default_value = load::DEFAULT_SCENARIO)]
+    scenario: String,
+    /// How often to run it, each time under another condition.
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    runs: u32,
+    /// Seed of every random number of the run [default: the scenario's].
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Lay a value over the scenario's, for example control.k_p=900 (repeatable).
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// A process graph of your own instead of the built-in one.
+    #[arg(long, value_name = "FILE.toml")]
+    graph: Option<PathBuf>,
+    /// Keep all messages and recordings of all runs in this folder [default: they are removed].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Let the plant take the torque of the tick before where the right one is late: shows that `verify` can fail.
+    #[arg(long, hide = true)]
+    unordered: bool,
+}
+
+pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<ExitCode, Failure> {
+    let load::Loaded { scenario, robot } = load::scenario(&args.scenario, &args.set, args.seed)?;
+    let graph = load::graph(args.graph.as_deref())?;
+    let request = Request {
+        name: &args.scenario,
+        scenario: &scenario,
+        robot: &robot,
+        graph: &graph,
+        runs: args.runs,
+        out: args.out.as_deref(),
+        unordered: args.unordered,
+    };
+    let terminal = Terminal::default();
+    let verified = lab::conformance::verify::verify(&request, &|progress| terminal.show(progress))?;
+    if as_json {
+        print_json(&scenario, &verified);
+    } else {
+        print(&scenario, &verified);
+    }
+    Ok(if verified.is_identical { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+/// Why the first run is the reference, where it is.
+const WHY: &str =
+    "the scenario plans faults, and one thread has no processes that they could happen to: run 1 is the reference of the others";
+
+fn print(scenario: &Scenario, verified: &Verified) {
+    let Verified { reference, runs, place, is_identical } = verified;
+    let headings = [&["", "condition", "ticks/s"], &TOPICS[..]].concat();
+    let mut rows = table(&headings);
+    let row = |name: String, ran: &Ran, marks: [String; COUNT]| {
+        let head = [name.into(), ran.condition.clone().into(), number(format!("{:.0}", ran.ticks_per_s))];
+        head.into_iter().chain(marks.map(Into::into)).collect::<Vec<comfy_table::Cell>>()
+    };
+    let (name, first) = if reference.is_run { ("run 1, reference", 2) } else { ("reference", 1) };
+    rows.add_row(row(name.to_owned(), &reference.ran, reference.ran.topics.clone().map(|topic| topic.hash)));
+    for (number, ran) in (first..).zip(runs) {
+        let mut wanted = reference.ran.topics.iter();
+        let marks =
+            ran.topics.clone().map(|topic| if wanted.next() == Some(&topic) { "equal".to_owned() } else { format!("≠ {}", topic.hash) });
+        rows.add_row(row(format!("run {number}"), ran, marks));
+    }
+    say!("{rows}");
+    let all = reference.is_run.then_some(&reference.ran).into_iter().chain(runs);
+    for (number, ran) in (1..).zip(all).filter(|(_, ran)| !ran.failure.is_empty()) {
+        say!("run {number} did not come to its end: {}", ran.failure);
+    }
+    if let Some(Place { run, tick, topic, difference: Difference { field, expected, found } }) = place {
+        say!("run {} first differs at tick {tick}, topic {topic}, field {field}: {found} instead of {expected}", run + 1);
+    }
+    if reference.is_run {
+        say!("{WHY}");
+    }
+    let verdict = if *is_identical { "the same bytes everywhere" } else { "NOT the same bytes" };
+    let count = runs.len() + usize::from(reference.is_run);
+    say!("{}, seed {}, {} ticks, {count} runs: {verdict}", scenario.name, scenario.seed, reference.ran.ticks);
+}
+
+fn print_json(scenario: &Scenario, verified: &Verified) {
+    let Verified { reference, runs, place, is_identical } = verified;
+    let of = |ran: &Ran| {
+        let topic = |(index, name): (usize, &str)| {
+            let topic = &ran.topics[index];
+            (name.to_owned(), json!({"count": topic.count, "hash": topic.hash, "equal": *topic == reference.ran.topics[index]}))
+        };
+        let topics: serde_json::Map<_, _> = TOPICS.into_iter().enumerate().map(topic).collect();
+        json!({"condition": ran.condition, "ticks": ran.ticks, "ticks_per_s": ran.ticks_per_s, "failure": ran.failure, "topics": topics})
+    };
+    let difference = place.as_ref().map(|place| {
+        let Difference { field, expected, found } = &place.difference;
+        json!({"run": place.run + 1, "tick": place.tick, "topic": place.topic, "field": field, "expected": expected, "found": found})
+    });
+    let all = reference.is_run.then_some(&reference.ran).into_iter().chain(runs);
+    let whole = json!({
+        "scenario": scenario.name, "seed": scenario.seed, "identical": is_identical, "faults": scenario.fault.len(),
+        "reference_run": reference.is_run.then_some(1), "reference": of(&reference.ran), "runs": all.map(of).collect::<Vec<_>>(),
+        "difference": difference,
+    });
+    say!("{whole}");
+}

@@ -1,0 +1,38 @@
+//! `armplane view`: a recording in the installed Rerun viewer.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+use session::{Failure, Run, save_blueprint, show, viewer_command};
+use shared_types::scenario::Layout;
+
+use crate::layout::layout;
+use crate::out::say;
+use crate::progress::Terminal;
+
+#[derive(Args)]
+pub(crate) struct ViewArgs {
+    /// The run's folder, or its name under runs/ [default: the latest].
+    #[arg(value_name = "RUN")]
+    run: Option<PathBuf>,
+    /// Another layout than the scenario's.
+    #[arg(long, value_parser = layout, value_name = "control|timing|faults")]
+    layout: Option<Layout>,
+}
+
+pub(crate) fn view(args: &ViewArgs, as_json: bool) -> Result<ExitCode, Failure> {
+    let run = Run::find(args.run.as_deref())?;
+    let mut files = run.recording()?.to_vec();
+    if let Some(layout) = args.layout {
+        let path = run.folder.join(format!("{}.rbl", layout.name()));
+        save_blueprint(&run, layout, &path)?;
+        files.push(path);
+    }
+    if as_json {
+        say!("{}", serde_json::json!({"viewer": viewer_command(), "files": files}));
+    }
+    let terminal = Terminal::default();
+    show(&files, &|progress| terminal.show(progress))?;
+    Ok(ExitCode::SUCCESS)
+}

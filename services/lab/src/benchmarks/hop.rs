@@ -1,0 +1,124 @@
+//! Hand-overs between processes: half a round trip, once around four processes, and the same on a grid of time.
+
+use runtime::realtime::allowed_cores;
+use session::{Failure, Observer};
+
+use super::distribution::{Distribution, Row};
+use super::ring::{Mechanism, Ring};
+
+/// Where the processes of a ring are, by name.
+fn placements(count: usize) -> Vec<(&'static str, Vec<Option<usize>>)> {
+    let cores = allowed_cores();
+    let mut placements = vec![("same core", vec![cores.first().copied(); count])];
+    if cores.len() > 1 {
+        let alternating = (0..count).map(|index| Some(cores[index % 2])).collect();
+        placements.push((if count == 2 { "cross core" } else { "alternating cores" }, alternating));
+    }
+    placements
+}
+
+/// Trips of a block: long enough to be in the steady state, short enough to see the same machine as the other mechanisms.
+const TRIPS: u64 = 500;
+
+fn names(topics: &[&str]) -> Vec<String> {
+    topics.iter().map(ToString::to_string).collect()
+}
+
+pub fn hop(samples: u64, observer: Observer<'_>) -> Result<Vec<Row>, Failure> {
+    use shared_types::{PlantState, SensorSample, SingularityReport, TorqueCommand};
+    let mut rows = Vec::new();
+    for (placement, cores) in placements(2) {
+        // Two that spin on one core only wait for each other's time slice to end.
+        let is_split = placement != "same core";
+        let ring = |topics: &[&str], block_bytes: Option<usize>, mechanisms: Vec<Mechanism>| Ring {
+            topics: names(topics),
+            block_bytes,
+            cores: cores.clone(),
+            mechanisms,
+            rounds: samples.div_ceil(TRIPS),
+            trips: TRIPS,
+            period_ns: None,
+        };
+        let mut measure = |ring: Ring, bytes: usize| -> Result<(), Failure> {
+            let measured = ring.measure(observer)?.into_iter().map(|one| (one.mechanism, one.trip.divided_by(2.0)));
+            rows.extend(against_floor("hop", placement, bytes, Mechanism::Futex, measured.collect()));
+            Ok(())
+        };
+        for bytes in [64, 1024, 4096] {
+            let mut mechanisms = vec![Mechanism::Futex, Mechanism::Doorbell, Mechanism::Listener, Mechanism::WaitSet, Mechanism::Pipe];
+            if is_split {
+                mechanisms.extend([Mechanism::Spin, Mechanism::Poll]);
+            }
+            measure(ring(&["sensor", "plant_state"], Some(bytes), mechanisms), bytes)?;
+        }
+        for (topics, bytes) in [
+            (["sensor", "plant_state"], size_of::<SensorSample>().midpoint(size_of::<PlantState>())),
+            (["singularity", "torque"], size_of::<SingularityReport>().midpoint(size_of::<TorqueCommand>())),
+        ] {
+            measure(ring(&topics, None, vec![Mechanism::Futex, Mechanism::Topic]), bytes)?;
+        }
+    }
+    Ok(rows)
+}
+
+const CYCLE: [&str; 4] = ["sensor", "estimate", "singularity", "torque"];
+
+fn cycle_bytes() -> usize {
+    use shared_types::{SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+    size_of::<SensorSample>() + size_of::<StateEstimate>() + size_of::<SingularityReport>() + size_of::<TorqueCommand>()
+}
+
+pub fn cycle(samples: u64, observer: Observer<'_>) -> Result<Vec<Row>, Failure> {
+    let mut rows = Vec::new();
+    for (placement, cores) in placements(4).into_iter().chain([("not pinned, no FIFO", vec![None; 4])]) {
+        let mechanisms = vec![Mechanism::Futex, Mechanism::Topic, Mechanism::Pipe];
+        let ring = Ring {
+            topics: names(&CYCLE),
+            block_bytes: None,
+            cores,
+            mechanisms,
+            rounds: samples.div_ceil(TRIPS),
+            trips: TRIPS,
+            period_ns: None,
+        };
+        let measured = ring.measure(observer)?.into_iter().map(|one| (one.mechanism, one.trip));
+        rows.extend(against_floor("cycle", placement, cycle_bytes(), Mechanism::Futex, measured.collect()));
+    }
+    Ok(rows)
+}
+
+pub fn paced(rate_hz: u64, seconds: u64, observer: Observer<'_>) -> Result<Vec<Row>, Failure> {
+    // A block is a quarter of a second: the mechanisms take turns within one run.
+    let (rounds, trips) = (4 * seconds, rate_hz / 4);
+    let (placement, cores) = placements(4).swap_remove(0);
+    let mechanisms = vec![Mechanism::Nothing, Mechanism::Futex, Mechanism::Topic];
+    let period_ns = Some(1_000_000_000 / rate_hz);
+    let measured = Ring { topics: names(&CYCLE), block_bytes: None, cores, mechanisms, rounds, trips, period_ns }.measure(observer)?;
+    let wakes = measured.iter().map(|one| (one.mechanism, one.wake.clone())).collect();
+    let mut rows = against_floor(&format!("wake-up at {rate_hz} Hz"), placement, 0, Mechanism::Nothing, wakes);
+    let trips = measured.iter().filter(|one| one.mechanism != Mechanism::Nothing).map(|one| (one.mechanism, one.trip.clone())).collect();
+    rows.extend(against_floor(&format!("paced at {rate_hz} Hz"), placement, cycle_bytes(), Mechanism::Futex, trips));
+    Ok(rows)
+}
+
+/// Rows of one bench, placement and payload, with their ratios to the floor among them.
+fn against_floor(
+    bench: &str,
+    placement: &str,
+    payload_bytes: usize,
+    floor: Mechanism,
+    measured: Vec<(Mechanism, Distribution)>,
+) -> Vec<Row> {
+    let floor = measured.iter().find(|(mechanism, _)| *mechanism == floor).map(|(_, distribution)| distribution.clone());
+    let ratio = |value: f64, of: fn(&Distribution) -> f64| floor.as_ref().map(of).filter(|floor| *floor > 0.0).map(|floor| value / floor);
+    let row = |(mechanism, distribution): (Mechanism, Distribution)| Row {
+        bench: bench.to_owned(),
+        mechanism: mechanism.name().to_owned(),
+        placement: placement.to_owned(),
+        payload_bytes,
+        ratio_p50: ratio(distribution.p50_us, |floor| floor.p50_us),
+        ratio_p99: ratio(distribution.p99_us, |floor| floor.p99_us),
+        distribution,
+    };
+    measured.into_iter().map(row).collect()
+}

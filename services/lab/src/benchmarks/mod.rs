@@ -1,0 +1,21 @@
+//! What a hand-over, a cycle, a period and a step cost, beside what the machine itself charges.
+
+mod distribution;
+mod hop;
+pub mod hour;
+mod machine;
+mod picture;
+pub mod realtime;
+mod record;
+mod ring;
+mod steps;
+
+use runtime::{floor, stock};
+
+pub use distribution::{Distribution, Row};
+pub use hop::{cycle, hop, paced};
+pub use machine::{machine, machine_line};
+pub use picture::picture;
+pub use record::{Recorded, record};
+pub use ring::peer;
+pub use steps::{model, steps};

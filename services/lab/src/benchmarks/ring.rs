@@ -1,0 +1,352 @@
+//! Messages around a ring of processes: over topics, and over the floors, in turns within one run.
+
+use std::path::Path;
+use std::process::Command;
+
+use launcher::{Child, End, Event, Launcher, Limits, Plan, Restart};
+use runtime::{Process, ProcessError, Reader, Shell, Writer, now_ns, realtime, sleep_until};
+use serde::{Deserialize, Serialize};
+use session::{Failure, Observer, Progress};
+use shared_types::wire::HOPS;
+use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+
+use super::distribution::{Distribution, histogram};
+use super::floor::{Floor, Wake};
+use super::stock::{Block, Notice, Stock};
+
+const TASK: &str = "ring.json";
+const MEASURED: &str = "measured.json";
+const PRIORITY: u8 = 80;
+
+/// How a message gets to the next process.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Mechanism {
+    /// A topic with its doorbell, as in a run: stamped and checked.
+    Topic,
+    Futex,
+    Pipe,
+    Spin,
+    /// iceoryx2's publish-subscribe, its reader woken as said.
+    Doorbell,
+    Listener,
+    WaitSet,
+    Poll,
+    /// Not at all: only the first process keeps its rhythm.
+    Nothing,
+}
+
+/// What a mechanism is made of.
+enum Means {
+    Topic,
+    Floor(Wake),
+    Stock(Notice),
+    None,
+}
+
+impl Mechanism {
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Topic => "topic + doorbell",
+            Self::Futex => "futex + copy",
+            Self::Pipe => "pipe",
+            Self::Spin => "spin + copy",
+            Self::Doorbell => "iceoryx2 + doorbell",
+            Self::Listener => "iceoryx2 Listener",
+            Self::WaitSet => "iceoryx2 WaitSet",
+            Self::Poll => "iceoryx2, polled",
+            Self::Nothing => "clock_nanosleep",
+        }
+    }
+
+    fn means(self) -> Means {
+        match self {
+            Self::Topic => Means::Topic,
+            Self::Futex => Means::Floor(Wake::Futex),
+            Self::Pipe => Means::Floor(Wake::Pipe),
+            Self::Spin => Means::Floor(Wake::Spin),
+            Self::Doorbell => Means::Stock(Notice::Doorbell),
+            Self::Listener => Means::Stock(Notice::Listener),
+            Self::WaitSet => Means::Stock(Notice::WaitSet),
+            Self::Poll => Means::Stock(Notice::Poll),
+            Self::Nothing => Means::None,
+        }
+    }
+}
+
+/// A ring of processes and what goes around in it.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Ring {
+    /// What process i sends to process i + 1.
+    pub topics: Vec<String>,
+    /// Blocks of so many bytes go around instead of the topics' messages.
+    pub block_bytes: Option<usize>,
+    /// The core of each process; `None` is wherever the kernel likes, without FIFO.
+    pub cores: Vec<Option<usize>>,
+    pub mechanisms: Vec<Mechanism>,
+    /// Blocks of each mechanism that are measured; one more comes before, which warms everything up.
+    pub rounds: u64,
+    /// Trips around the ring in a block.
+    pub trips: u64,
+    /// Trips begin on a grid; `None` is one after the other.
+    pub period_ns: Option<u64>,
+}
+
+/// What one mechanism took.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct Measured {
+    pub mechanism: Mechanism,
+    /// Once around, from the grid point where there is one, so that a late trip delays nobody's clock.
+    pub trip: Distribution,
+    /// From the grid point to the first instruction after it.
+    pub wake: Distribution,
+}
+
+impl Ring {
+    /// Runs it in processes of its own.
+    pub fn measure(&self, observer: Observer<'_>) -> Result<Vec<Measured>, Failure> {
+        let count = self.topics.len();
+        let children = (0..count).map(|index| Child {
+            process: Process {
+                name: HOPS[index].to_owned(),
+                reads: vec![self.topics[(index + count - 1) % count].clone()],
+                writes: vec![self.topics[index].clone()],
+                core: self.cores[index],
+                ..Process::default()
+            },
+            ends_run: index == 0,
+            restart: Restart::Never,
+        });
+        let plan = Plan {
+            mode: runtime::Mode::Lockstep,
+            rate_hz: 1000,
+            children: children.collect(),
+            limits: Limits::default(),
+            faults: Vec::new(),
+        };
+        let launcher = Launcher::prepare(plan).map_err(Failure::work)?;
+        let folder = launcher.run_dir().to_owned();
+        let task = serde_json::to_vec(self).map_err(Failure::work)?;
+        std::fs::write(folder.join(TASK), task).and_then(|()| Floor::create(&folder, count)).map_err(Failure::work)?;
+        let mut measured = None;
+        let command = |process: &str, run: &Path| {
+            let mut command = Command::new(std::env::current_exe()?);
+            command.args(["bench-peer", process, "--run"]).arg(run);
+            Ok(command)
+        };
+        let outcome = launcher.run(&command, &mut |event| match event {
+            Event::Line { process, line } => observer(Progress::Line(&format!("{process}: {line}"))),
+            Event::Stopped => measured = std::fs::read(folder.join(MEASURED)).ok(),
+            _ => {}
+        });
+        match outcome.map_err(Failure::work)?.end {
+            End::Completed => serde_json::from_slice(&measured.unwrap_or_default()).map_err(Failure::work),
+            End::Interrupted { signal } => Err(Failure::Work(format!("stopped by {signal}"))),
+            End::Failed(failure) => Err(Failure::work(failure)),
+        }
+    }
+}
+
+/// One process of a ring, as the launcher starts it.
+pub fn peer(name: &str, run: &Path) -> Result<(), ProcessError> {
+    let text = std::fs::read(run.join(TASK)).map_err(ProcessError::setup)?;
+    let ring: Ring = serde_json::from_slice(&text).map_err(ProcessError::setup)?;
+    let index = HOPS.iter().position(|hop| *hop == name).filter(|index| *index < ring.topics.len());
+    let index = index.ok_or_else(|| ProcessError::setup(format!("{name:?} is not in the ring")))?;
+    let count = ring.topics.len();
+    let (reads, writes) = (ring.topics[(index + count - 1) % count].as_str(), ring.topics[index].as_str());
+    match (ring.block_bytes, reads, writes) {
+        (Some(64), ..) => go(&ring, index, run, Blocks::<8>::open),
+        (Some(1024), ..) => go(&ring, index, run, Blocks::<128>::open),
+        (Some(4096), ..) => go(&ring, index, run, Blocks::<512>::open),
+        (None, "plant_state", "sensor") => go(&ring, index, run, Messages::<PlantState, SensorSample>::open),
+        (None, "sensor", "plant_state") => go(&ring, index, run, Messages::<SensorSample, PlantState>::open),
+        (None, "torque", "singularity") => go(&ring, index, run, Messages::<TorqueCommand, SingularityReport>::open),
+        (None, "singularity", "torque") => go(&ring, index, run, Messages::<SingularityReport, TorqueCommand>::open),
+        (None, "torque", "sensor") => go(&ring, index, run, Messages::<TorqueCommand, SensorSample>::open),
+        (None, "sensor", "estimate") => go(&ring, index, run, Messages::<SensorSample, StateEstimate>::open),
+        (None, "estimate", "singularity") => go(&ring, index, run, Messages::<StateEstimate, SingularityReport>::open),
+        (bytes, ..) => Err(ProcessError::setup(format!("no ring leads from {reads} to {writes} with {bytes:?} bytes"))),
+    }
+}
+
+/// Both ends that a process has of a ring.
+trait Ends {
+    fn send(&mut self, mechanism: Mechanism) -> Result<(), ProcessError>;
+    fn receive(&mut self, mechanism: Mechanism) -> Result<(), ProcessError>;
+}
+
+/// A process's place in a ring: whom it reads from, its own, whom it writes to.
+#[derive(Clone, Copy)]
+struct Place {
+    from: usize,
+    me: usize,
+    to: usize,
+}
+
+fn foreign(mechanism: Mechanism) -> ProcessError {
+    ProcessError::setup(format!("{} cannot carry this payload", mechanism.name()))
+}
+
+/// Messages, by topic and by floor.
+struct Messages<In: Message, Out: Message> {
+    reader: Reader<In>,
+    writer: Writer<Out>,
+    floor: Floor,
+    place: Place,
+    /// Messages sent on the topic: their ticks follow each other.
+    sent: u64,
+}
+
+impl<In: Message + Default, Out: Message + Default> Messages<In, Out> {
+    fn open(shell: &Shell, floor: Floor, place: Place) -> Result<Self, ProcessError> {
+        Ok(Self { reader: shell.reader()?, writer: shell.writer()?, floor, place, sent: 0 })
+    }
+}
+
+impl<In: Message + Default, Out: Message + Default> Ends for Messages<In, Out> {
+    fn send(&mut self, mechanism: Mechanism) -> Result<(), ProcessError> {
+        let mut message = Out::default();
+        match mechanism.means() {
+            Means::Topic => {
+                message.header_mut().tick = self.sent;
+                self.sent += 1;
+                Ok(self.writer.send(message)?)
+            }
+            Means::Floor(wake) => self.floor.send(wake, self.place.me, &message).map_err(ProcessError::setup),
+            Means::Stock(_) => Err(foreign(mechanism)),
+            Means::None => Ok(()),
+        }
+    }
+
+    fn receive(&mut self, mechanism: Mechanism) -> Result<(), ProcessError> {
+        match mechanism.means() {
+            Means::Topic => {
+                let message = self.reader.next()?.ok_or_else(|| ProcessError::setup("stopped before the end"))?;
+                std::hint::black_box(message);
+            }
+            Means::Floor(wake) => {
+                std::hint::black_box(self.floor.receive::<In>(wake, self.place.from).map_err(ProcessError::setup)?);
+            }
+            Means::Stock(_) => return Err(foreign(mechanism)),
+            Means::None => {}
+        }
+        Ok(())
+    }
+}
+
+/// Blocks of `N` words, by floor and by iceoryx2 as it comes.
+struct Blocks<const N: usize> {
+    stock: Stock<N>,
+    floor: Floor,
+    place: Place,
+    sent: u64,
+}
+
+impl<const N: usize> Blocks<N> {
+    fn open(shell: &Shell, floor: Floor, place: Place) -> Result<Self, ProcessError> {
+        Ok(Self { stock: Stock::open(shell, place.from, place.me, place.to)?, floor, place, sent: 0 })
+    }
+}
+
+impl<const N: usize> Ends for Blocks<N> {
+    fn send(&mut self, mechanism: Mechanism) -> Result<(), ProcessError> {
+        self.sent += 1;
+        let block = std::hint::black_box(Block([self.sent; N]));
+        match mechanism.means() {
+            Means::Floor(wake) => self.floor.send(wake, self.place.me, &block).map_err(ProcessError::setup),
+            Means::Stock(notice) => self.stock.send(notice, &block),
+            Means::Topic => Err(foreign(mechanism)),
+            Means::None => Ok(()),
+        }
+    }
+
+    fn receive(&mut self, mechanism: Mechanism) -> Result<(), ProcessError> {
+        let from_floor;
+        let block = match mechanism.means() {
+            Means::Floor(wake) => {
+                from_floor = self.floor.receive::<Block<N>>(wake, self.place.from).map_err(ProcessError::setup)?;
+                &from_floor
+            }
+            Means::Stock(notice) => self.stock.receive(notice)?,
+            Means::Topic => return Err(foreign(mechanism)),
+            Means::None => return Ok(()),
+        };
+        // Read in full, and nothing torn: all words of a block are the same.
+        let first = block.0[0];
+        match block.0.iter().fold(0, |odd, word| odd | (word ^ first)) {
+            0 => Ok(()),
+            _ => Err(ProcessError::setup(format!("{} handed over a torn block", mechanism.name()))),
+        }
+    }
+}
+
+fn go<E: Ends>(
+    ring: &Ring,
+    me: usize,
+    run: &Path,
+    open: impl FnOnce(&Shell, Floor, Place) -> Result<E, ProcessError>,
+) -> Result<(), ProcessError> {
+    let count = ring.topics.len();
+    let shell = Shell::open(run, HOPS[me])?;
+    let floor = Floor::open(run, count).map_err(ProcessError::setup)?;
+    let mut ends = open(&shell, floor, Place { from: (me + count - 1) % count, me, to: (me + 1) % count })?;
+    if ring.cores[me].is_some() {
+        realtime::enter(Some(PRIORITY)).iter().for_each(|right| eprintln!("measured without {right}"));
+    }
+    // Nobody measures before everybody is connected, whichever mechanism comes first.
+    shell.tick_source(0).next()?;
+    if me == 0 {
+        let measured = drive(ring, &mut ends)?;
+        let text = serde_json::to_vec(&measured).map_err(ProcessError::setup)?;
+        return std::fs::write(run.join(MEASURED), text).map_err(ProcessError::setup);
+    }
+    for _ in 0..=ring.rounds {
+        for mechanism in ring.mechanisms.iter().copied().filter(|mechanism| *mechanism != Mechanism::Nothing) {
+            for _ in 0..ring.trips {
+                ends.receive(mechanism)?;
+                ends.send(mechanism)?;
+            }
+        }
+    }
+    // The end of the run is the first process's to say.
+    while !shell.is_stopping() {
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    Ok(())
+}
+
+/// The first process: sends, and takes the time until the answer has come around.
+fn drive(ring: &Ring, ends: &mut impl Ends) -> Result<Vec<Measured>, ProcessError> {
+    let mut histograms: Vec<_> = ring.mechanisms.iter().map(|_| (histogram(), histogram())).collect();
+    for round in 0..=ring.rounds {
+        for (&mechanism, (trips, wakes)) in ring.mechanisms.iter().zip(&mut histograms) {
+            let mut grid_ns = now_ns();
+            for _ in 0..ring.trips {
+                let began_ns = match ring.period_ns {
+                    None => now_ns(),
+                    Some(period) => {
+                        grid_ns += period;
+                        while now_ns() < grid_ns {
+                            sleep_until(grid_ns);
+                        }
+                        grid_ns
+                    }
+                };
+                let awake_ns = if ring.period_ns.is_some() { now_ns() } else { began_ns };
+                ends.send(mechanism)?;
+                ends.receive(mechanism)?;
+                let ended_ns = now_ns();
+                if round > 0 {
+                    trips.saturating_record(ended_ns - began_ns);
+                    wakes.saturating_record(awake_ns - began_ns);
+                }
+            }
+        }
+    }
+    let of = |(&mechanism, (trips, wakes)): (&Mechanism, &(_, _))| Measured {
+        mechanism,
+        trip: Distribution::of(trips),
+        wake: Distribution::of(wakes),
+    };
+    Ok(ring.mechanisms.iter().zip(&histograms).map(of).collect())
+}

@@ -1,0 +1,114 @@
+//! What one tick of each process computes, without any message.
+
+use std::hint::black_box;
+
+use chain::Chain;
+use model::{Model, Robot};
+use nalgebra::SVector;
+use runtime::now_ns;
+use session::Failure;
+use shared_types::scenario::Scenario;
+
+use super::distribution::{Distribution, Row as BenchRow, histogram};
+
+const N: usize = 6;
+/// Evaluations per sample: a clock reading costs a tenth of one.
+const BATCH: u64 = 100;
+const SAMPLES: u64 = 5_000;
+
+/// The arm's terms at postures along a circle in joint space.
+pub fn model(robot: &Robot) -> Result<Vec<BenchRow>, Failure> {
+    let model = Model::<N>::new(robot, None).map_err(Failure::work)?;
+    let posture = |sample: u64| {
+        let angle = sample as f64 * 0.01;
+        (
+            SVector::<f64, N>::from_fn(|joint, _| 0.3 + (angle + joint as f64).sin()),
+            SVector::<f64, N>::from_fn(|joint, _| (angle * joint as f64).cos()),
+        )
+    };
+    let timed = |work: &dyn Fn(&SVector<f64, N>, &SVector<f64, N>)| {
+        let mut times = histogram();
+        for sample in 0..SAMPLES {
+            let (q, qdot) = posture(sample);
+            let began = now_ns();
+            (0..BATCH).for_each(|_| work(black_box(&q), black_box(&qdot)));
+            // Hundredths: a histogram of whole nanoseconds would be too coarse.
+            times.saturating_record(now_ns() - began);
+        }
+        Distribution::of(&times).divided_by(BATCH as f64)
+    };
+    let row = |mechanism: &str, distribution| BenchRow::alone("model", mechanism, distribution);
+    Ok(vec![
+        row(
+            "A, bias and J in one pass",
+            timed(&|q, qdot| {
+                black_box(model.evaluate(q, qdot));
+            }),
+        ),
+        row(
+            "mass matrix",
+            timed(&|q, _| {
+                black_box(model.mass_matrix(q));
+            }),
+        ),
+        row(
+            "inverse dynamics",
+            timed(&|q, qdot| {
+                black_box(model.inverse_dynamics(q, qdot, qdot));
+            }),
+        ),
+        row(
+            "forward dynamics",
+            timed(&|q, qdot| {
+                black_box(model.forward_dynamics(q, qdot, qdot));
+            }),
+        ),
+    ])
+}
+
+/// The pure steps over a whole scenario, hand in hand; the last row is all of them as the chain runs them.
+pub fn steps(robot: &Robot, scenario: &Scenario, which: &str) -> Result<Vec<BenchRow>, Failure> {
+    let mut plant = plant::cycle(robot, scenario).map_err(Failure::work)?;
+    let mut estimator = estimator::cycle(robot, scenario).map_err(Failure::work)?;
+    let mut analyzer = analyzer::cycle(robot, scenario).map_err(Failure::work)?;
+    let mut controller = controller::cycle(robot, scenario).map_err(Failure::work)?;
+    let mut times: [_; 5] = std::array::from_fn(|_| histogram());
+    for tick in 0.. {
+        if plant.is_over() {
+            break;
+        }
+        let mut last = now_ns();
+        let mut lap = |times: &mut hdrhistogram::Histogram<u64>| {
+            let now = now_ns();
+            times.saturating_record(now - last);
+            last = now;
+        };
+        let (sensor, _) = plant.sample(tick);
+        lap(&mut times[0]);
+        let estimate = estimator.step(&sensor);
+        lap(&mut times[1]);
+        let report = analyzer.step(&estimate);
+        lap(&mut times[2]);
+        let command = controller.step(&estimate, &report);
+        lap(&mut times[3]);
+        plant.step(Some(&command));
+        lap(&mut times[4]);
+    }
+    let of = |index: usize| Distribution::of(&times[index]);
+    if which == "plant" {
+        return Ok(vec![BenchRow::alone("plant", "sample", of(0)), BenchRow::alone("plant", "move", of(4))]);
+    }
+    let mut chain = Chain::new(robot, scenario).map_err(Failure::work)?;
+    let mut whole = histogram();
+    while !chain.is_over() {
+        let began = now_ns();
+        black_box(chain.step());
+        whole.saturating_record(now_ns() - began);
+    }
+    Ok(vec![
+        BenchRow::alone("control", "estimator", of(1)),
+        BenchRow::alone("control", "analyzer", of(2)),
+        BenchRow::alone("control", "controller", of(3)),
+        BenchRow::alone("control", "whole tick, one thread", Distribution::of(&whole)),
+    ])
+}

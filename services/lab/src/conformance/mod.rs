@@ -1,0 +1,9 @@
+//! Whether the program does what it has done: byte by byte under other conditions, and from recorded inputs.
+
+mod condition;
+mod inputs;
+mod outputs;
+pub mod replay;
+pub mod verify;
+
+pub use outputs::Topic;

@@ -1,0 +1,41 @@
+//! Recorded and computed outputs of a step, compared.
+
+use message_log::{Difference, Differences, FieldDifference, first_difference};
+use shared_types::Message;
+
+/// What the replayed process said on one topic, beside what the run recorded.
+pub struct Topic {
+    pub name: &'static str,
+    pub messages: u64,
+    pub first: Option<(u64, Difference)>,
+    pub fields: Vec<FieldDifference>,
+}
+
+/// Recorded and computed messages of one topic, compared.
+pub struct Comparison<M> {
+    messages: u64,
+    first: Option<(u64, Difference)>,
+    differences: Differences<M>,
+}
+
+impl<M: Message> Default for Comparison<M> {
+    fn default() -> Self {
+        Self { messages: 0, first: None, differences: Differences::default() }
+    }
+}
+
+impl<M: Message> Comparison<M> {
+    pub fn take(&mut self, recorded: &M, mut computed: M) {
+        // Who computed it is the runtime's to say, not the step's.
+        computed.header_mut().incarnation = recorded.header().incarnation;
+        self.messages += 1;
+        if self.first.is_none() {
+            self.first = first_difference(recorded, &computed).map(|difference| (recorded.header().tick, difference));
+        }
+        self.differences.add(recorded, &computed);
+    }
+
+    pub fn topic(self) -> Topic {
+        Topic { name: M::TOPIC, messages: self.messages, first: self.first, fields: self.differences.fields() }
+    }
+}

@@ -1,0 +1,263 @@
+//! The recorded inputs of a run, fed to the step of one process again.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use message_log::{Difference, LogReader};
+use model::{Refused, Robot};
+use runtime::leaves_as;
+use session::{Failure, JOB, Observer, Progress, SUMMARY, load};
+use shared_types::codes::{DRIVE_ABSENT, DRIVE_STALE};
+use shared_types::fault::{Fault, Kind, ScheduledFault};
+use shared_types::job::Job;
+use shared_types::scenario::Scenario;
+use shared_types::summary::Summary;
+use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+
+use super::inputs::{Cursor, InOrder, Inputs};
+use super::outputs::{Comparison, Topic};
+
+/// What came of a replay.
+pub struct Replayed {
+    pub topics: Vec<Topic>,
+    /// Recorded outputs whose inputs are not in the record; they cannot be computed again.
+    pub without_input: u64,
+    /// Why the replay ended before the record did; empty where it did not.
+    pub ended: String,
+}
+
+impl Replayed {
+    /// The earliest difference; of one tick, that of the topic that is sent first.
+    pub fn first(&self) -> Option<(u64, &'static str, &Difference)> {
+        let firsts = self.topics.iter().filter_map(|topic| topic.first.as_ref().map(|(tick, place)| (*tick, topic.name, place)));
+        firsts.min_by_key(|(tick, ..)| *tick)
+    }
+}
+
+/// A process whose step can be fed again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Replayable {
+    /// Torques in; sensor samples and the simulator's truth out.
+    Plant,
+    /// Sensor samples in, estimates out.
+    Estimator,
+    /// Estimates in, singularity reports out.
+    Analyzer,
+    /// Estimates and singularity reports in, torques out.
+    Controller,
+}
+
+impl Replayable {
+    /// The process's name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Plant => "plant",
+            Self::Estimator => "estimator",
+            Self::Analyzer => "analyzer",
+            Self::Controller => "controller",
+        }
+    }
+}
+
+/// Feeds the recorded inputs of a run to the step of one process, with other values laid over the scenario, and compares its outputs.
+///
+/// # Errors
+/// [`Failure`] where the run kept no messages, cannot be read, or the step refuses the scenario.
+pub fn replay(run: &Path, process: Replayable, settings: &[String], observer: Observer<'_>) -> Result<(Job, Replayed), Failure> {
+    let job = job(run)?;
+    let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
+    let scenario = with_settings(&job.scenario, settings)?;
+    let tape =
+        Tape { folder: run.join(recorder::MESSAGES), run, observer, process: process.name(), strikes: strikes(run, &job, process.name())? };
+    observer(Progress::Begin { title: &scenario.name, length: scenario.planned_ticks(), unit: "ticks" });
+    let refused = |error: Refused| Failure::input(error);
+    let replayed = match process {
+        Replayable::Estimator => tape.step::<_, _, StateEstimate>(
+            tape.open::<SensorSample>()?,
+            || estimator::cycle(&robot, &scenario).map_err(refused),
+            |cycle, sample| cycle.step(&sample),
+            |cycle, last| cycle.resume(last),
+        ),
+        Replayable::Analyzer => tape.step::<_, _, SingularityReport>(
+            tape.open::<StateEstimate>()?,
+            || analyzer::cycle(&robot, &scenario).map_err(refused),
+            |cycle, estimate| cycle.step(&estimate),
+            |cycle, last| cycle.resume(last),
+        ),
+        Replayable::Controller => tape.step::<_, _, TorqueCommand>(
+            (tape.open::<SingularityReport>()?, tape.open::<StateEstimate>()?),
+            || controller::cycle(&robot, &scenario).map_err(refused),
+            |cycle, (report, estimate)| cycle.step(&estimate, &report),
+            |cycle, last| cycle.resume(last),
+        ),
+        Replayable::Plant => tape.plant(&robot, &scenario),
+    }?;
+    observer(Progress::End);
+    Ok((job, replayed))
+}
+
+/// What the run was made from.
+fn job(run: &Path) -> Result<Job, Failure> {
+    let path = run.join(JOB);
+    let text = std::fs::read(&path).map_err(|error| {
+        Failure::Input(format!("{} is not the results folder of a run: cannot read {}: {error}", run.display(), path.display()))
+    })?;
+    let job: Job = serde_json::from_slice(&text).map_err(|error| {
+        Failure::Input(format!("{} was not written by this version of armplane: {error}; run the scenario again", path.display()))
+    })?;
+    job.check().map_err(|complaint| Failure::Input(format!("{}: {complaint}", path.display())))?;
+    Ok(job)
+}
+
+/// The faults that happened to a process, planned or not: the summary knows of all, and without one (the run was stopped) the plan counts.
+fn strikes(run: &Path, job: &Job, process: &str) -> Result<Vec<ScheduledFault>, Failure> {
+    let summary = std::fs::read(run.join(SUMMARY)).ok().and_then(|text| serde_json::from_slice::<Summary>(&text).ok());
+    let happened = |summary: Summary| summary.faults.into_iter().filter_map(|fault| fault.fault).collect::<Vec<Fault>>();
+    let faults = summary.map_or_else(|| job.scenario.fault.clone(), happened);
+    let scenario = Scenario { fault: faults, ..job.scenario.clone() };
+    let all = scenario.strikes(|name| Some(u32::from(name != process))).map_err(|complaint| Failure::Input(complaint.to_string()))?;
+    Ok(all.into_iter().filter(|strike| strike.process == 0).collect())
+}
+
+/// The recorded scenario with other values laid over it. The arm stays: its inputs are in the record.
+fn with_settings(scenario: &Scenario, settings: &[String]) -> Result<Scenario, Failure> {
+    if settings.is_empty() {
+        return Ok(scenario.clone());
+    }
+    let text = toml::to_string(scenario).map_err(Failure::work)?;
+    let changed = Scenario::parse(JOB, &text, settings)?;
+    if changed.robot != scenario.robot {
+        return Err(Failure::Input(format!("a replay keeps the robot of its run ({}): leave out --set robot=…", scenario.robot)));
+    }
+    Ok(changed)
+}
+
+/// The kept messages of a run.
+struct Tape<'a> {
+    folder: std::path::PathBuf,
+    run: &'a Path,
+    observer: Observer<'a>,
+    /// Who is computed again ...
+    process: &'a str,
+    /// ... and what happened to it.
+    strikes: Vec<ScheduledFault>,
+}
+
+impl Tape<'_> {
+    fn open<M: Message>(&self) -> Result<Cursor<M>, Failure> {
+        match LogReader::open(&self.folder) {
+            Ok(kept) => Ok(Cursor { kept, ahead: None }),
+            Err(error) if error.is_absent() => Err(Failure::Input(format!(
+                "the run in {} kept no messages of topic {:?}: run it again without --no-messages, `armplane replay` reads {}",
+                self.run.display(),
+                M::TOPIC,
+                self.folder.display()
+            ))),
+            Err(error) => Err(Failure::input(error)),
+        }
+    }
+
+    fn in_order<M: Message>(&self) -> Result<InOrder<M>, Failure> {
+        Ok(InOrder { kept: self.open::<M>()?.kept, ahead: BTreeMap::new(), next: 0 })
+    }
+
+    /// Computes every recorded output again from the inputs of its tick. A process that was started again in the run is so here: a fresh
+    /// step that takes up what its predecessor said last. What the process computed and a fault kept from leaving is computed too: its state
+    /// goes on from it.
+    fn step<Step, In: Inputs, Out: Message>(
+        &self,
+        mut inputs: In,
+        fresh: impl Fn() -> Result<Step, Failure>,
+        compute: impl Fn(&mut Step, In::Of) -> Out,
+        resume: impl Fn(&mut Step, &Out),
+    ) -> Result<Replayed, Failure> {
+        let mut outputs = self.in_order::<Out>()?;
+        let (mut step, mut comparison) = (fresh()?, Comparison::<Out>::default());
+        let (mut last, mut incarnation, mut without_input) = (None::<Out>, 1, 0);
+        while let Some(recorded) = outputs.next_message().map_err(Failure::work)? {
+            let header = *recorded.header();
+            while let Some(tick) = inputs.next_tick().map_err(Failure::work)?.filter(|tick| *tick < header.tick) {
+                let input = inputs.at(tick).map_err(Failure::work)?;
+                if let Some(input) = input.filter(|_| self.was_withheld(tick)) {
+                    last = Some(compute(&mut step, input));
+                }
+            }
+            if incarnation != header.incarnation {
+                (step, incarnation) = (fresh()?, header.incarnation);
+                if let Some(last) = &last {
+                    resume(&mut step, last);
+                }
+            }
+            match inputs.at(header.tick).map_err(Failure::work)? {
+                Some(input) => {
+                    let computed = compute(&mut step, input);
+                    let mut sent = computed;
+                    leaves_as(&mut sent, &self.strikes, self.process);
+                    comparison.take(&recorded, sent);
+                    last = Some(if self.was_shaped(header.tick) { computed } else { recorded });
+                }
+                None => {
+                    without_input += 1;
+                    last = Some(recorded);
+                }
+            }
+            (self.observer)(Progress::Position(header.tick));
+        }
+        Ok(Replayed { topics: vec![comparison.topic()], without_input, ended: String::new() })
+    }
+
+    fn was_shaped(&self, tick: u64) -> bool {
+        self.strikes.iter().any(|strike| strike.concerns(tick) && strike.kind().is_some_and(Kind::shapes_messages))
+    }
+
+    /// Whether the process worked at a tick of which nothing of it is in the record.
+    fn was_withheld(&self, tick: u64) -> bool {
+        let was_down = self.strikes.iter().any(|strike| strike.concerns(tick) && strike.kind().is_some_and(Kind::takes_down));
+        self.was_shaped(tick) && !was_down
+    }
+
+    /// The plant answers its own last state: it must be fed without a gap. What was wrong with its sensors and drives is so again.
+    fn plant(&self, robot: &Robot, scenario: &Scenario) -> Result<Replayed, Failure> {
+        let (mut samples, mut truths, mut commands) = (self.in_order::<SensorSample>()?, self.open()?, self.open::<TorqueCommand>()?);
+        let mut cycle = plant::cycle(robot, scenario).map_err(Failure::input)?;
+        let of_physics = |strike: &&ScheduledFault| matches!(strike.kind(), Some(Kind::Sensor | Kind::Drive));
+        let faults: Vec<ScheduledFault> = self.strikes.iter().filter(of_physics).copied().collect();
+        let (mut sensor, mut state) = (Comparison::<SensorSample>::default(), Comparison::<PlantState>::default());
+        let mut ended = String::new();
+        let mut truth: Option<PlantState> = truths.next_message().map_err(Failure::work)?;
+        let mut next = samples.next_message().map_err(Failure::work)?;
+        for tick in 0.. {
+            let Some(recorded) = next else { break };
+            let gap = recorded.header.tick != tick || truth.is_none_or(|truth: PlantState| truth.header.tick != tick);
+            if gap || recorded.header.incarnation > 1 {
+                let what = if gap { "is not in the record" } else { "was made by a restarted plant" };
+                ended = format!("tick {tick} {what}: the replay of the plant ends there");
+                break;
+            }
+            let strikes: Vec<ScheduledFault> = faults.iter().filter(|strike| strike.concerns(tick)).copied().collect();
+            let was_struck = faults.iter().any(|strike| tick > 0 && strike.concerns(tick - 1));
+            if was_struck || !strikes.is_empty() {
+                cycle.afflict(tick, &strikes);
+            }
+            let (mut sampled, moved) = cycle.sample(tick);
+            leaves_as(&mut sampled, &self.strikes, self.process);
+            sensor.take(&recorded, sampled);
+            if let Some(truth) = &truth {
+                state.take(truth, moved);
+            }
+            (truth, next) = (truths.next_message().map_err(Failure::work)?, samples.next_message().map_err(Failure::work)?);
+            // Which torque came in time, and how old it was, is what the plant said next.
+            let flags = truth.map_or(0, |truth| truth.drive_flags);
+            let age = next.map_or(0, |next| u64::from(next.stale_ticks));
+            let command = match flags {
+                flags if flags & DRIVE_STALE != 0 => Some(TorqueCommand::default()),
+                flags if flags & DRIVE_ABSENT != 0 => None,
+                _ => commands.at(tick.saturating_sub(age)).map_err(Failure::work)?,
+            };
+            cycle.step(command.as_ref());
+            (self.observer)(Progress::Position(tick));
+        }
+        Ok(Replayed { topics: vec![sensor.topic(), state.topic()], without_input: 0, ended })
+    }
+}

@@ -1,0 +1,286 @@
+//! The same scenario under different conditions, compared byte by byte.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use chain::Tick;
+use launcher::{End, Exit, Failure as Mishap};
+use message_log::{Difference, LogError, LogReader, LogWriter, TopicHash, first_difference};
+use model::Robot;
+use runtime::random;
+use session::{Failure, Observer, load};
+use shared_types::Message;
+use shared_types::graph::Graph;
+use shared_types::job::{Job, Mode};
+use shared_types::scenario::Scenario;
+use shared_types::summary::TopicSummary;
+use shared_types::topics::{self, Build, ByTopic, COUNT, Each, Family, TOPICS, Topic};
+
+use super::condition::{CONDITIONS, Condition};
+use crate::cpu_load::CpuLoad;
+use crate::folder::Folder;
+
+/// What one run gave.
+pub struct Ran {
+    pub condition: String,
+    pub ticks: u64,
+    pub ticks_per_s: f64,
+    /// In the order of [`TOPICS`].
+    pub topics: [TopicSummary; COUNT],
+    /// Why it did not come to its end; empty when it did.
+    pub failure: String,
+    /// The process that ended it before its time, and how.
+    pub fallen: Option<(String, Exit)>,
+}
+
+/// What the runs are compared with.
+pub struct Reference {
+    pub ran: Ran,
+    /// Where its messages are; nowhere yet while nobody needs them.
+    pub messages: Option<PathBuf>,
+    /// Whether it is the first of the runs, because of the scenario's faults: they happen to processes, which one thread does not have.
+    pub is_run: bool,
+}
+
+impl Reference {
+    /// Whether a run gave the same bytes and ended the same way.
+    fn is_like(&self, ran: &Ran) -> bool {
+        ran.topics == self.ran.topics && ran.fallen == self.ran.fallen && ran.failure.is_empty() == self.ran.failure.is_empty()
+    }
+
+    /// A planned fault may be the end of every run (the death of the plant is); nothing else may.
+    fn is_sound(&self) -> bool {
+        self.ran.failure.is_empty() || (self.is_run && self.ran.fallen.is_some())
+    }
+}
+
+/// The first place where a run is not the reference.
+pub struct Place {
+    pub run: usize,
+    pub tick: u64,
+    pub topic: &'static str,
+    pub difference: Difference,
+}
+
+/// A difference between runs, and all runs.
+pub struct Verified {
+    /// What the runs are compared with.
+    pub reference: Reference,
+    /// The runs, without the reference where that is one of them.
+    pub runs: Vec<Ran>,
+    /// Where they first differ.
+    pub place: Option<Place>,
+    /// Whether all runs gave the same bytes and ended the same way.
+    pub is_identical: bool,
+}
+
+/// How to run a scenario several times.
+pub struct Request<'a> {
+    /// The scenario's name, for errors.
+    pub name: &'a str,
+    /// The scenario.
+    pub scenario: &'a Scenario,
+    /// Its arm.
+    pub robot: &'a Robot,
+    /// The process graph.
+    pub graph: &'a Graph,
+    /// How often.
+    pub runs: u32,
+    /// Where the messages and recordings stay; `None` removes them.
+    pub out: Option<&'a Path>,
+    /// Lets the plant take the torque of the tick before where the right one is late.
+    pub unordered: bool,
+}
+
+/// Runs a scenario several times, each time under another condition, and compares every message of every topic.
+///
+/// # Errors
+/// [`Failure`] where the scenario cannot be run, or a run is interrupted.
+pub fn verify(request: &Request<'_>, observer: Observer<'_>) -> Result<Verified, Failure> {
+    let Request { name, scenario, robot, graph, .. } = request;
+    chain::try_first_tick(robot, scenario).map_err(|error| Failure::Input(format!("{name}: {error}")))?;
+    let has_faults = !scenario.fault.is_empty();
+    if has_faults && request.runs < 2 {
+        let sentence = "plans faults, which one thread cannot have: its runs are compared with each other, so take at least --runs 2";
+        return Err(Failure::Input(format!("{} {sentence}", scenario.name)));
+    }
+    let folder = Folder::create(request.out)?;
+    let one_thread = || on_one_thread(robot, scenario, None).map(|ran| Reference { ran, messages: None, is_run: false });
+    let mut reference = if has_faults { None } else { Some(one_thread()?) };
+    let (mut runs, mut place) = (Vec::new(), None);
+    for index in 0..request.runs as usize {
+        let condition = CONDITIONS[index % CONDITIONS.len()];
+        let out = folder.path().join(format!("run-{}", index + 1));
+        std::fs::create_dir_all(&out).map_err(|error| Failure::Work(format!("cannot make {}: {error}", out.display())))?;
+        let job = load::job(robot, (*scenario).clone(), (*graph).clone(), Mode::Lockstep, out);
+        let job = Job { record: condition.record, ..job };
+        let ran = in_processes(&job, condition, random(scenario.seed, index as u64), request.unordered, observer)?;
+        let messages = job.out.join(recorder::MESSAGES);
+        let Some(reference) = &mut reference else {
+            reference = Some(Reference { ran, messages: Some(messages), is_run: true });
+            continue;
+        };
+        if ran.topics != reference.ran.topics && place.is_none() {
+            let expected = match &reference.messages {
+                Some(messages) => messages,
+                None => {
+                    let messages = folder.path().join("one-thread");
+                    on_one_thread(robot, scenario, Some(&messages))?;
+                    reference.messages.insert(messages)
+                }
+            };
+            place = first_place(expected, &messages, index)?;
+        }
+        if request.out.is_none() {
+            // What is left of it goes with the whole folder.
+            let _ = std::fs::remove_dir_all(&job.out);
+        }
+        runs.push(ran);
+    }
+    // There is at least one run.
+    let Some(reference) = reference else { return Err(Failure::work("nothing was run")) };
+    let is_identical = reference.is_sound() && runs.iter().all(|ran| reference.is_like(ran));
+    Ok(Verified { reference, runs, place, is_identical })
+}
+
+/// The topics of one thread: their fingerprints, and their messages in a folder where they are wanted.
+struct Topics(ByTopic<Taps>);
+
+struct Taps;
+
+impl Family for Taps {
+    type Of<M: Topic> = Tap<M>;
+}
+
+struct Tap<M: Message> {
+    hash: TopicHash,
+    keep: Option<LogWriter<M>>,
+}
+
+impl Topics {
+    fn create(folder: Option<&Path>) -> Result<Self, LogError> {
+        struct Create<'a>(Option<&'a Path>);
+        impl Build<Taps> for Create<'_> {
+            type Error = LogError;
+            fn build<M: Topic>(&mut self) -> Result<Tap<M>, LogError> {
+                Ok(Tap { hash: TopicHash::default(), keep: self.0.map(LogWriter::create).transpose()? })
+            }
+        }
+        ByTopic::try_build(&mut Create(folder)).map(Self)
+    }
+
+    fn add(&mut self, tick: &Tick) -> Result<(), LogError> {
+        struct Add<'a>(&'a mut ByTopic<Taps>, &'a Tick);
+        impl Each for Add<'_> {
+            type Output = Result<(), LogError>;
+            fn each<M: Topic>(&mut self) -> Self::Output {
+                let (tap, message) = (M::of_mut(self.0), M::of(self.1));
+                tap.hash.add(message);
+                tap.keep.as_mut().map_or(Ok(()), |keep| keep.add(message))
+            }
+        }
+        topics::try_each(&mut Add(&mut self.0, tick))
+    }
+
+    /// In the order of [`TOPICS`].
+    fn finish(mut self) -> Result<[TopicSummary; COUNT], LogError> {
+        struct Finish<'a>(&'a mut ByTopic<Taps>);
+        impl Each for Finish<'_> {
+            type Output = Result<(), LogError>;
+            fn each<M: Topic>(&mut self) -> Self::Output {
+                M::of_mut(self.0).keep.as_mut().map_or(Ok(()), LogWriter::flush)
+            }
+        }
+        struct Account<'a>(&'a ByTopic<Taps>);
+        impl Each for Account<'_> {
+            type Output = TopicSummary;
+            fn each<M: Topic>(&mut self) -> TopicSummary {
+                let hash = &M::of(self.0).hash;
+                TopicSummary { count: hash.count(), hash: format!("{:016x}", hash.digest()) }
+            }
+        }
+        topics::try_each(&mut Finish(&mut self.0))?;
+        Ok(topics::each(&mut Account(&self.0)))
+    }
+}
+
+/// The reference of a scenario in which nothing goes wrong: no process, no shared memory, no clock.
+fn on_one_thread(robot: &Robot, scenario: &Scenario, messages: Option<&Path>) -> Result<Ran, Failure> {
+    let began = Instant::now();
+    let mut topics = Topics::create(messages).map_err(Failure::work)?;
+    let mut kept = Ok(());
+    chain::run(robot, scenario, |tick| {
+        if kept.is_ok() {
+            kept = topics.add(tick);
+        }
+    })
+    .map_err(Failure::input)?;
+    let topics = kept.and_then(|()| topics.finish()).map_err(Failure::work)?;
+    let ticks = topics[0].count;
+    let ticks_per_s = ticks as f64 / began.elapsed().as_secs_f64().max(1e-9);
+    let condition = "one thread, no shared memory".to_owned();
+    Ok(Ran { condition, ticks, ticks_per_s, topics, failure: String::new(), fallen: None })
+}
+
+fn in_processes(job: &Job, condition: Condition, seed: u64, unordered: bool, observer: Observer<'_>) -> Result<Ran, Failure> {
+    let mut plan = session::plan(job)?;
+    condition.disturb(&mut plan, seed, unordered);
+    let load = condition.cpu_load.then(CpuLoad::start);
+    let (outcome, account) = session::launch(job, plan, observer)?;
+    drop(load);
+    let (failure, fallen) = match outcome.end {
+        End::Completed => (String::new(), None),
+        End::Interrupted { signal } => return Err(Failure::Work(format!("stopped by {signal}"))),
+        End::Failed(mishap) => (mishap.to_string(), fallen(mishap)),
+    };
+    // Without an account there is no topic either, and that is a difference.
+    let mut account = account.unwrap_or_default();
+    let topics = TOPICS.map(|topic| account.topics.remove(topic).unwrap_or_default());
+    Ok(Ran { condition: condition.to_string(), ticks: outcome.ticks, ticks_per_s: account.ticks_per_s, topics, failure, fallen })
+}
+
+fn fallen(mishap: Mishap) -> Option<(String, Exit)> {
+    match mishap {
+        Mishap::Died { process, exit, .. } => Some((process, exit)),
+        Mishap::Slow { .. } | Mishap::DidNotStop { .. } => None,
+    }
+}
+
+/// Reads what two runs kept, side by side, up to the first difference.
+fn first_place(reference: &Path, messages: &Path, run: usize) -> Result<Option<Place>, Failure> {
+    struct First<'a>(&'a Path, &'a Path);
+    impl Each for First<'_> {
+        type Output = Result<Option<(u64, Difference)>, Failure>;
+        fn each<M: Topic>(&mut self) -> Self::Output {
+            first_in::<M>(self.0, self.1)
+        }
+    }
+    let differences = topics::each(&mut First(reference, messages)).into_iter().collect::<Result<Vec<_>, _>>()?;
+    // The earliest; of one tick the first in the order of the data: it is the cause, the others follow from it.
+    let found = TOPICS.into_iter().zip(differences).filter_map(|(topic, difference)| Some((topic, difference?)));
+    let first = found.min_by_key(|(_, (tick, _))| *tick);
+    Ok(first.map(|(topic, (tick, difference))| Place { run, tick, topic, difference }))
+}
+
+/// Where two series of kept messages of one topic first differ: the tick, and in what. Either may lack what the other has.
+fn first_in<M: Message>(reference: &Path, messages: &Path) -> Result<Option<(u64, Difference)>, Failure> {
+    let (mut expected, mut found) =
+        (LogReader::<M>::open(reference).map_err(Failure::work)?, LogReader::<M>::open(messages).map_err(Failure::work)?);
+    let whole =
+        |expected: &str, found: &str| Difference { field: "the message".to_owned(), expected: expected.into(), found: found.into() };
+    loop {
+        let pair = (expected.next_message().map_err(Failure::work)?, found.next_message().map_err(Failure::work)?);
+        let tick = |message: &M| message.header().tick;
+        return Ok(match pair {
+            (None, None) => None,
+            (Some(expected), None) => Some((tick(&expected), whole("one", "none"))),
+            (None, Some(found)) => Some((tick(&found), whole("none", "one"))),
+            (Some(expected), Some(found)) if tick(&expected) < tick(&found) => Some((tick(&expected), whole("one", "none"))),
+            (Some(expected), Some(found)) if tick(&expected) > tick(&found) => Some((tick(&found), whole("none", "one"))),
+            (Some(expected), Some(found)) => match first_difference(&expected, &found) {
+                Some(difference) => Some((tick(&expected), difference)),
+                None => continue,
+            },
+        });
+    }
+}

@@ -1,0 +1,39 @@
+//! One cell of the matrix of faults and processes: its fault, and what became of the arm.
+
+use serde::Serialize;
+
+/// One cell of the matrix.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Cell {
+    pub scenario: String,
+    pub process: String,
+    pub kind: String,
+    /// In which way, for the kinds that have several.
+    #[serde(rename = "as", skip_serializing_if = "String::is_empty")]
+    pub way: String,
+    /// What was done, in words.
+    pub faults: Vec<String>,
+    pub at_tick: u64,
+    /// Wall-clock time until something noticed.
+    pub detected_ms: Option<f64>,
+    /// Longest age of a torque in force, in ticks.
+    pub stale_ticks: u32,
+    pub torque_max_ratio: f64,
+    pub speed_max_ratio: f64,
+    /// Largest change of applied torque in one tick.
+    pub torque_step_max_ratio: f64,
+    /// Largest distance in joint space from the path of the run without a fault.
+    pub excursion_max_rad: f64,
+    /// From the fault to the first tick of fresh torque after the drives had taken over, or to rest; null where they never had to.
+    pub settled_ms: Option<f64>,
+    /// The drives follow the controller again, or never had to stop.
+    pub recovered: bool,
+    pub goal_reached: bool,
+    /// At rest, or held by the brakes, at the end.
+    pub safe_stop: bool,
+    pub restarts: u32,
+    pub messages_lost: u64,
+    pub replayed_identically: bool,
+    pub invariants_broken: Vec<String>,
+    pub left_behind: Vec<String>,
+}

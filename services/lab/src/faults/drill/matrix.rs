@@ -1,0 +1,309 @@
+//! `armplane drill`: every fault on every process of a real graph, judged by the physics.
+//!
+//! A fault is requested live, at a tick in the middle of the motion; then the run is repeated from the plan that it left, and must give the same
+//! bytes. What the arm did is measured on the simulator's truth, against the same scenario without a fault.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use launcher::End;
+use message_log::LogReader;
+use model::Robot;
+use runtime::{ControlPage, RunDir, random};
+use serde_json::{Value, json};
+use session::{Failure, Observer, Progress, load};
+use shared_types::codes::{DRIVE_ACTIVE, DRIVE_BRAKED};
+use shared_types::fault::{Fault, Kind, ScheduledFault, Way};
+use shared_types::job::{Job, Mode};
+use shared_types::scenario::Scenario;
+use shared_types::summary::{Summary, TopicSummary};
+use shared_types::{MAX_DOF, Message, PlantState, SensorSample};
+
+use super::super::motion::{Motion, Promise, SPEED_MARGIN};
+use super::cell::Cell;
+use super::picture::picture;
+use super::plan::{Only, Plan, Terms, plans};
+use crate::folder::Folder;
+
+/// What a run left that the physics can be judged by.
+struct Ran {
+    summary: Summary,
+    topics: BTreeMap<String, TopicSummary>,
+    end: End,
+    truth: Vec<PlantState>,
+    samples: Vec<SensorSample>,
+    left_behind: Vec<String>,
+}
+
+/// An arm that was led astray is given this time to come back after its task; s.
+const TIME_TO_RECOVER_S: f64 = 2.0;
+
+/// What to drill.
+pub struct Request<'a> {
+    /// Built-in scenarios' names, or scenario files.
+    pub scenarios: &'a [String],
+    /// One cell instead of all: `PROCESS:KIND`, or `PROCESS:KIND:WAY`.
+    pub only: Option<&'a str>,
+    /// How many pairs of faults.
+    pub pairs: u32,
+    /// Seed of every random number; the scenario's where it is `None`.
+    pub seed: Option<u64>,
+    /// Values laid over the scenarios'.
+    pub settings: &'a [String],
+    /// Where `drill.json` and the heat map go; nowhere where it is `None`.
+    pub out: Option<&'a Path>,
+}
+
+/// A drill's cells.
+pub struct Drilled {
+    /// In the order in which they were tried.
+    pub cells: Vec<Cell>,
+    /// Whether no cell broke an invariant.
+    pub passed: bool,
+    /// All of it, for machines.
+    pub json: Value,
+}
+
+/// Tries every fault on every process of a real graph.
+///
+/// # Errors
+/// [`Failure`] where a scenario cannot be run, `only` is no cell, or a file cannot be written.
+pub fn drill(request: &Request<'_>, observer: Observer<'_>) -> Result<Drilled, Failure> {
+    let folder = Folder::create(request.out)?;
+    let only = request.only.map(Only::parse).transpose().map_err(Failure::Input)?;
+    let (mut cells, mut runs) = (Vec::new(), 0);
+    for name in request.scenarios {
+        let load::Loaded { scenario, robot } = load::scenario(name, request.settings, request.seed)?;
+        let drill = Drill::new(&scenario, &robot, folder.path())?;
+        let processes: Vec<&str> = drill.job.graph.process.iter().map(|process| process.name.as_str()).collect();
+        let terms = Terms { processes: &processes, seed: drill.job.scenario.seed, span: drill.span, dof: robot.dof() };
+        let plans = plans(&terms, only.as_ref(), request.pairs);
+        if plans.is_empty() {
+            return Err(Failure::Input(format!("`{}` is no cell: see `armplane fault --list`", request.only.unwrap_or_default())));
+        }
+        observer(Progress::Begin { title: name, length: plans.len() as u64, unit: "cells" });
+        let base = drill.run(&drill.job.scenario, &[], true)?;
+        runs += 1 + 2 * plans.len();
+        for plan in plans {
+            observer(Progress::Title(&format!("{name}: {}", titles(&plan))));
+            cells.push(drill.cell(&plan, &base)?);
+            observer(Progress::Step);
+        }
+        observer(Progress::End);
+    }
+    let passed = cells.iter().all(|cell: &Cell| cell.invariants_broken.is_empty());
+    let json = json!({ "passed": passed, "runs": runs, "cells": cells });
+    if let Some(out) = request.out {
+        let path = out.join("drill.json");
+        let text = serde_json::to_string_pretty(&json).map_err(Failure::work)?;
+        std::fs::write(&path, text).map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))?;
+        picture(&cells).save(&out.join("drill")).map_err(Failure::work)?;
+    }
+    Ok(Drilled { cells, passed, json })
+}
+
+/// The graph, the scenario without faults, and where runs leave their messages.
+struct Drill<'a> {
+    job: Job,
+    robot: &'a Robot,
+    /// Ticks of the task, in the middle of which faults strike.
+    span: u64,
+    folder: &'a Path,
+}
+
+impl<'a> Drill<'a> {
+    fn new(scenario: &Scenario, robot: &'a Robot, folder: &'a Path) -> Result<Self, Failure> {
+        let span = scenario.planned_ticks();
+        // Where the task is over sooner than an arm can come back, the verdict waits.
+        let scenario = Scenario { fault: Vec::new(), settle_s: scenario.settle_s.max(TIME_TO_RECOVER_S), ..scenario.clone() };
+        let job = load::job(robot, scenario, load::graph(None)?, Mode::Lockstep, folder.join("run"));
+        Ok(Self { job, robot, span, folder })
+    }
+
+    fn strike(&self, fault: &Fault, seed: u64) -> Result<ScheduledFault, Failure> {
+        let place = self.job.graph.process.iter().position(|process| process.name == fault.process).unwrap_or_default();
+        fault.schedule(place as u32, self.job.scenario.rate_hz, seed).map_err(|complaint| Failure::Input(complaint.to_string()))
+    }
+
+    fn cell(&self, plan: &Plan, base: &Ran) -> Result<Cell, Failure> {
+        let live = plan.iter().enumerate().map(|(i, fault)| self.strike(fault, random(self.job.scenario.seed, i as u64)));
+        // The picture costs time, and only the recorder's faults concern it.
+        let records = plan.iter().any(|fault| fault.process == "recorder");
+        let ran = self.run(&self.job.scenario, &live.collect::<Result<Vec<_>, _>>()?, records)?;
+        let planned = ran.summary.faults.iter().filter_map(|fault| fault.fault.clone()).collect();
+        let again = self.run(&Scenario { fault: planned, ..self.job.scenario.clone() }, &[], records)?;
+        Ok(self.judge(plan, base, &ran, &again))
+    }
+
+    /// Runs the scenario in its processes.
+    fn run(&self, scenario: &Scenario, live: &[ScheduledFault], records: bool) -> Result<Ran, Failure> {
+        // What an earlier run left there must not be taken for this one's.
+        let _ = std::fs::remove_dir_all(&self.job.out);
+        let cannot = |error: std::io::Error| Failure::Work(format!("cannot write to {}: {error}", self.folder.display()));
+        std::fs::create_dir_all(&self.job.out).map_err(cannot)?;
+        let job = Job { scenario: scenario.clone(), record: records, ..self.job.clone() };
+        // As `armplane fault` would request them, before the first tick.
+        let mut begin = |run: &RunDir| {
+            let control_page = ControlPage::open(run).map_err(Failure::work)?;
+            match live.iter().any(|strike| control_page.fault_table().request(strike).is_none()) {
+                true => Err(Failure::Work(format!("a run has room for {} faults", runtime::MOST_FAULTS))),
+                false => Ok(()),
+            }
+        };
+        let (outcome, account) = session::launch_watched(&job, session::plan(&job)?, &mut begin, &mut |_| {})?;
+        if let End::Interrupted { signal } = &outcome.end {
+            return Err(Failure::Work(format!("stopped by {signal}")));
+        }
+        let own = format!("-{}-", std::process::id());
+        let left_behind = RunDir::list().into_iter().map(|run| run.name).filter(|name| name.contains(&own)).collect();
+        let summary = session::summarise(&job, &outcome, account);
+        let messages = self.job.out.join(recorder::MESSAGES);
+        // A full volume ends the messages early, and they are whole up to there.
+        let truth = LogReader::open(&messages).map(whole).unwrap_or_default();
+        let samples = LogReader::open(&messages).map(whole).unwrap_or_default();
+        let topics = summary.topics.clone();
+        Ok(Ran { summary, topics, end: outcome.end, truth, samples, left_behind })
+    }
+
+    fn judge(&self, plan: &Plan, base: &Ran, ran: &Ran, again: &Ran) -> Cell {
+        let joined = |of: &dyn Fn(&Fault) -> String| plan.iter().map(of).collect::<Vec<_>>().join(" + ");
+        let at_tick = plan.iter().filter_map(|fault| fault.at_tick).min().unwrap_or_default();
+        // Where the messages end early and the topics are the fault-free ones, the arm did what it did without a fault.
+        let is_base = !base.topics.is_empty() && ran.topics == base.topics;
+        let truth = if is_base { &base.truth } else { &ran.truth };
+        let mut motion = Motion::new(Promise::new(
+            self.robot,
+            &self.job.scenario,
+            SPEED_MARGIN,
+            ran.summary.faults.iter().filter_map(|one| one.fault.as_ref()),
+        ));
+        truth.iter().for_each(|state| motion.add(state));
+        ran.samples.iter().for_each(|sample| motion.add_age(sample));
+        let mut cell = Cell {
+            scenario: self.job.scenario.name.clone(),
+            process: joined(&|fault| fault.process.clone()),
+            kind: joined(&|fault| fault.kind.name().to_owned()),
+            way: joined(&|fault| fault.way.map(|way| way.name().to_owned()).unwrap_or_default()),
+            faults: plan.iter().map(ToString::to_string).collect(),
+            at_tick,
+            detected_ms: ran.summary.faults.iter().filter_map(|fault| fault.detected_ms).reduce(f64::max),
+            stale_ticks: motion.stale_ticks,
+            torque_max_ratio: motion.torque_max_ratio,
+            speed_max_ratio: motion.speed_max_ratio,
+            torque_step_max_ratio: motion.torque_step_max_ratio,
+            excursion_max_rad: excursion(&base.truth, truth),
+            settled_ms: settled(truth, at_tick).map(|ticks| ticks as f64 * 1e3 / f64::from(self.job.scenario.rate_hz)),
+            restarts: ran.summary.processes.iter().map(|process| process.restarts).sum(),
+            messages_lost: ran.summary.recorder.lost,
+            replayed_identically: ran.topics == again.topics && ran.summary.ticks == again.summary.ticks,
+            left_behind: ran.left_behind.iter().chain(&again.left_behind).cloned().collect(),
+            ..Cell::default()
+        };
+        let last = truth.last();
+        let ends_world = plan.iter().any(ends_world);
+        let (task, goal) = (&ran.summary.task, &self.job.scenario.goal);
+        cell.goal_reached =
+            ran.summary.completed && task.final_position_mm <= goal.position_mm && task.final_orientation_deg <= goal.orientation_deg;
+        cell.recovered = ran.end == End::Completed && last.is_some_and(|state| state.drive == DRIVE_ACTIVE);
+        cell.safe_stop = motion.is_at_rest();
+        cell.invariants_broken = motion.broken();
+        let mut broken = |is_broken: bool, what: String| {
+            if is_broken {
+                cell.invariants_broken.push(what);
+            }
+        };
+        let (goal_reached, safe_stop) = (cell.goal_reached, cell.safe_stop);
+        broken(!goal_reached && !safe_stop && !ends_world, "neither the goal nor rest at the end".to_owned());
+        broken(ends_world && !matches!(ran.end, End::Failed(_)), "the end of the plant did not end the run".to_owned());
+        let failed = match &ran.end {
+            End::Failed(failure) if !ends_world => failure.to_string().lines().next().map(ToOwned::to_owned),
+            _ => None,
+        };
+        broken(failed.is_some(), format!("the run failed: {}", failed.unwrap_or_default()));
+        let lost = cell.messages_lost;
+        broken(lost > 0, format!("{lost} messages lost by the recorder in lockstep"));
+        broken(!cell.replayed_identically, "the saved plan gives other bytes".to_owned());
+        let left = cell.left_behind.join(", ");
+        broken(!left.is_empty(), format!("left in shared memory: {left}"));
+        cell
+    }
+}
+
+/// All messages of a topic, to the last whole block.
+fn whole<M: Message>(mut kept: LogReader<M>) -> Vec<M> {
+    std::iter::from_fn(|| kept.next_message().ok().flatten()).collect()
+}
+
+/// Whether a fault takes the simulated world with it: then the run ends, cleanly, and there is no arm to be judged any more.
+fn ends_world(fault: &Fault) -> bool {
+    let is_end = match fault.kind {
+        Kind::Kill | Kind::Crash => true,
+        Kind::Hang => fault.way == Some(Way::ForEver),
+        _ => false,
+    };
+    fault.process == "plant" && is_end
+}
+
+/// Largest distance in joint space from the base's path; rad. Not the time lost on it: each posture is compared with those that the base had
+/// taken by then, back to the one that matched last.
+fn excursion(base: &[PlantState], truth: &[PlantState]) -> f64 {
+    let apart = |a: &PlantState, b: &PlantState| (0..MAX_DOF).fold(0.0_f64, |most, i| most.max((a.q[i] - b.q[i]).abs()));
+    let (mut most, mut from) = (0.0_f64, 0);
+    for state in truth {
+        let to = (state.header.tick as usize).min(base.len().saturating_sub(1));
+        let nearest = (from.min(to)..=to).filter_map(|k| Some((k, apart(state, base.get(k)?))));
+        let Some((k, distance)) = nearest.min_by(|a, b| a.1.total_cmp(&b.1)) else { continue };
+        (most, from) = (most.max(distance), k);
+    }
+    most
+}
+
+/// Ticks from the fault until the drives follow the controller again, or have braked for good; `None` where they never left it.
+fn settled(truth: &[PlantState], at_tick: u64) -> Option<u64> {
+    let after = || truth.iter().filter(|state| state.header.tick >= at_tick);
+    let last = after().filter(|state| state.drive != DRIVE_ACTIVE).map(|state| state.header.tick).next_back()?;
+    let is_back = after().any(|state| state.header.tick > last);
+    let rest = || after().find(|state| state.drive == DRIVE_BRAKED).map(|state| state.header.tick);
+    Some(if is_back { last + 1 } else { rest().unwrap_or(last) } - at_tick)
+}
+
+fn titles(plan: &Plan) -> String {
+    plan.iter().map(title).collect::<Vec<_>>().join(" and ")
+}
+
+fn title(fault: &Fault) -> String {
+    match fault.way {
+        Some(way) => format!("{} {} ({way})", fault.process, fault.kind),
+        None => format!("{} {}", fault.process, fault.kind),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shared_types::codes::DRIVE_HOLDING;
+
+    fn state(tick: u64, q: f64, drive: u32) -> PlantState {
+        let mut state = PlantState { drive, ..PlantState::default() };
+        (state.header.tick, state.q[0]) = (tick, q);
+        state
+    }
+
+    #[test]
+    fn time_lost_is_no_excursion_and_a_detour_is() {
+        let base: Vec<_> = (0..100).map(|k| state(k, k as f64, DRIVE_ACTIVE)).collect();
+        // Ten ticks late from tick 50 on.
+        let late: Vec<_> = (0..110).map(|k| state(k, if k < 50 { k as f64 } else { (k - 10).max(50) as f64 }, DRIVE_ACTIVE)).collect();
+        assert_eq!(excursion(&base, &late), 0.0);
+        let detour: Vec<_> = (0..100).map(|k| state(k, if k == 99 { 102.5 } else { k as f64 }, DRIVE_ACTIVE)).collect();
+        assert_eq!(excursion(&base, &detour), 3.5);
+    }
+
+    #[test]
+    fn it_is_settled_when_the_drives_follow_again_or_brake() {
+        let of = |drives: &[u32]| drives.iter().enumerate().map(|(k, drive)| state(k as u64, 0.0, *drive)).collect::<Vec<_>>();
+        assert_eq!(settled(&of(&[DRIVE_ACTIVE; 5]), 2), None);
+        assert_eq!(settled(&of(&[DRIVE_ACTIVE, DRIVE_ACTIVE, DRIVE_HOLDING, DRIVE_HOLDING, DRIVE_ACTIVE]), 1), Some(3));
+        assert_eq!(settled(&of(&[DRIVE_ACTIVE, DRIVE_HOLDING, DRIVE_BRAKED, DRIVE_BRAKED]), 1), Some(1));
+    }
+}

@@ -1,0 +1,55 @@
+//! The cells as two heat maps.
+
+use viz::plot::{Axis, BLUE, Color, Page, Panel, RED, Row, digits};
+
+use super::cell::Cell;
+
+/// White to blue by the size of a value on a logarithmic scale; red where an invariant is broken.
+fn shade(value: f64, range: std::ops::Range<f64>, is_broken: bool) -> Color {
+    if is_broken {
+        return RED;
+    }
+    let share = ((value.max(1e-12) / range.start).ln() / (range.end / range.start).ln()).clamp(0.0, 1.0);
+    let mix = |c: u8| (248.0 + (f64::from(c) - 248.0) * share) as u8;
+    Color { 0: mix(BLUE.0), 1: mix(BLUE.1), 2: mix(BLUE.2), 3: 1.0 }
+}
+
+/// Two maps, faults downwards and processes to the right: how far the arm left its path, and how quickly something noticed.
+pub fn picture(cells: &[Cell]) -> Page {
+    let singles: Vec<&Cell> = cells.iter().filter(|cell| cell.faults.len() == 1).collect();
+    let (mut processes, mut faults) = (Vec::<String>::new(), Vec::<String>::new());
+    let name = |cell: &Cell| if cell.way.is_empty() { cell.kind.clone() } else { format!("{} {}", cell.kind, cell.way) };
+    for cell in &singles {
+        for (names, name) in [(&mut processes, cell.process.clone()), (&mut faults, name(cell))] {
+            if !names.contains(&name) {
+                names.push(name);
+            }
+        }
+    }
+    let place = |title: &str, value: &dyn Fn(&Cell) -> Option<f64>, range: std::ops::Range<f64>| {
+        let mut panel = Panel::new(title, Axis::names(processes.clone()), Axis::names(faults.clone()));
+        for cell in &singles {
+            let column = processes.iter().position(|process| *process == cell.process).unwrap_or_default();
+            let row = faults.iter().position(|fault| *fault == name(cell)).unwrap_or_default();
+            let value = value(cell);
+            let color = shade(value.unwrap_or(0.0), range.clone(), !cell.invariants_broken.is_empty());
+            panel.cell(column, row, color, value.map_or("–".to_owned(), digits));
+        }
+        panel
+    };
+    let off_path = place("largest distance from the fault-free path, mrad", &|cell| Some(cell.excursion_max_rad * 1e3), 0.01..100.0);
+    let noticed = place("time until something noticed, ms", &|cell| cell.detected_ms, 0.01..1000.0);
+    let broken = cells.iter().filter(|cell| !cell.invariants_broken.is_empty()).count();
+    let scenarios: std::collections::BTreeSet<_> = cells.iter().map(|cell| cell.scenario.as_str()).collect();
+    Page {
+        title: "What each fault does".to_owned(),
+        subtitle: format!(
+            "{}: {} cells, {broken} with a broken invariant (red); lockstep, each repeated from its saved plan",
+            scenarios.into_iter().collect::<Vec<_>>().join(", "),
+            cells.len()
+        ),
+        rows: vec![Row::of(80.0 + 19.0 * faults.len() as f64, [off_path, noticed])],
+        width: 1100.0,
+        ..Page::default()
+    }
+}

@@ -1,0 +1,97 @@
+//! The plans of a drill: every kind of fault in every way on every process, and pairs.
+
+use runtime::random;
+use shared_types::fault::{Fault, Kind, Way};
+
+/// What to do to which process; two of them for a pair.
+pub type Plan = Vec<Fault>;
+
+/// One cell: `PROCESS:KIND`, or `PROCESS:KIND:WAY`.
+pub struct Only {
+    process: String,
+    kind: Kind,
+    way: Option<Way>,
+}
+
+impl Only {
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let wrong = |reason: String| format!("--only {text}: {reason}");
+        let mut parts = text.split(':');
+        let (Some(process), Some(kind), way, None) = (parts.next(), parts.next(), parts.next(), parts.next()) else {
+            return Err(wrong("give PROCESS:KIND, or PROCESS:KIND:WAY".to_owned()));
+        };
+        let kind: Kind = kind.parse().map_err(wrong)?;
+        if !kind.processes().contains(&process) {
+            return Err(wrong(format!("`{kind}` can happen to {}", kind.processes().join(", "))));
+        }
+        Ok(Self { process: process.to_owned(), kind, way: way.map(str::parse).transpose().map_err(wrong)? })
+    }
+
+    fn takes(&self, fault: &Fault) -> bool {
+        fault.process == self.process && fault.kind == self.kind && (self.way.is_none() || fault.way == self.way)
+    }
+}
+
+/// What plans are made for.
+pub struct Terms<'a> {
+    /// The processes of the graph.
+    pub processes: &'a [&'a str],
+    /// Of when the faults strike, and of the pairs.
+    pub seed: u64,
+    /// Ticks of the task, in the middle of which faults strike.
+    pub span: u64,
+    /// Joints of the arm.
+    pub dof: usize,
+}
+
+/// Every kind in every way for every process, and a seeded sample of pairs of them.
+pub fn plans(terms: &Terms<'_>, only: Option<&Only>, pairs: u32) -> Vec<Plan> {
+    let mut singles = Vec::new();
+    for &process in terms.processes {
+        for &kind in Kind::ALL.iter().filter(|kind| kind.processes().contains(&process)) {
+            let ways: Vec<_> = kind.ways().map(Some).collect();
+            for way in if ways.is_empty() { vec![None] } else { ways } {
+                singles.push(Fault { way, ..Fault::new(process, kind) });
+            }
+        }
+    }
+    let seed = terms.seed;
+    let draw = |index: u64, what: u64| random(seed ^ 0xd411, 16 * index + what);
+    let span = terms.span;
+    let placed = |fault: &Fault, index: u64, what: u64| {
+        // In the middle of the motion, each at another place.
+        let at = span / 4 + draw(index, what) % (span / 2).max(1);
+        let needs_joint = matches!(fault.kind, Kind::Sensor | Kind::Drive);
+        let joint = needs_joint.then(|| 1 + (draw(index, what + 1) % terms.dof as u64) as u32);
+        Fault { at_tick: Some(at), joint, ..fault.clone() }
+    };
+    if let Some(only) = only {
+        let chosen = singles.iter().enumerate().filter(|(_, fault)| only.takes(fault));
+        return chosen.map(|(index, fault)| vec![placed(fault, index as u64, 0)]).collect();
+    }
+    let single = singles.iter().enumerate().map(|(index, fault)| vec![placed(fault, index as u64, 0)]);
+    let pair = (0..u64::from(pairs)).map(|index| {
+        let index = index + singles.len() as u64;
+        let pick = |what: u64| &singles[(draw(index, what) % singles.len() as u64) as usize];
+        let first = placed(pick(2), index, 4);
+        // Close enough to meet.
+        let second = Fault { at_tick: first.at_tick.map(|at| at + draw(index, 6) % 60), ..placed(pick(3), index, 8) };
+        vec![first, second]
+    });
+    single.chain(pair).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cell_is_named_by_process_kind_and_way() {
+        let only = Only::parse("plant:sensor:drift").unwrap();
+        assert!(only.takes(&Fault { way: Some(Way::Drift), ..Fault::new("plant", Kind::Sensor) }));
+        assert!(!only.takes(&Fault { way: Some(Way::Bias), ..Fault::new("plant", Kind::Sensor) }));
+        let wrong = |text: &str| Only::parse(text).err().unwrap_or_default();
+        assert!(wrong("recorder:drop").contains("can happen to plant"));
+        assert!(wrong("recorder").contains("PROCESS:KIND"));
+    }
+}

@@ -1,0 +1,5 @@
+//! Faults in a real graph, judged by what the arm does.
+
+pub mod drill;
+mod motion;
+pub mod soak;

@@ -1,0 +1,336 @@
+//! What happens in a round of the soak, and when: drawn from a seed, so that a round can be made again.
+
+use std::collections::VecDeque;
+
+use model::Robot;
+use runtime::random;
+use shared_types::fault::{Fault, Kind, Way};
+use shared_types::wire::Field;
+use shared_types::{Layout, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+
+/// Mean time from one blow to the next; s.
+const MEAN_GAP_S: f64 = 1.4;
+
+/// A round is left in peace for so long at its beginning ...
+const CALM_BEFORE_S: f64 = 1.0;
+
+/// ... and for so long at its end, so that the arm can reach its goal; s.
+const CALM_AFTER_S: f64 = 4.0;
+
+/// A volume is full for so long before that at most, for nothing is recorded after it; s.
+const FULL_S: f64 = 6.0;
+
+/// One round in so many ends by design.
+const FATAL_ONE_IN: u64 = 4;
+
+/// Deaths that spend a budget of five restarts.
+const SPENT: u32 = 6;
+
+/// What is done to a process from outside, which no ledger knows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Signal {
+    /// SIGKILL.
+    Kill,
+    /// SIGKILL, and again so many ms later, when the replacement is starting or has just begun.
+    KillTwice(u32),
+    /// SIGSTOP.
+    Stop,
+    /// SIGSTOP, and SIGCONT so many ms later.
+    StopFor(u32),
+}
+
+/// One thing that goes wrong.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Act {
+    /// As `armplane fault` requests it.
+    Fault(Fault),
+    /// By a signal from outside.
+    Signal(String, Signal),
+}
+
+/// When what goes wrong.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Blow {
+    /// Since the first tick; s.
+    pub at_s: f64,
+    pub act: Act,
+    /// The run ends with it, as it is meant to.
+    pub is_fatal: bool,
+}
+
+impl Act {
+    pub fn process(&self) -> &str {
+        match self {
+            Self::Fault(fault) => &fault.process,
+            Self::Signal(process, _) => process,
+        }
+    }
+
+    /// What it counts as in the table.
+    pub fn name(&self) -> String {
+        match self {
+            Self::Fault(Fault { kind, way: Some(way), .. }) => format!("{kind} {way}"),
+            Self::Fault(Fault { kind, .. }) => kind.to_string(),
+            Self::Signal(_, Signal::Kill) => "SIGKILL".to_owned(),
+            Self::Signal(_, Signal::KillTwice(_)) => "SIGKILL, and again".to_owned(),
+            Self::Signal(_, Signal::Stop) => "SIGSTOP".to_owned(),
+            Self::Signal(_, Signal::StopFor(_)) => "SIGSTOP, SIGCONT".to_owned(),
+        }
+    }
+
+    /// How many deaths of its process it costs.
+    pub fn deaths(&self) -> u32 {
+        match self {
+            Self::Fault(fault) => match fault.kind {
+                Kind::Kill | Kind::Crash => 1,
+                Kind::Hang => u32::from(fault.way == Some(Way::ForEver)),
+                _ => 0,
+            },
+            Self::Signal(_, Signal::Kill | Signal::Stop) => 1,
+            Self::Signal(_, Signal::KillTwice(_)) => 2,
+            Self::Signal(_, Signal::StopFor(_)) => 0,
+        }
+    }
+
+    /// With the plant the run ends.
+    fn ends_world(&self) -> bool {
+        self.process() == "plant" && self.deaths() > 0
+    }
+}
+
+/// Random numbers one after the other.
+struct Dice {
+    seed: u64,
+    drawn: u64,
+}
+
+impl Dice {
+    fn next(&mut self) -> u64 {
+        self.drawn += 1;
+        random(self.seed, self.drawn)
+    }
+
+    fn below(&mut self, n: u64) -> u64 {
+        self.next() % n.max(1)
+    }
+
+    /// In [0, 1).
+    fn unit(&mut self) -> f64 {
+        (self.next() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// As likely to double as to halve.
+    fn scaled(&mut self, value: f64, by: f64) -> f64 {
+        value * by.powf(2.0 * self.unit() - 1.0)
+    }
+
+    fn sign(&mut self) -> f64 {
+        if self.next().is_multiple_of(2) { 1.0 } else { -1.0 }
+    }
+
+    fn shuffle<T>(&mut self, deck: &mut [T]) {
+        for i in (1..deck.len()).rev() {
+            deck.swap(i, self.below(i as u64 + 1) as usize);
+        }
+    }
+}
+
+/// Deals what goes wrong, so that everything comes equally often over all rounds: a shuffled deck of every kind, process and way.
+pub struct Dealer {
+    dice: Dice,
+    processes: Vec<String>,
+    joints: u64,
+    rate_hz: f64,
+    deck: VecDeque<Act>,
+    fatal: VecDeque<Act>,
+    /// What waits for the end of a round.
+    full: VecDeque<Act>,
+}
+
+impl Dealer {
+    pub fn new(robot: &Robot, processes: Vec<String>, rate_hz: u32, seed: u64) -> Self {
+        Self {
+            dice: Dice { seed: seed ^ 0x50a4, drawn: 0 },
+            processes,
+            joints: robot.dof() as u64,
+            rate_hz: f64::from(rate_hz),
+            deck: VecDeque::new(),
+            fatal: VecDeque::new(),
+            full: VecDeque::new(),
+        }
+    }
+
+    /// What happens in the next round of so many seconds, in order.
+    pub fn round(&mut self, seconds: f64) -> Vec<Blow> {
+        let calm = |s: f64| s.min(0.25 * seconds);
+        let (from, to) = (calm(CALM_BEFORE_S), seconds - calm(CALM_AFTER_S));
+        let is_disk = |act: &Act| matches!(act, Act::Fault(fault) if fault.kind == Kind::DiskFull);
+        let (mut blows, mut at_s) = (Vec::new(), from);
+        loop {
+            at_s -= MEAN_GAP_S * (1.0 - self.dice.unit()).ln();
+            if at_s >= to {
+                break;
+            }
+            let is_late = at_s >= to - FULL_S;
+            let waiting = if is_late { self.full.pop_front() } else { None };
+            let Some(act) = waiting.or_else(|| self.next_act()) else { break };
+            if act.ends_world() {
+                self.fatal.push_back(act);
+            } else if is_disk(&act) && !is_late {
+                self.full.push_back(act);
+            } else {
+                let act = self.detailed(act);
+                blows.push(Blow { at_s, act, is_fatal: false });
+            }
+        }
+        if self.dice.below(FATAL_ONE_IN) == 0 {
+            self.end(&mut blows, to + 0.2 * (seconds - to));
+        }
+        blows
+    }
+
+    /// The end of a round: the plant's, or that of a budget.
+    fn end(&mut self, blows: &mut Vec<Blow>, at_s: f64) {
+        if self.dice.next().is_multiple_of(2)
+            && let Some(act) = self.fatal.pop_front()
+        {
+            let act = self.detailed(act);
+            return blows.push(Blow { at_s, act, is_fatal: true });
+        }
+        let mortal: Vec<_> = self.processes.iter().filter(|process| *process != "plant").cloned().collect();
+        let process = mortal[self.dice.below(mortal.len() as u64) as usize].clone();
+        for k in 0..SPENT {
+            // Its pause is over by then, and its replacement at work.
+            let act = Act::Signal(process.clone(), Signal::Kill);
+            blows.push(Blow { at_s: at_s + 0.35 * f64::from(k), act, is_fatal: true });
+        }
+    }
+
+    fn next_act(&mut self) -> Option<Act> {
+        if self.deck.is_empty() {
+            let mut deck = every(&self.processes);
+            self.dice.shuffle(&mut deck);
+            self.deck = deck.into();
+        }
+        self.deck.pop_front()
+    }
+
+    /// With lengths, amounts and places of its own.
+    fn detailed(&mut self, act: Act) -> Act {
+        match act {
+            Act::Fault(fault) => Act::Fault(self.detailed_fault(fault)),
+            Act::Signal(process, Signal::KillTwice(_)) => Act::Signal(process, Signal::KillTwice(1 + self.dice.below(80) as u32)),
+            Act::Signal(process, Signal::StopFor(_)) => {
+                // Who is stopped for a tenth of a second is replaced, and there is no other world.
+                let most_ms = if process == "plant" { 50 } else { 250 };
+                Act::Signal(process, Signal::StopFor(1 + self.dice.below(most_ms) as u32))
+            }
+            signal => signal,
+        }
+    }
+
+    fn detailed_fault(&mut self, fault: Fault) -> Fault {
+        let (kind, dice) = (fault.kind, &mut self.dice);
+        let usual_s = kind.usual_length_s();
+        let ticks = |s: f64| (s * self.rate_hz).round().max(1.0) as u64;
+        let for_ticks = usual_s.is_finite().then(|| ticks(dice.scaled(usual_s, 5.0)));
+        let usual = fault.way.map_or(0.0, |way| kind.usual_amount(way));
+        let amount = match (kind, fault.way) {
+            (Kind::SlowDisk, _) => Some(dice.scaled(20.0, 3.0)),
+            (Kind::Clock, _) => Some(dice.scaled(usual, 10.0) * dice.sign()),
+            (_, Some(Way::Bias | Way::Drift)) => Some(dice.scaled(usual, 3.0) * dice.sign()),
+            _ if usual > 0.0 => Some(dice.scaled(usual, 3.0)),
+            _ => None,
+        };
+        let has_share = matches!(kind, Kind::Drop | Kind::Duplicate | Kind::Reorder | Kind::Stale | Kind::Corrupt);
+        let probability = (has_share && dice.next().is_multiple_of(2)).then(|| 0.05 + 0.95 * dice.unit());
+        let field = (kind == Kind::Corrupt).then(|| {
+            let fields: Vec<_> = fields_of(&fault.process).iter().filter(|field| is_number(field)).collect();
+            let field = fields[dice.below(fields.len() as u64) as usize];
+            format!("{}[{}]", field.name, dice.below((field.size / size_of::<f64>()) as u64))
+        });
+        Fault {
+            for_ticks,
+            amount,
+            probability,
+            field,
+            delay_ticks: (kind == Kind::Delay).then(|| 1 + dice.below(10)),
+            jitter_ticks: (kind == Kind::Delay).then(|| dice.below(6)),
+            joint: matches!(kind, Kind::Sensor | Kind::Drive).then(|| 1 + dice.below(self.joints) as u32),
+            ..fault
+        }
+    }
+}
+
+/// Every kind in every way for every process, and every signal.
+fn every(processes: &[String]) -> Vec<Act> {
+    let mut acts = Vec::new();
+    for process in processes {
+        for &kind in Kind::ALL.iter().filter(|kind| kind.processes().contains(&process.as_str())) {
+            let ways: Vec<_> = kind.ways().map(Some).collect();
+            let ways = if ways.is_empty() { vec![None] } else { ways };
+            acts.extend(ways.into_iter().map(|way| Act::Fault(Fault { way, ..Fault::new(process, kind) })));
+        }
+        let signals = [Signal::Kill, Signal::KillTwice(0), Signal::Stop, Signal::StopFor(0)];
+        acts.extend(signals.into_iter().map(|signal| Act::Signal(process.clone(), signal)));
+    }
+    acts
+}
+
+/// The fields of the message that a process sends along the chain.
+fn fields_of(process: &str) -> &'static [Field] {
+    match process {
+        "plant" => SensorSample::FIELDS,
+        "estimator" => StateEstimate::FIELDS,
+        "analyzer" => SingularityReport::FIELDS,
+        _ => TorqueCommand::FIELDS,
+    }
+}
+
+fn is_number(field: &Field) -> bool {
+    field.type_name == "f64" || field.type_name.starts_with("[f64;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    fn dealer(seed: u64) -> Dealer {
+        let processes = ["plant", "estimator", "analyzer", "controller", "recorder"].map(str::to_owned).to_vec();
+        Dealer::new(&Robot::builtin("puma560").unwrap(), processes, 1000, seed)
+    }
+
+    #[test]
+    fn a_seed_deals_the_same_again_and_every_fault_makes_sense() {
+        let deal = |seed| {
+            let mut dealer = dealer(seed);
+            (0..30).map(|_| dealer.round(60.0)).collect::<Vec<_>>()
+        };
+        assert_eq!(deal(7), deal(7));
+        assert_ne!(deal(7), deal(8));
+        for blow in deal(7).concat() {
+            if let Act::Fault(fault) = &blow.act {
+                fault.schedule(0, 1000, 1).unwrap_or_else(|complaint| panic!("{fault}: {complaint}"));
+            }
+        }
+    }
+
+    #[test]
+    fn everything_comes_and_only_what_is_meant_to_ends_a_run() {
+        let mut dealer = dealer(1);
+        let processes = dealer.processes.clone();
+        let rounds: Vec<_> = (0..30).map(|_| dealer.round(60.0)).collect();
+        let name = |act: &Act| format!("{} {}", act.process(), act.name());
+        let dealt: BTreeSet<_> = rounds.iter().flatten().map(|blow| name(&blow.act)).collect();
+        let missing: Vec<_> =
+            every(&processes).iter().filter(|act| !act.ends_world()).map(name).filter(|one| !dealt.contains(one)).collect();
+        assert!(missing.is_empty(), "{missing:?}");
+        for round in &rounds {
+            assert!(round.iter().all(|blow| !blow.act.ends_world() || blow.is_fatal && blow.at_s > 50.0));
+            assert!(round.len() > 15, "{} blows", round.len());
+        }
+        let ended = rounds.iter().filter(|round| round.iter().any(|blow| blow.is_fatal)).count();
+        assert!((2..15).contains(&ended), "{ended} of 30 rounds end by design");
+    }
+}

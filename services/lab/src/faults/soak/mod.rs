@@ -1,0 +1,15 @@
+//! The soak: real-time runs of the whole graph, one after the other, with every fault and signals from outside at random.
+
+mod draw;
+mod judge;
+mod picture;
+mod round;
+mod rounds;
+mod strike;
+mod tally;
+
+pub use judge::Messages;
+pub use picture::picture;
+pub use round::Round;
+pub use rounds::{Soak, Usage, soak};
+pub use tally::{Kind, Totals};

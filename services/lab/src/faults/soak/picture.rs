@@ -1,0 +1,126 @@
+//! A soak as a picture: faults against time by process, one round closely, and the times until a fault is detected.
+
+use viz::plot::{Axis, BLUE, Color, GREY, INK, Page, Panel, RED, Row, numbered};
+
+use super::rounds::Soak;
+use super::tally::Kind;
+
+/// Faults against time in a row per process, with what the drives did; and one round of them closely.
+pub fn picture(soak: &Soak) -> Page {
+    let rate = f64::from(soak.rate_hz);
+    let lengths: Vec<f64> = soak.rounds.iter().map(|round| round.ticks as f64 / rate).collect();
+    let total: f64 = lengths.iter().sum();
+    let processes: Vec<String> = ["plant", "estimator", "analyzer", "controller", "recorder"].map(str::to_owned).to_vec();
+    let rows: Vec<String> = processes.iter().cloned().chain(["drives".to_owned()]).collect();
+    let drives = processes.len() as f64;
+    let mut all = Panel::new(
+        "every fault by process; below, when the drives stopped the arm or held it",
+        Axis::named("time, s").within(0.0..total.max(1.0)),
+        Axis::names(rows.clone()),
+    );
+    for (class, color) in CLASSES.iter().zip(colors()) {
+        all.line(class, color, &[]);
+    }
+    let mut from = 0.0;
+    for (round, length) in soak.rounds.iter().zip(&lengths) {
+        all.line("", Color { 3: 0.5, ..GREY }, &[(from, -0.5), (from, drives + 0.5)]);
+        for struck in &round.struck {
+            let row = processes.iter().position(|process| *process == struck.process).unwrap_or_default() as f64;
+            // Classes a little apart, so that the later do not hide the earlier.
+            let class = class_of(&struck.kind);
+            all.dots(colors()[class], 2.0, &[(from + struck.at_s, row + 0.13 * (class as f64 - 2.0))]);
+        }
+        for stop in &round.stops {
+            let until = (stop.until as f64 / rate).max(stop.from as f64 / rate + 0.0005 * total);
+            stroke(&mut all, INK, from + stop.from as f64 / rate, from + until, drives);
+        }
+        from += length;
+    }
+    let busiest = soak.rounds.iter().filter(|round| round.end == "goal reached").max_by_key(|round| round.struck.len());
+    let mut page_rows = vec![Row::of(270.0, [all])];
+    if let Some(round) = busiest.or(soak.rounds.first()) {
+        let seconds = (round.ticks as f64 / rate).max(1.0);
+        let title = format!("round {} closely: how long each lasted; a dot where a process died", round.round);
+        let mut one = Panel::new(&title, Axis::named("time, s").within(0.0..seconds), Axis::names(rows));
+        for struck in &round.struck {
+            let row = processes.iter().position(|process| *process == struck.process).unwrap_or_default() as f64;
+            let class = class_of(&struck.kind);
+            let y = row + 0.13 * (class as f64 - 2.0);
+            // Until the process was back, where it went.
+            let length_s = struck.mended_ms.map_or(struck.length_s, |ms| ms * 1e-3);
+            stroke(&mut one, colors()[class], struck.at_s, (struck.at_s + length_s.max(0.001 * seconds)).min(seconds), y);
+            if struck.deaths > 0 {
+                one.dots(colors()[class], 2.6, &[(struck.at_s, y)]);
+            }
+        }
+        for stop in &round.stops {
+            let from = stop.from as f64 / rate;
+            stroke(&mut one, INK, from, (stop.until as f64 / rate).max(from + 0.001 * seconds), drives);
+        }
+        page_rows.push(Row::of(270.0, [one]));
+    }
+    let noticed: Vec<&Kind> = soak.kinds.iter().filter(|kind| kind.noticed_ms_p50.is_some()).collect();
+    let mut panel = Panel::new(
+        "time until something noticed, ms: half of them, and the slowest",
+        Axis::default().logarithmic().within(0.001..10_000.0),
+        Axis::names(noticed.iter().map(|kind| format!("{} ({})", kind.kind, kind.times))),
+    );
+    for (row, kind) in noticed.iter().enumerate() {
+        let (half, most) = (kind.noticed_ms_p50.unwrap_or_default(), kind.noticed_ms_max.unwrap_or_default());
+        let color = colors()[class_of(&kind.kind)];
+        panel.line("", Color { 3: 0.4, ..color }, &[(half, row as f64), (most, row as f64)]);
+        panel.dots(color, 3.0, &[(half, row as f64)]);
+        panel.dots(color, 1.8, &[(most, row as f64)]);
+    }
+    page_rows.push(Row::of(90.0 + 13.0 * noticed.len() as f64, [panel]));
+    let totals = &soak.totals;
+    Page {
+        title: "The soak".to_owned(),
+        subtitle: format!(
+            "{} faults in {:.0} s of real time at {} Hz, {} rounds: {} reached the goal, {} came to rest, {} ended by design, {} broke a promise",
+            totals.blows, total, soak.rate_hz, totals.rounds, totals.goal, totals.rest, totals.ended, totals.broken
+        ),
+        rows: page_rows,
+        width: 1100.0,
+        ..Page::default()
+    }
+}
+/// A line three times as thick as others.
+fn stroke(panel: &mut Panel, color: Color, from: f64, to: f64, y: f64) {
+    for place in [y - 0.05, y, y + 0.05] {
+        panel.line("", color, &[(from, place), (to, place)]);
+    }
+}
+
+/// What faults have in common, for their colours.
+const CLASSES: [&str; 5] = ["deaths", "standing still", "messages", "sensors and drives", "clock, core, volume"];
+
+fn colors() -> [Color; 5] {
+    [RED, numbered(4), BLUE, numbered(2), numbered(3)]
+}
+
+fn class_of(kind: &str) -> usize {
+    let word = kind.split([' ', ',']).next().unwrap_or_default();
+    match word {
+        "SIGSTOP" if kind.contains("SIGCONT") => 1,
+        "hang" if kind.ends_with("paused") => 1,
+        "kill" | "crash" | "hang" | "SIGKILL" | "SIGSTOP" => 0,
+        "sensor" | "drive" => 3,
+        "clock" | "starve" | "disk-full" | "slow-disk" => 4,
+        _ => 2,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_kind_has_its_class() {
+        let of = |kind: &str| CLASSES[class_of(kind)];
+        assert_eq!(["kill", "SIGKILL, and again", "hang for-ever", "SIGSTOP"].map(of), ["deaths"; 4]);
+        assert_eq!(["hang paused", "SIGSTOP, SIGCONT"].map(of), ["standing still"; 2]);
+        assert_eq!(["drop", "corrupt nan"].map(of), ["messages"; 2]);
+        assert_eq!((of("drive lost"), of("clock jump")), ("sensors and drives", "clock, core, volume"));
+    }
+}

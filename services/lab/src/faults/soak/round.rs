@@ -1,0 +1,593 @@
+//! One round: a run in real time that is struck, and everything that was seen of it.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::path::Path;
+use std::sync::mpsc::{Sender, channel};
+
+use launcher::{End, Event, Exit, Outcome};
+use message_log::{LogError, LogReader};
+use model::Robot;
+use recorder::MESSAGES;
+use runtime::{ControlPage, FaultRecord, RunDir, now_ns};
+use serde::Serialize;
+use session::{Failure, load};
+use shared_types::codes::{DRIVE_BRAKED, DRIVE_STOPPING};
+use shared_types::fault::Kind;
+use shared_types::job::{Job, Mode};
+use shared_types::scenario::Scenario;
+use shared_types::summary::{Deadlines, Summary};
+use shared_types::topics::{self, COUNT, Each, Topic};
+use shared_types::{Message, PlantState, SensorSample};
+
+use super::super::motion::{Motion, Promise, SPEED_MARGIN_AT_FULL_TORQUE};
+use super::draw::{Act, Blow, Signal};
+use super::judge::{Death, Ended, Evidence, Files, Messages, broken};
+use super::strike::{Done, Fallen, Striker, state_and_parent};
+
+/// A round may take so many times as long as planned, and a little more: whoever is stopped again and again is late at the goal.
+const LONGEST: f64 = 1.5;
+
+/// The same for short rounds; s.
+const LONGEST_MORE_S: f64 = 10.0;
+
+/// A stop is put down to the latest blow that was in force, or had been so shortly before; s.
+const AFTERMATH_S: f64 = 0.15;
+
+/// Lines that processes wrote on their standard error, kept for a round with a broken promise.
+const LINES: usize = 500;
+
+/// What a blow was, and what came of it.
+#[derive(Clone, Debug, Serialize)]
+pub struct Struck {
+    /// As in the table.
+    pub kind: String,
+    pub process: String,
+    /// In words.
+    pub what: String,
+    /// Since the first tick; s.
+    pub at_s: f64,
+    pub tick: u64,
+    /// How long it lasted; s.
+    pub length_s: f64,
+    /// Wall-clock time until something noticed; ms.
+    pub noticed_ms: Option<f64>,
+    /// Wall-clock time until the process worked again; ms.
+    pub mended_ms: Option<f64>,
+    /// How long the drives then did not follow the controller; ms.
+    pub stood_ms: f64,
+    pub deaths: u32,
+}
+
+/// A stretch of ticks in which the drives stopped the arm or held it by the brakes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Stop {
+    pub from: u64,
+    pub until: u64,
+}
+
+/// One round, as it stands in the JSON.
+#[derive(Clone, Debug, Serialize)]
+pub struct Round {
+    pub round: usize,
+    pub seed: u64,
+    pub ticks: u64,
+    pub rate_hz: u32,
+    /// `goal reached`, `rest`, `ended` or `interrupted`.
+    pub end: &'static str,
+    pub reason: String,
+    pub struck: Vec<Struck>,
+    /// Blows that were drawn and not struck, with the reason.
+    pub left_out: BTreeMap<&'static str, u64>,
+    pub stops: Vec<Stop>,
+    pub restarts: BTreeMap<String, u32>,
+    pub messages: Messages,
+    /// What each process sent and the recorder neither took in nor, as far as that is known of one topic, refused.
+    pub not_taken_in: BTreeMap<String, u64>,
+    pub deadlines: Deadlines,
+    pub torque_max_ratio: f64,
+    pub torque_step_max_ratio: f64,
+    pub speed_max_ratio: f64,
+    pub stale_ticks: u32,
+    pub recording_mb: f64,
+    pub parts: u32,
+    pub broken: Vec<String>,
+}
+
+/// What the launcher told while the round went on.
+#[derive(Default)]
+struct Told {
+    ended: Vec<(String, Exit, u64)>,
+    silenced: Vec<String>,
+    /// Who ended because it would have sent a number that is not finite.
+    refused: Vec<String>,
+    lines: VecDeque<String>,
+}
+
+/// As a process says that it does not send what it has computed.
+const REFUSED: &str = "refused its own";
+
+/// As the recorder says that its volume is full.
+const RECORDING_ENDS: &str = "recording ends";
+
+impl Told {
+    fn take(&mut self, event: &Event<'_>) {
+        let line = match event {
+            Event::Line { process, line } => {
+                // Said twice: in the log, and as the reason of its end.
+                if line.contains(REFUSED) && line.starts_with("armplane:") {
+                    self.refused.push((*process).to_owned());
+                }
+                format!("{process}: {line}")
+            }
+            Event::Silenced { process, silent } => {
+                self.silenced.push((*process).to_owned());
+                format!("{process} has done nothing for {} ms and is killed", silent.as_millis())
+            }
+            Event::Restarted { process, exit, pid, incarnation } => {
+                self.ended.push(((*process).to_owned(), *exit, now_ns()));
+                format!("{process} ended with {exit} and was started again (start {incarnation}, process {pid})")
+            }
+            _ => return,
+        };
+        if self.lines.len() == LINES {
+            self.lines.pop_front();
+        }
+        self.lines.push_back(line);
+    }
+
+    /// The last line that says something like this; empty where there is none.
+    fn words_on(&self, what: &str) -> String {
+        self.lines.iter().rfind(|line| line.contains(what)).cloned().unwrap_or_default()
+    }
+}
+
+/// What all rounds have in common.
+pub struct Setting<'a> {
+    pub robot: &'a Robot,
+    /// Prolonged to the length of a round, without faults of its own.
+    pub scenario: &'a Scenario,
+    pub seconds: f64,
+}
+
+impl Setting<'_> {
+    fn job(&self, out: &Path, seed: u64) -> Result<Job, Failure> {
+        let scenario = Scenario { seed, fault: Vec::new(), ..self.scenario.clone() };
+        Ok(load::job(self.robot, scenario, load::graph(None)?, Mode::Realtime, out.to_owned()))
+    }
+
+    /// Runs and judges a round; its files stay in `out`.
+    pub fn round(&self, number: usize, seed: u64, blows: Vec<Blow>, out: &Path, progress: &mut dyn FnMut(u64)) -> Result<Round, Failure> {
+        let job = self.job(out, seed)?;
+        let processes: Vec<String> = job.graph.process.iter().map(|process| process.name.clone()).collect();
+        let plan = session::plan(&job)?;
+        let source = plan.children.iter().position(|child| child.ends_run).unwrap_or_default();
+        let (rate_hz, most_s) = (job.scenario.rate_hz, LONGEST * self.seconds + LONGEST_MORE_S);
+        let mut told = Told::default();
+        // Before the launch, for the kernel ends the children of a thread that ends.
+        let (begun, begins) = channel::<ControlPage>();
+        let (go, going) = channel();
+        let (processes_of_striker, mut go): (Vec<String>, Option<Sender<()>>) = (processes.clone(), Some(go));
+        let mut name = String::new();
+        let (launched, struck) = std::thread::scope(|scope| {
+            let striker = scope.spawn(move || {
+                let Ok(control_page) = begins.recv() else { return (Vec::new(), None) };
+                let striker = Striker { control_page: &control_page, processes: &processes_of_striker, source, rate_hz, seed };
+                let fallen = striker.strike(blows, most_s, &going);
+                (fallen, Some(control_page))
+            });
+            let mut begin = |run: &RunDir| {
+                run.name().clone_into(&mut name);
+                let _ = begun.send(ControlPage::open(run).map_err(Failure::work)?);
+                Ok(())
+            };
+            let launched = session::launch_watched(&job, plan, &mut begin, &mut |event| {
+                match event {
+                    Event::Go => drop(go.as_ref().map(|go| go.send(()))),
+                    Event::Stopping => go = None,
+                    Event::Progress { ticks } => progress(*ticks),
+                    _ => {}
+                }
+                told.take(event);
+            });
+            (go, _) = (None, drop(begun));
+            (launched, striker.join())
+        });
+        let end_ns = now_ns();
+        let (outcome, account) = launched?;
+        let (fallen, Some(control_page)) = struck.unwrap_or_default() else {
+            return Err(Failure::Work("the run was never begun".to_owned()));
+        };
+        let ledger = control_page.fault_table();
+        let accounts: Vec<(usize, FaultRecord)> = ledger.records().collect();
+        let summary = session::summarise(&job, &outcome, account);
+        session::keep(out, &job, &summary)?;
+        let seen = Seen { processes, fallen, accounts, told, outcome, summary, end_ns, run: name };
+        let round = seen.judge(self, number, seed, &job, out)?;
+        if !round.broken.is_empty() {
+            let lines = seen.told.lines.iter().map(|line| format!("{line}\n")).collect::<String>();
+            let _ = std::fs::write(out.join("stderr.txt"), lines);
+        }
+        Ok(round)
+    }
+}
+
+/// All that is known of a round when it is over.
+struct Seen {
+    processes: Vec<String>,
+    fallen: Vec<Fallen>,
+    accounts: Vec<(usize, FaultRecord)>,
+    told: Told,
+    outcome: Outcome,
+    summary: Summary,
+    end_ns: u64,
+    run: String,
+}
+
+impl Seen {
+    fn judge(&self, setting: &Setting<'_>, number: usize, seed: u64, job: &Job, out: &Path) -> Result<Round, Failure> {
+        let rate_hz = job.scenario.rate_hz;
+        let faults = self.summary.faults.iter().filter(|fault| fault.struck).filter_map(|fault| fault.fault.as_ref());
+        let (motion, stops, mut files, kept) =
+            read(Motion::new(Promise::new(setting.robot, &job.scenario, SPEED_MARGIN_AT_FULL_TORQUE, faults)), &out.join(MESSAGES));
+        self.read_recording(out, &mut files);
+        let mut struck: Vec<Struck> = self.fallen.iter().filter_map(|fallen| self.struck(fallen, rate_hz)).collect();
+        blame(&mut struck, &stops, rate_hz);
+        let recorder_counts = self.outcome.processes.iter().find(|process| process.name == "recorder").map(|one| one.counts);
+        let (refused, fenced) = recorder_counts.map_or((0, 0), |counts| (counts.refused, counts.fenced));
+        let sent = self.outcome.processes.iter().map(|process| process.counts.sent).sum::<u64>();
+        let in_files: u64 = kept.iter().sum();
+        // A recorder that is dead at the end leaves no account, but it leaves its files; where a full volume has ended those, its last words.
+        let account = &self.summary.recorder;
+        let (taken_in, recording_error) = match (account.messages, self.full_at()) {
+            (0, Some(_)) => (sent.saturating_sub(refused + fenced), self.told.words_on(RECORDING_ENDS)),
+            (0, None) => (in_files, String::new()),
+            (messages, _) => (messages, account.error.clone()),
+        };
+        let messages = Messages { sent, taken_in, refused, fenced, lost: sent.saturating_sub(taken_in + refused + fenced), kept: in_files };
+        // As `drill` sees it: what it went through on its way is not the goal.
+        let (task, goal) = (&self.summary.task, &job.scenario.goal);
+        let is_there = task.final_position_mm <= goal.position_mm && task.final_orientation_deg <= goal.orientation_deg;
+        let goal_reached = self.outcome.end == End::Completed && self.summary.completed && is_there;
+        let is_at_rest = motion.is_at_rest();
+        let evidence = Evidence {
+            end: self.outcome.end.clone(),
+            fatal: self.fatal(),
+            goal_reached,
+            rate_hz,
+            topics: kept.len() as u64,
+            ticks: self.outcome.ticks,
+            motion,
+            messages,
+            files,
+            recorder_deaths: self.outcome.processes.iter().find(|one| one.name == "recorder").map_or(0, |one| u64::from(one.restarts)),
+            full_at: self.full_at(),
+            recording_error,
+            deaths: self.deaths(),
+            ended: self.ended(),
+            falsely_silenced: self.falsely_silenced(),
+            left_over: left_over(&self.run),
+        };
+        let end = match &self.outcome.end {
+            End::Interrupted { .. } => "interrupted",
+            End::Failed(_) => "ended",
+            End::Completed if goal_reached => "goal reached",
+            End::Completed if is_at_rest => "rest",
+            End::Completed => "ended",
+        };
+        let mut left_out = BTreeMap::new();
+        for fallen in &self.fallen {
+            if let Done::LeftOut(why) = fallen.done {
+                *left_out.entry(why).or_default() += 1;
+            }
+        }
+        Ok(Round {
+            round: number,
+            seed,
+            ticks: self.outcome.ticks,
+            rate_hz,
+            end,
+            reason: self.summary.reason.clone(),
+            struck,
+            left_out,
+            stops,
+            restarts: self.outcome.processes.iter().map(|process| (process.name.clone(), process.restarts)).collect(),
+            messages,
+            not_taken_in: self.not_taken_in(job),
+            deadlines: self.summary.deadlines.clone(),
+            torque_max_ratio: evidence.motion.torque_max_ratio,
+            torque_step_max_ratio: evidence.motion.torque_step_max_ratio,
+            speed_max_ratio: evidence.motion.speed_max_ratio,
+            stale_ticks: evidence.motion.stale_ticks,
+            recording_mb: self.summary.recorder.bytes as f64 / 1e6,
+            parts: self.summary.recorder.parts,
+            broken: broken(&evidence),
+        })
+    }
+
+    fn not_taken_in(&self, job: &Job) -> BTreeMap<String, u64> {
+        let taken_in = |process: &str| {
+            let writes = job.graph.process.iter().find(|one| one.name == process).map(|one| one.writes.as_slice()).unwrap_or_default();
+            writes.iter().filter_map(|topic| Some(self.summary.topics.get(topic)?.count)).sum::<u64>()
+        };
+        let of = |process: &launcher::ProcessOutcome| (process.name.clone(), process.counts.sent.saturating_sub(taken_in(&process.name)));
+        self.outcome.processes.iter().map(of).filter(|(_, count)| *count > 0).collect()
+    }
+
+    /// Counts the ticks that the recording has numbers of.
+    fn read_recording(&self, out: &Path, files: &mut Files) {
+        let mut has = vec![false; self.outcome.ticks as usize + 1];
+        for part in viz::parts_in(out) {
+            let each = |piece: viz::Piece<'_>| {
+                match piece {
+                    viz::Piece::Rows(rows) => {
+                        for tick in &rows.ticks {
+                            if let Some(place) = has.get_mut(*tick as usize) {
+                                *place = true;
+                            }
+                        }
+                    }
+                    viz::Piece::Damaged(damage) => files.unreadable.push(damage.to_string()),
+                    _ => {}
+                }
+                Ok::<(), viz::ReadError>(())
+            };
+            if let Err(error) = viz::read(std::slice::from_ref(&part), each) {
+                files.unreadable.push(error.to_string());
+            }
+        }
+        files.rows = has.iter().filter(|has| **has).count() as u64;
+    }
+
+    fn index_of(&self, process: &str) -> Option<usize> {
+        self.processes.iter().position(|known| known == process)
+    }
+
+    fn account(&self, fallen: &Fallen) -> Option<&FaultRecord> {
+        let Done::Requested(place) = fallen.done else { return None };
+        self.accounts.iter().find(|(known, _)| *known == place).map(|(_, account)| account)
+    }
+
+    /// The entry in which the launcher noticed what a signal did.
+    fn noticed(&self, fallen: &Fallen) -> Option<&FaultRecord> {
+        let index = self.index_of(fallen.blow.act.process())?;
+        let of_it = |account: &&FaultRecord| account.scheduled.process as usize == index && account.detected_ns > fallen.at_ns;
+        let takes_down = |account: &&FaultRecord| account.scheduled.kind().is_some_and(Kind::takes_down);
+        self.accounts.iter().map(|(_, account)| account).filter(of_it).filter(takes_down).min_by_key(|account| account.detected_ns)
+    }
+
+    /// What a blow was; `None` where it was left out, or the run was over before it could strike.
+    fn struck(&self, fallen: &Fallen, rate_hz: u32) -> Option<Struck> {
+        let act = &fallen.blow.act;
+        let since_ms = |from: u64, to: u64| (to > from && from > 0).then(|| (to - from) as f64 * 1e-6);
+        let (what, tick, length_s, noticed_ms, mended_ms) = match (act, &fallen.done) {
+            (_, Done::LeftOut(_)) => return None,
+            (Act::Fault(_), _) => {
+                let account = self.account(fallen).filter(|account| account.injected_ns > 0)?;
+                let fault = account.scheduled.fault(act.process())?;
+                let length_s = fault.for_ticks.map_or(0.0, |ticks| ticks as f64 / f64::from(rate_hz));
+                let FaultRecord { injected_ns, detected_ns, recovered_ns, .. } = *account;
+                (fault.to_string(), account.scheduled.at, length_s, since_ms(injected_ns, detected_ns), since_ms(injected_ns, recovered_ns))
+            }
+            (Act::Signal(process, signal), Done::Signalled) => {
+                let account = if act.deaths() > 0 { self.noticed(fallen) } else { None };
+                let length_s = if let Signal::StopFor(ms) = signal { f64::from(*ms) * 1e-3 } else { 0.1 };
+                let since = |ns: Option<u64>| ns.and_then(|ns| since_ms(fallen.at_ns, ns));
+                let (noticed, mended) = (account.map(|one| one.detected_ns), account.map(|one| one.recovered_ns));
+                (format!("{signal:?} of the {process}"), fallen.tick, length_s, since(noticed), since(mended))
+            }
+            _ => return None,
+        };
+        let (kind, process) = (act.name(), act.process().to_owned());
+        Some(Struck {
+            kind,
+            process,
+            what,
+            at_s: tick as f64 / f64::from(rate_hz),
+            tick,
+            length_s,
+            noticed_ms,
+            mended_ms,
+            stood_ms: 0.0,
+            deaths: act.deaths(),
+        })
+    }
+
+    fn has_struck(&self, fallen: &Fallen) -> bool {
+        match fallen.done {
+            Done::Requested(_) => self.account(fallen).is_some_and(|account| account.injected_ns > 0),
+            Done::Signalled => true,
+            Done::LeftOut(_) => false,
+        }
+    }
+
+    /// The blow that was to end the run, and whether it fell.
+    fn fatal(&self) -> Option<(String, bool)> {
+        // A busy machine may have continued the plant too late.
+        if let Some(stopped) = self.told.silenced.iter().find(|process| *process == "plant" && self.was_stopped(process)) {
+            return Some((stopped.clone(), true));
+        }
+        let mut fatal = self.fallen.iter().filter(|fallen| fallen.blow.is_fatal);
+        let first = fatal.next()?;
+        let has_struck = self.has_struck(first) || fatal.any(|fallen| self.has_struck(fallen));
+        Some((first.blow.act.process().to_owned(), has_struck))
+    }
+
+    fn full_at(&self) -> Option<u64> {
+        let full = |(_, account): &(usize, FaultRecord)| account.scheduled.kind() == Some(Kind::DiskFull) && account.injected_ns > 0;
+        self.accounts.iter().filter(|account| full(account)).map(|(_, account)| account.scheduled.at).min()
+    }
+
+    /// Every death that was brought about: by the ledger, by a signal.
+    fn deaths(&self) -> Vec<Death> {
+        let is_restarted = |process: &str, at_ns: u64| self.told.ended.iter().any(|(who, _, ns)| who == process && *ns > at_ns);
+        let before_end_s = |at_ns: u64| self.end_ns.saturating_sub(at_ns) as f64 * 1e-9;
+        let mut deaths = Vec::new();
+        for fallen in self.fallen.iter().filter(|fallen| fallen.blow.act.deaths() > 0 && self.has_struck(fallen)) {
+            let process = fallen.blow.act.process().to_owned();
+            let (at_ns, is_noticed) = match self.account(fallen) {
+                Some(account) => (account.injected_ns, account.detected_ns > 0),
+                None => (fallen.at_ns, self.noticed(fallen).is_some() || self.is_explained(fallen)),
+            };
+            let is_restarted = is_restarted(&process, at_ns);
+            deaths.push(Death { what: fallen.blow.act.name(), before_end_s: before_end_s(at_ns), is_noticed, is_restarted, process });
+        }
+        deaths
+    }
+
+    /// A death in the middle of a fault that had taken the process down is no entry of its own.
+    fn is_explained(&self, fallen: &Fallen) -> bool {
+        let index = self.index_of(fallen.blow.act.process());
+        let explains = |account: &FaultRecord| {
+            let is_its = Some(account.scheduled.process as usize) == index && account.scheduled.kind().is_some_and(Kind::takes_down);
+            is_its
+                && account.injected_ns > 0
+                && account.detected_ns > 0
+                && (account.recovered_ns == 0 || account.recovered_ns > fallen.at_ns)
+        };
+        self.accounts.iter().any(|(_, account)| explains(account))
+    }
+
+    /// The ends that the launcher saw, each with whether something of ours explains it.
+    fn ended(&self) -> Vec<Ended> {
+        let mut ended: Vec<Ended> = Vec::new();
+        for (process, exit, _) in &self.told.ended {
+            let so_far = |exits: &dyn Fn(Exit) -> bool| ended.iter().filter(|one| one.process == *process && exits(one.exit)).count();
+            let struck = || self.fallen.iter().filter(|one| one.blow.act.process() == process && self.has_struck(one));
+            let crashes = struck().filter(|one| matches!(&one.blow.act, Act::Fault(fault) if fault.kind == Kind::Crash)).count();
+            let kills: usize = struck().map(|one| one.blow.act.deaths() as usize).sum::<usize>() - crashes;
+            // A stop that lasts too long ends with a kill; a stopped process killed by a second blow dies once.
+            let silenced = self.told.silenced.iter().filter(|one| *one == process).count();
+            // Numbers far out of range may end in one that is not finite; then a process stops rather than send it.
+            let is_spoilt = self.fallen.iter().any(|one| matches!(&one.blow.act, Act::Fault(fault) if fault.kind == Kind::Corrupt));
+            let refused = if is_spoilt { self.told.refused.iter().filter(|one| *one == process).count() } else { 0 };
+            let is_ours = match exit {
+                Exit::Signal(9) => so_far(&|exit| exit == Exit::Signal(9)) < kills + silenced,
+                // A panic.
+                Exit::Code(101) => so_far(&|exit| exit == Exit::Code(101)) < crashes,
+                Exit::Code(1) => so_far(&|exit| exit == Exit::Code(1)) < refused,
+                _ => false,
+            };
+            ended.push(Ended { process: process.clone(), exit: *exit, is_ours });
+        }
+        ended
+    }
+
+    /// Who was killed for its silence, and nobody had stopped it.
+    fn falsely_silenced(&self) -> Vec<String> {
+        self.told.silenced.iter().filter(|process| !self.was_stopped(process)).cloned().collect()
+    }
+
+    fn was_stopped(&self, process: &str) -> bool {
+        let stops = |act: &Act| match act {
+            Act::Fault(fault) => fault.kind == Kind::Hang,
+            Act::Signal(_, signal) => matches!(signal, Signal::Stop | Signal::StopFor(_)),
+        };
+        self.fallen.iter().any(|fallen| fallen.blow.act.process() == process && stops(&fallen.blow.act) && self.has_struck(fallen))
+    }
+}
+
+/// Reads the kept messages back: what the arm did, when the drives stopped it, and how many there are of each topic.
+fn read(mut motion: Motion, messages: &Path) -> (Motion, Vec<Stop>, Files, [u64; COUNT]) {
+    let (mut files, mut stops) = (Files::default(), Vec::<Stop>::new());
+    each::<PlantState>(messages, &mut files, |state| {
+        motion.add(state);
+        let tick = state.header.tick;
+        if matches!(state.drive, DRIVE_STOPPING | DRIVE_BRAKED) {
+            match stops.last_mut().filter(|stop| stop.until == tick) {
+                Some(stop) => stop.until = tick + 1,
+                None => stops.push(Stop { from: tick, until: tick + 1 }),
+            }
+        }
+    });
+    each::<SensorSample>(messages, &mut files, |sample| motion.add_age(sample));
+    struct CountEach<'a>(&'a Path, &'a mut Files);
+    impl Each for CountEach<'_> {
+        type Output = u64;
+        fn each<M: Topic>(&mut self) -> u64 {
+            each::<M>(self.0, self.1, |_| ())
+        }
+    }
+    let counts = topics::each(&mut CountEach(messages, &mut files));
+    (motion, stops, files, counts)
+}
+
+fn each<M: Message>(messages: &Path, files: &mut Files, mut each: impl FnMut(&M)) -> u64 {
+    let mut n = 0;
+    let mut read = || -> Result<(), LogError> {
+        let mut kept = LogReader::<M>::open(messages)?;
+        while let Some(message) = kept.next_message()? {
+            n += 1;
+            each(&message);
+        }
+        Ok(())
+    };
+    if let Err(error) = read() {
+        files.unreadable.push(error.to_string());
+    }
+    n
+}
+
+/// Puts each stop down to the latest blow that was in force when it began.
+fn blame(struck: &mut [Struck], stops: &[Stop], rate_hz: u32) {
+    let rate = f64::from(rate_hz);
+    for stop in stops {
+        let lasts = |blow: &Struck| blow.tick + ((blow.length_s + AFTERMATH_S) * rate) as u64;
+        let was_in_force = |blow: &&mut Struck| (blow.tick..=lasts(blow)).contains(&stop.from);
+        if let Some(blow) = struck.iter_mut().filter(was_in_force).max_by_key(|blow| blow.tick) {
+            blow.stood_ms += (stop.until - stop.from) as f64 * 1e3 / rate;
+        }
+    }
+}
+
+/// What a run must not leave: files in shared memory or among the temporary ones, children, living or not.
+fn left_over(run: &str) -> Vec<String> {
+    let names = |folder: &Path| {
+        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+        entries.filter(|entry| entry.file_name().to_string_lossy().contains(run)).map(|entry| entry.path().display().to_string()).collect()
+    };
+    let mut left: Vec<String> = names(Path::new(runtime::SHM));
+    left.extend(names(&std::env::temp_dir()));
+    let processes = std::fs::read_dir("/proc").into_iter().flatten().flatten();
+    for pid in processes.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok()) {
+        if let Some((state, parent)) = state_and_parent(pid)
+            && parent == std::process::id()
+        {
+            left.push(format!("process {pid} ({state})"));
+        }
+    }
+    left
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stop_is_put_down_to_the_latest_blow_that_was_in_force() {
+        let blow = |tick: u64, length_s: f64| Struck {
+            kind: String::new(),
+            process: String::new(),
+            what: String::new(),
+            at_s: 0.0,
+            tick,
+            length_s,
+            noticed_ms: None,
+            mended_ms: None,
+            stood_ms: 0.0,
+            deaths: 0,
+        };
+        let mut struck = [blow(100, 0.5), blow(300, 0.1), blow(900, 0.1)];
+        let stops = [Stop { from: 350, until: 400 }, Stop { from: 600, until: 610 }, Stop { from: 800, until: 820 }];
+        blame(&mut struck, &stops, 1000);
+        assert_eq!(struck.map(|blow| blow.stood_ms), [10.0, 50.0, 0.0]);
+    }
+
+    #[test]
+    fn a_child_that_nobody_waited_for_is_left_over() {
+        let mut child = std::process::Command::new("true").spawn().unwrap();
+        let name = format!("process {}", child.id());
+        assert!(left_over("no-such-run").iter().any(|left| left.starts_with(&name)));
+        child.wait().unwrap();
+        assert!(!left_over("no-such-run").iter().any(|left| left.starts_with(&name)));
+    }
+}

@@ -1,0 +1,153 @@
+//! A soak's rounds, added up by kind of fault and over everything.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::judge::Messages;
+use super::round::{Round, Struck};
+
+/// Everything of one kind, over all rounds and processes.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Kind {
+    pub kind: String,
+    pub times: u64,
+    /// How many of them something noticed.
+    pub noticed: u64,
+    pub noticed_ms_p50: Option<f64>,
+    pub noticed_ms_max: Option<f64>,
+    /// Deaths that it cost, each followed by a restart or the end of the run.
+    pub deaths: u64,
+    pub mended_ms_p50: Option<f64>,
+    pub mended_ms_max: Option<f64>,
+    /// How often the drives had to stop the arm.
+    pub stops: u64,
+    pub stood_ms_p50: Option<f64>,
+    pub stood_ms_max: Option<f64>,
+    /// How the rounds ended in which it struck.
+    pub goal: u64,
+    pub rest: u64,
+    pub ended: u64,
+}
+
+/// Over all rounds.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Totals {
+    pub rounds: u64,
+    pub broken: u64,
+    pub goal: u64,
+    pub rest: u64,
+    pub ended: u64,
+    pub ticks: u64,
+    pub blows: u64,
+    pub left_out: BTreeMap<&'static str, u64>,
+    pub restarts: BTreeMap<String, u64>,
+    pub messages: Messages,
+    /// Losses over the deaths of the recorder: no other cause is allowed, and a recorder that falls behind shows here too.
+    pub lost_per_death_of_recorder: f64,
+    pub deadlines_missed: u64,
+    pub deadlines_by_cause: BTreeMap<String, u64>,
+    pub torque_max_ratio: f64,
+    pub torque_step_max_ratio: f64,
+    pub speed_max_ratio: f64,
+    pub stale_ticks: u32,
+    pub stood_s: f64,
+}
+
+fn p50(mut values: Vec<f64>) -> (Option<f64>, Option<f64>) {
+    values.sort_by(f64::total_cmp);
+    (values.get(values.len().saturating_sub(1) / 2).copied(), values.last().copied())
+}
+
+/// A row for each kind, in the order of their names, signals first.
+pub fn kinds(rounds: &[Round]) -> Vec<Kind> {
+    let mut by_kind = BTreeMap::<&str, Vec<(&Round, &Struck)>>::new();
+    for round in rounds {
+        for struck in &round.struck {
+            by_kind.entry(struck.kind.as_str()).or_default().push((round, struck));
+        }
+    }
+    let row = |(kind, blows): (&str, Vec<(&Round, &Struck)>)| {
+        let of = |value: fn(&Struck) -> Option<f64>| blows.iter().filter_map(|(_, struck)| value(struck)).collect::<Vec<_>>();
+        let noticed = of(|struck| struck.noticed_ms);
+        let stood = of(|struck| (struck.stood_ms > 0.0).then_some(struck.stood_ms));
+        let ends = |end: &str| blows.iter().filter(|(round, _)| round.end == end).count() as u64;
+        let count = (noticed.len() as u64, stood.len() as u64);
+        let ((noticed_ms_p50, noticed_ms_max), (stood_ms_p50, stood_ms_max)) = (p50(noticed), p50(stood));
+        let (mended_ms_p50, mended_ms_max) = p50(of(|struck| struck.mended_ms));
+        Kind {
+            kind: kind.to_owned(),
+            times: blows.len() as u64,
+            noticed: count.0,
+            noticed_ms_p50,
+            noticed_ms_max,
+            deaths: blows.iter().map(|(_, struck)| u64::from(struck.deaths)).sum(),
+            mended_ms_p50,
+            mended_ms_max,
+            stops: count.1,
+            stood_ms_p50,
+            stood_ms_max,
+            goal: ends("goal reached"),
+            rest: ends("rest"),
+            ended: ends("ended") + ends("interrupted"),
+        }
+    };
+    by_kind.into_iter().map(row).collect()
+}
+
+impl Totals {
+    pub fn of(rounds: &[Round]) -> Self {
+        let mut totals = Self { rounds: rounds.len() as u64, ..Self::default() };
+        for round in rounds {
+            totals.broken += u64::from(!round.broken.is_empty());
+            match round.end {
+                "goal reached" => totals.goal += 1,
+                "rest" => totals.rest += 1,
+                _ => totals.ended += 1,
+            }
+            totals.ticks += round.ticks;
+            totals.blows += round.struck.len() as u64;
+            for (why, count) in &round.left_out {
+                *totals.left_out.entry(why).or_default() += count;
+            }
+            for (process, restarts) in &round.restarts {
+                *totals.restarts.entry(process.clone()).or_default() += u64::from(*restarts);
+            }
+            let (sum, one) = (&mut totals.messages, round.messages);
+            for (sum, one) in [
+                (&mut sum.sent, one.sent),
+                (&mut sum.taken_in, one.taken_in),
+                (&mut sum.refused, one.refused),
+                (&mut sum.fenced, one.fenced),
+                (&mut sum.lost, one.lost),
+                (&mut sum.kept, one.kept),
+            ] {
+                *sum += one;
+            }
+            totals.deadlines_missed += round.deadlines.missed;
+            for (cause, count) in &round.deadlines.by_cause {
+                *totals.deadlines_by_cause.entry(cause.clone()).or_default() += count;
+            }
+            totals.torque_max_ratio = totals.torque_max_ratio.max(round.torque_max_ratio);
+            totals.torque_step_max_ratio = totals.torque_step_max_ratio.max(round.torque_step_max_ratio);
+            totals.speed_max_ratio = totals.speed_max_ratio.max(round.speed_max_ratio);
+            totals.stale_ticks = totals.stale_ticks.max(round.stale_ticks);
+            totals.stood_s += round.stops.iter().map(|stop| (stop.until - stop.from) as f64).sum::<f64>() / f64::from(round.rate_hz);
+        }
+        let deaths = totals.restarts.get("recorder").copied().unwrap_or_default();
+        totals.lost_per_death_of_recorder = totals.messages.lost as f64 / deaths.max(1) as f64;
+        totals
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_median_is_the_lower_of_two() {
+        assert_eq!(p50(vec![3.0, 1.0, 2.0]), (Some(2.0), Some(3.0)));
+        assert_eq!(p50(vec![3.0, 1.0]), (Some(1.0), Some(3.0)));
+        assert_eq!(p50(vec![]), (None, None));
+    }
+}

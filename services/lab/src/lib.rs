@@ -1,0 +1,16 @@
+//! Experiments on sessions: whether the program does what it has done ([`conformance`]), what faults do to the arm ([`faults`]), what
+//! it costs ([`benchmarks`]), and how control laws compare ([`studies`]). Each experiment stands beside its pictures.
+//!
+//! This crate prints nothing: results are returned, and what happens meanwhile goes to a [`session::Observer`].
+#![allow(non_snake_case)]
+#![allow(missing_docs, unreachable_pub)]
+
+pub mod benchmarks;
+pub mod conformance;
+pub mod faults;
+pub mod studies;
+
+mod cpu_load;
+mod folder;
+mod pool;
+mod prolonged;

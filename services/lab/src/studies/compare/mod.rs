@@ -1,0 +1,14 @@
+//! Control laws compared: on scenarios, on many lines, and at the best of their parameters.
+
+mod law;
+mod picture;
+mod scenarios;
+mod score;
+mod sweep;
+mod tune;
+
+pub use law::{laws, name_of};
+pub use scenarios::{Compared, Request, compare};
+pub use score::Score;
+pub use sweep::{KINDS, SWEEP, Sweep, SweepSize, missed, quantile};
+pub use tune::{Point, Ranked, tune, worth};

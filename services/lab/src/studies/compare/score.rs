@@ -1,0 +1,195 @@
+//! One run under one law, in numbers.
+
+use model::{Model, Refused, Robot, with_dof};
+use nalgebra::{Cholesky, SVector};
+use recorder::{Judge, TaskError, Verdict, limits};
+use serde::Serialize;
+use shared_types::bounds::{larger, within};
+use shared_types::codes::DRIVE_ACTIVE;
+use shared_types::scenario::Scenario;
+
+/// Change of torque in one tick, as a share of the limit, from which on it is a jump.
+const JUMP: f64 = 0.1;
+/// Ticks within which a jump back is chatter, at 1 kHz; s.
+const BACK_WITHIN_S: f64 = 0.010;
+/// How long torques may be at their limit; s.
+const SATURATED_S: f64 = 0.010;
+
+/// What a run came to, judged on the simulator's truth. Ratios are shares of the robot's own limits.
+#[derive(Clone, Debug, Serialize)]
+pub struct Score {
+    /// The control law.
+    pub law: String,
+    /// Whether the task ran to its end.
+    pub completed: bool,
+    /// `"goal reached"`, `"goal missed"` or `"stopped"`, by the scenario's own goal.
+    pub outcome: String,
+    /// Why, in one sentence.
+    pub reason: String,
+    pub along_max_mm: f64,
+    pub along_max_deg: f64,
+    pub across_max_mm: f64,
+    pub across_max_deg: f64,
+    pub final_mm: f64,
+    pub final_deg: f64,
+    pub speed_max_ratio: f64,
+    pub torque_max_ratio: f64,
+    pub torque_step_max_ratio: f64,
+    pub torque_step_p95_ratio: f64,
+    /// Time with any torque at its limit; s.
+    pub saturated_s: f64,
+    /// Jumps back: see [`JUMP`], [`BACK_WITHIN_S`].
+    pub chatter: u64,
+    /// Σ ½ΔΓᵀA⁻¹ΔΓ/k_v² over the jumps: what each would put in until the loop has answered; J.
+    pub jump_energy_j: f64,
+    /// Ticks done over ticks planned.
+    pub time_stretch: f64,
+    /// Whether a joint ran against its stop, or the drive stopped the arm.
+    pub stopped_by_plant: bool,
+    /// Success by the strict bar.
+    pub s1: bool,
+    /// Success by the bar for lines that are not along ζ.
+    pub s2: bool,
+    /// What S2 missed.
+    pub missed: Vec<&'static str>,
+}
+
+impl Score {
+    /// S1, S2, or the bars of S2 that were missed.
+    #[must_use]
+    pub fn success(&self) -> String {
+        match (self.s1, self.s2) {
+            (true, _) => "S1".to_owned(),
+            (_, true) => "S2".to_owned(),
+            _ => format!("no: {}", self.missed.join(", ")),
+        }
+    }
+
+    /// Whether the goal pose was reached: 1 mm, 0.5°.
+    pub fn ended(&self) -> bool {
+        self.completed && self.final_mm < 1.0 && self.final_deg < 0.5
+    }
+}
+
+/// Runs a scenario on one thread and scores it.
+///
+/// # Errors
+/// [`Refused`] where a cycle does not accept the robot or the scenario.
+pub fn score(robot: &Robot, scenario: &Scenario) -> Result<Score, Refused> {
+    with_dof!(robot.dof(), N => sized::<N>(robot, scenario)).unwrap_or_else(|| Err(Refused::size(robot)))
+}
+
+fn sized<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<Score, Refused> {
+    let planned = scenario.duration_s() * f64::from(scenario.rate_hz);
+    let mut judge = Judge::new(limits(robot), scenario.goal.clone(), planned);
+    let mut meter = Meter::<N>::new(robot, scenario)?;
+    chain::run(robot, scenario, |tick| {
+        let Some(tick) = recorder::Tick::of(&tick.lent()) else { return };
+        judge.tick(tick);
+        meter.tick(&tick);
+    })?;
+    Ok(meter.score(judge.verdict(), scenario))
+}
+
+/// What the recorder's judge does not measure.
+struct Meter<const N: usize> {
+    model: Model<N>,
+    k_v: f64,
+    back_within: u64,
+    along: [f64; 2],
+    chatter: u64,
+    jump_energy_j: f64,
+    stopped_by_plant: bool,
+    last_tau: Option<SVector<f64, N>>,
+    /// Per joint: when it jumped last, and which way.
+    last_jump: [Option<(u64, f64)>; N],
+}
+
+impl<const N: usize> Meter<N> {
+    fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
+        Ok(Self {
+            model: Model::new(robot, None).map_err(Refused::because)?,
+            k_v: scenario.control.k_v,
+            back_within: (BACK_WITHIN_S * f64::from(scenario.rate_hz)).ceil() as u64,
+            along: [0.0; 2],
+            chatter: 0,
+            jump_energy_j: 0.0,
+            stopped_by_plant: false,
+            last_tau: None,
+            last_jump: [None; N],
+        })
+    }
+
+    fn tick(&mut self, tick: &recorder::Tick<'_>) {
+        let TaskError { position, orientation } = TaskError::of(tick);
+        self.along = [larger(self.along[0], position[2]), larger(self.along[1], orientation[2])];
+        self.stopped_by_plant |= tick.truth.limit_mask != 0 || tick.truth.drive != DRIVE_ACTIVE && tick.truth.header.tick > 0;
+        let tau = SVector::<f64, N>::from_fn(|i, _| tick.command.tau[i]);
+        if let Some(last) = self.last_tau.replace(tau) {
+            self.jumps(tick, &(tau - last));
+        }
+    }
+
+    fn jumps(&mut self, tick: &recorder::Tick<'_>, step: &SVector<f64, N>) {
+        let k = tick.command.header.tick;
+        let mut any = false;
+        for i in 0..N {
+            if step[i].abs() <= JUMP * self.model.effort()[i] {
+                continue;
+            }
+            any = true;
+            let back = self.last_jump[i].is_some_and(|(when, way)| k - when <= self.back_within && way * step[i] < 0.0);
+            self.chatter += u64::from(back);
+            self.last_jump[i] = Some((k, step[i].signum()));
+        }
+        let q = SVector::<f64, N>::from_fn(|i, _| tick.truth.q[i]);
+        if any && let Some(A) = Cholesky::new(self.model.mass_matrix(&q)) {
+            self.jump_energy_j += 0.5 * step.dot(&A.solve(step)) / (self.k_v * self.k_v);
+        }
+    }
+
+    /// S1 and S2 of the specification.
+    fn score(self, verdict: Verdict, scenario: &Scenario) -> Score {
+        let (task, joints) = (&verdict.task, &verdict.joints);
+        let saturated_s = joints.saturated_ticks as f64 * scenario.dt_s();
+        let [along_mm, along_deg] = self.along;
+        let (across_mm, across_deg) = (task.orthogonal_max_mm, task.orthogonal_max_deg);
+        let missed: Vec<&'static str> = [
+            ("stopped", !verdict.completed),
+            ("joint stop", self.stopped_by_plant),
+            ("end", !(within(task.final_position_mm, 1.0) && within(task.final_orientation_deg, 0.5))),
+            ("speed", !within(joints.speed_max_ratio, 1.0)),
+            ("torque", saturated_s > SATURATED_S + 1e-9),
+            ("across", !(within(across_mm, 1.0) && within(across_deg, 3.0))),
+            ("along", !(within(along_mm, 10.0) && within(along_deg, 5.0))),
+        ]
+        .into_iter()
+        .filter_map(|(what, is_so)| is_so.then_some(what))
+        .collect();
+        let clean = missed.iter().all(|what| ["across", "along"].contains(what));
+        Score {
+            law: scenario.control.strategy.name().to_owned(),
+            completed: verdict.completed,
+            outcome: verdict.outcome,
+            reason: verdict.reason,
+            along_max_mm: along_mm,
+            along_max_deg: along_deg,
+            across_max_mm: across_mm,
+            across_max_deg: across_deg,
+            final_mm: task.final_position_mm,
+            final_deg: task.final_orientation_deg,
+            speed_max_ratio: joints.speed_max_ratio,
+            torque_max_ratio: joints.torque_max_ratio,
+            torque_step_max_ratio: joints.torque_step_max_ratio,
+            torque_step_p95_ratio: joints.torque_step_p95_ratio,
+            saturated_s,
+            chatter: self.chatter,
+            jump_energy_j: self.jump_energy_j,
+            time_stretch: task.time_stretch,
+            stopped_by_plant: self.stopped_by_plant,
+            s1: clean && across_mm < 1.0 && across_deg < 0.5,
+            s2: missed.is_empty(),
+            missed,
+        }
+    }
+}

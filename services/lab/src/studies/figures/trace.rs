@@ -1,0 +1,134 @@
+//! What a figure needs of a run.
+
+use model::{Model, Refused, Robot, rotation_log, with_dof};
+use nalgebra::{Matrix3, SVector, Vector3};
+use recorder::TaskError;
+use shared_types::bounds::larger;
+use shared_types::scenario::Scenario;
+
+/// Length of the hand in stick figures, m.
+const HAND: f64 = 0.15;
+
+/// One moment.
+#[derive(Clone, Debug)]
+pub struct Sample {
+    /// s.
+    pub t: f64,
+    /// rad.
+    pub q: Vec<f64>,
+    /// rad/s.
+    pub qdot: Vec<f64>,
+    /// Base, joints, end-effector and, in space, the end of a stick along its z axis; m.
+    pub arm: Vec<Vector3<f64>>,
+    /// End-effector, true and desired; m.
+    pub p: Vector3<f64>,
+    pub p_d: Vector3<f64>,
+    /// Its orientation.
+    R: Matrix3<f64>,
+    /// Whole, across ζ, along ζ.
+    pub error_mm: [f64; 3],
+    pub error_deg: [f64; 3],
+    /// Per singularity: measure and direction.
+    pub s: Vec<f64>,
+    pub zeta: Vec<Vector3<f64>>,
+    inside: Vec<bool>,
+    kind: Vec<u32>,
+    segment: u32,
+}
+
+impl Sample {
+    /// Angle about `axis` by which the end-effector has turned since another moment; rad.
+    pub fn turned_about(&self, axis: &Vector3<f64>, since: Option<&Self>) -> f64 {
+        since.map_or(0.0, |since| rotation_log(&(self.R * since.R.transpose())).dot(axis))
+    }
+}
+
+/// A whole run.
+#[derive(Clone, Debug)]
+pub struct Trace {
+    pub samples: Vec<Sample>,
+    dt: f64,
+}
+
+impl Trace {
+    /// Runs a scenario on one thread.
+    ///
+    /// # Errors
+    /// [`Refused`] where a cycle does not accept the robot or the scenario.
+    pub fn of(robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
+        with_dof!(robot.dof(), N => sized::<N>(robot, scenario)).unwrap_or_else(|| Err(Refused::size(robot)))
+    }
+
+    pub fn largest(&self, of: impl Fn(&Sample) -> f64) -> f64 {
+        self.samples.iter().map(of).fold(0.0, larger)
+    }
+
+    pub fn last(&self, of: impl Fn(&Sample) -> f64) -> f64 {
+        self.samples.last().map_or(f64::NAN, of)
+    }
+
+    /// By how much a joint has moved until `t`; degrees.
+    pub fn moved_deg(&self, joint: usize, t: f64) -> f64 {
+        let until = self.samples.iter().take_while(|sample| sample.t <= t).last();
+        until.zip(self.samples.first()).map_or(0.0, |(end, start)| (end.q[joint] - start.q[joint]).to_degrees())
+    }
+
+    /// ζ of a singularity at the start.
+    pub fn zeta_at_start(&self, place: usize) -> Vector3<f64> {
+        self.samples.first().and_then(|sample| sample.zeta.get(place)).copied().unwrap_or_else(Vector3::x)
+    }
+
+    /// Place of a kind of singularity in the report; the first where there is none.
+    pub fn place_of(&self, kind: u32) -> usize {
+        self.samples.first().and_then(|sample| sample.kind.iter().position(|known| *known == kind)).unwrap_or_default()
+    }
+
+    /// Until when a singularity's neighbourhood is not left, from the start; s.
+    pub fn inside_until(&self, place: usize) -> f64 {
+        self.samples.iter().take_while(|sample| sample.inside.get(place) == Some(&true)).last().map_or(0.0, |sample| sample.t)
+    }
+
+    /// When the second segment begins; s.
+    pub fn phase_change(&self) -> f64 {
+        self.samples.iter().find(|sample| sample.segment > 0).map_or(0.0, |sample| sample.t) - self.dt
+    }
+}
+
+fn sized<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<Trace, Refused> {
+    let frame = (!scenario.frame.is_empty()).then_some(scenario.frame.as_str());
+    let model = Model::<N>::new(robot, frame).map_err(Refused::because)?;
+    let is_planar = !robot.task.0[2];
+    let mut trace = Trace { samples: Vec::new(), dt: scenario.dt_s() };
+    chain::run(robot, scenario, |tick| {
+        let Some(judged) = recorder::Tick::of(&tick.lent()) else { return };
+        let error = TaskError::of(&judged);
+        let recorder::Tick { truth, report, command, .. } = judged;
+        let q = SVector::<f64, N>::from_fn(|i, _| truth.q[i]);
+        let terms = model.evaluate(&q, &SVector::zeros());
+        let (p, R) = (Vector3::from(truth.p_BE), Matrix3::from_column_slice(&truth.R_BE));
+        let hand = (!is_planar).then(|| p + R.column(2) * HAND);
+        let singularities = &report.singularities[..(report.count as usize).min(report.singularities.len())];
+        trace.samples.push(Sample {
+            t: truth.header.tick as f64 * scenario.dt_s(),
+            q: truth.q[..N].to_vec(),
+            qdot: truth.qdot[..N].to_vec(),
+            arm: [Vector3::zeros()].into_iter().chain(terms.p).chain([p]).chain(hand).collect(),
+            p,
+            p_d: command.p_BE_d.into(),
+            R,
+            error_mm: error.position,
+            error_deg: error.orientation,
+            s: singularities.iter().map(|s| s.s).collect(),
+            zeta: singularities.iter().map(|s| zeta(&s.zeta_B, s.angular != 0)).collect(),
+            inside: singularities.iter().map(|s| s.inside != 0).collect(),
+            kind: singularities.iter().map(|s| s.kind).collect(),
+            segment: command.segment,
+        });
+    })?;
+    Ok(trace)
+}
+
+fn zeta(twist: &[f64; 6], angular: bool) -> Vector3<f64> {
+    let half = if angular { &twist[3..] } else { &twist[..3] };
+    Vector3::from_column_slice(half)
+}

@@ -1,0 +1,62 @@
+//! Starting the processes of a plan, and what is heard of them until they have ended.
+
+use launcher::{Event, Launcher, Outcome, Plan};
+use runtime::RunDir;
+use shared_types::job::Job;
+use shared_types::summary::Summary;
+
+use crate::failure::Failure;
+use crate::progress::{Observer, Progress};
+use crate::results::JOB;
+
+/// Runs the processes to the end of the task, or of one of them, and tells the observer what happens.
+///
+/// # Errors
+/// As [`launch_watched`].
+pub fn launch(job: &Job, plan: Plan, observer: Observer<'_>) -> Result<(Outcome, Option<Summary>), Failure> {
+    observer(Progress::Begin { title: &job.scenario.name, length: job.scenario.planned_ticks(), unit: "ticks" });
+    let launched = launch_watched(job, plan, &mut |_| Ok(()), &mut |event| match event {
+        Event::Progress { ticks } => observer(Progress::Position(*ticks)),
+        Event::Line { process, line } => observer(Progress::Line(&format!("{process}: {line}"))),
+        Event::Silenced { process, silent } => {
+            observer(Progress::Line(&format!("{process} has done nothing for {} ms and is killed", silent.as_millis())));
+        }
+        Event::Restarted { process, exit, pid, incarnation } => {
+            observer(Progress::Line(&format!("{process} ended with {exit} and was started again (start {incarnation}, process {pid})")));
+        }
+        Event::Go | Event::Stopping | Event::Stopped => {}
+    });
+    observer(Progress::End);
+    launched
+}
+
+/// Called with a run before its first process starts.
+pub type Begin<'a> = &'a mut dyn FnMut(&RunDir) -> Result<(), Failure>;
+
+/// Runs the processes; `begin` sees the run before its first process starts, `report` every event. Returns the launcher's outcome and the
+/// recorder's part of the summary.
+///
+/// # Errors
+/// [`Failure::Work`] where the launcher cannot prepare or watch the run, and whatever `begin` returns.
+pub fn launch_watched(
+    job: &Job,
+    plan: Plan,
+    begin: Begin<'_>,
+    report: &mut dyn FnMut(&Event<'_>),
+) -> Result<(Outcome, Option<Summary>), Failure> {
+    let launcher = Launcher::prepare(plan).map_err(Failure::work)?;
+    let run_dir = launcher.run_dir().to_owned();
+    let job = Job { run: run_dir.file_name().unwrap_or_default().to_string_lossy().into_owned(), ..job.clone() };
+    let (path, account_path) = (run_dir.join(JOB), run_dir.join(recorder::SUMMARY));
+    let text = serde_json::to_vec(&job).map_err(Failure::work)?;
+    std::fs::write(&path, text).map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))?;
+    begin(&RunDir::open(&run_dir).map_err(Failure::work)?)?;
+    let mut account = None;
+    let outcome = launcher.run(&launcher::reexec, &mut |event| {
+        if event == Event::Stopped {
+            account = std::fs::read(&account_path).ok().and_then(|text| serde_json::from_slice(&text).ok());
+        }
+        report(&event);
+    });
+    Ok((outcome.map_err(Failure::work)?, account))
+}

@@ -1,0 +1,24 @@
+//! The viewer's layout for a run.
+
+use std::path::Path;
+
+use model::with_dof;
+use shared_types::scenario::Layout;
+use viz::{RunInfo, TickRow};
+
+use crate::failure::Failure;
+use crate::load;
+use crate::runs::Run;
+
+/// The layout of a run as a `.rbl`: the first tick is computed again, which names the singularities and places the eye.
+///
+/// # Errors
+/// [`Failure`] where the job cannot be read or computed, or the file not be written.
+pub fn save_blueprint(run: &Run, layout: Layout, path: &Path) -> Result<(), Failure> {
+    let job = run.job()?;
+    let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
+    let first = chain::Chain::new(&robot, &chain::without_faults(&job.scenario)).map_err(Failure::input)?.step();
+    let info = RunInfo { scenario: &job.scenario, robot: &robot, run: &job.run, version: &job.version, seed: job.scenario.seed };
+    let row = TickRow::new(0, first.lent());
+    with_dof!(robot.dof(), N => viz::save_blueprint::<N>(path, &info, &row, layout)).unwrap_or(Ok(())).map_err(Failure::work)
+}

@@ -1,0 +1,29 @@
+//! A run as a library: load its scenario, robot and graph, plan it, launch it, summarise it, keep its results, find it again.
+//!
+//! [`run`] is one run in that order. Nothing starts before everything is validated. This crate prints nothing: what happens while a run lasts goes to an [`Observer`].
+
+pub mod load;
+
+mod failure;
+mod launch;
+mod layout;
+mod machine;
+mod plan;
+mod progress;
+mod results;
+mod runs;
+mod session;
+mod summary;
+mod viewer;
+
+pub use failure::Failure;
+pub use launch::{Begin, launch, launch_watched};
+pub use layout::save_blueprint;
+pub use machine::machine;
+pub use plan::plan;
+pub use progress::{Observer, Progress};
+pub use results::{JOB, Results, SUMMARY, keep};
+pub use runs::{RUNS, Run};
+pub use session::{Finished, Request, run};
+pub use summary::{deadlines, summarise};
+pub use viewer::{show, viewer_command};

@@ -1,0 +1,140 @@
+//! From names and files to validated values: nothing starts before everything here has passed.
+
+use std::path::{Path, PathBuf};
+
+use model::{Robot, RobotError, RobotSource};
+use shared_types::file::Complaint;
+use shared_types::graph::Graph;
+use shared_types::job::{Job, Mode, RobotText};
+use shared_types::scenario::Scenario;
+use sim::scenarios;
+
+use crate::failure::Failure;
+
+/// What `armplane` without arguments runs.
+pub const DEFAULT_SCENARIO: &str = "fig5-wrist-rotation";
+
+const GRAPH: &str = include_str!("../../graph.toml");
+
+/// A scenario with its robot and its start posture, all checked against each other.
+pub struct Loaded {
+    /// With the settings laid over it.
+    pub scenario: Scenario,
+    /// The arm it names.
+    pub robot: Robot,
+}
+
+/// A scenario by built-in name or path, with settings laid over it.
+///
+/// # Errors
+/// [`Failure::Input`] or [`Failure::File`] where there is no such scenario, or it, its robot or its faults are invalid.
+pub fn scenario(name: &str, settings: &[String], seed: Option<u64>) -> Result<Loaded, Failure> {
+    let (file, text, folder) = match scenarios::text(name) {
+        Some(text) => (format!("{name}.toml"), text.to_owned(), None),
+        None => {
+            let path = Path::new(name);
+            if !name.ends_with(".toml") && !path.exists() {
+                return Err(Failure::Input(unknown(
+                    "scenario",
+                    name,
+                    scenarios::names(),
+                    "or give the path of a scenario file (.toml); see `armplane list`",
+                )));
+            }
+            (name.to_owned(), read(path)?, path.parent().map(Path::to_owned))
+        }
+    };
+    let mut scenario = Scenario::parse(&file, &text, settings)?;
+    scenario.seed = seed.unwrap_or(scenario.seed);
+    let located = |complaint: Complaint| Failure::from(complaint.locate(&file, &text));
+    let robot = robot(&scenario.robot, folder.as_deref()).map_err(|failure| match failure {
+        Failure::Input(sentence) => located(Complaint::new("robot", sentence, "")),
+        other => other,
+    })?;
+    if !scenario.frame.is_empty() && !robot.frames.iter().any(|frame| frame.name == scenario.frame) {
+        let names = robot.frames.iter().map(|frame| frame.name.as_str());
+        return Err(located(Complaint::new("frame", unknown("frame", &scenario.frame, names, ""), "")));
+    }
+    let beyond = |fault: &shared_types::fault::Fault| fault.joint.is_some_and(|joint| joint as usize > robot.dof());
+    if let Some(i) = scenario.fault.iter().position(beyond) {
+        let sentence = format!("{} has {} joints", robot.name, robot.dof());
+        return Err(located(Complaint::new(format!("fault.{i}.joint"), sentence, "joints count from 1")));
+    }
+    robot.start_posture(&scenario.start).map_err(|error| located(Complaint::new("start", error.to_string(), "")))?;
+    Ok(Loaded { scenario, robot })
+}
+
+/// A robot by built-in name, or a URDF with an optional description beside it (`arm.urdf`, `arm.toml`).
+///
+/// # Errors
+/// [`Failure::Input`] where there is no such robot, or its description is invalid.
+pub fn robot(name: &str, folder: Option<&Path>) -> Result<Robot, Failure> {
+    if Path::new(name).extension().is_none_or(|extension| extension != "urdf") {
+        return Robot::builtin(name).map_err(Failure::input);
+    }
+    let path = folder.map_or_else(|| PathBuf::from(name), |folder| folder.join(name));
+    let urdf = read(&path)?;
+    let beside = path.with_extension("toml");
+    let description = if beside.exists() { read(&beside)? } else { String::new() };
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    Robot::from_source(&RobotSource { name: stem, description, urdf })
+        .map_err(|error| Failure::Input(format!("{}: {error}", path.display())))
+}
+
+/// The texts a robot was made of, for the manifest.
+fn robot_text(robot: &Robot) -> RobotText {
+    let RobotSource { name, description, urdf } = robot.source.clone();
+    RobotText { name, description, urdf }
+}
+
+/// The robot that a job's texts make.
+///
+/// # Errors
+/// [`RobotError`] where the texts are invalid.
+pub fn robot_of(text: &RobotText) -> Result<Robot, RobotError> {
+    let RobotText { name, description, urdf } = text.clone();
+    Robot::from_source(&RobotSource { name, description, urdf })
+}
+
+/// The process graph: the user's, or the built-in one.
+///
+/// # Errors
+/// [`Failure::Input`] or [`Failure::File`] where the file cannot be read or is invalid.
+pub fn graph(file: Option<&Path>) -> Result<Graph, Failure> {
+    Ok(match file {
+        None => Graph::parse("graph.toml", GRAPH)?,
+        Some(path) => Graph::parse(&path.display().to_string(), &read(path)?)?,
+    })
+}
+
+/// A run of a scenario in the processes of a graph, everything recorded.
+pub fn job(robot: &Robot, scenario: Scenario, graph: Graph, mode: Mode, out: PathBuf) -> Job {
+    Job {
+        // The launcher knows it.
+        run: String::new(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        mode,
+        out,
+        record: true,
+        messages: true,
+        live: false,
+        robot: robot_text(robot),
+        scenario,
+        graph,
+    }
+}
+
+/// "there is no X `name`", with the nearest known name.
+pub fn unknown<'a>(what: &str, name: &str, known: impl Iterator<Item = &'a str>, more: &str) -> String {
+    let known: Vec<&str> = known.collect();
+    let near = known.iter().min_by_key(|candidate| shared_types::file::edit_distance(name, candidate));
+    let hint = match near {
+        Some(near) if shared_types::file::edit_distance(name, near) <= 1 + near.len() / 3 => format!("did you mean `{near}`?"),
+        _ => format!("there are {}", known.join(", ")),
+    };
+    format!("there is no {what} `{name}`: {hint} {more}").trim_end().to_owned()
+}
+
+fn read(path: &Path) -> Result<String, Failure> {
+    std::fs::read_to_string(path).map_err(|error| Failure::Input(format!("cannot read {}: {error}", path.display())))
+}

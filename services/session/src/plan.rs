@@ -1,0 +1,49 @@
+//! From the graph, as people write it, to the launcher's plan.
+
+use std::time::Duration;
+
+use launcher::{Child, Limits, Plan, Restart};
+use runtime::realtime::allowed_cores;
+use shared_types::graph;
+use shared_types::job::{Job, Mode};
+
+use crate::failure::Failure;
+
+/// The launcher's plan of a job: a child process per process of the graph, and the scheduled faults.
+///
+/// # Errors
+/// [`Failure::Input`] where a fault of the scenario does not fit the graph.
+pub fn plan(job: &Job) -> Result<Plan, Failure> {
+    let place = |name: &str| job.graph.process.iter().position(|process| process.name == name).and_then(|place| u32::try_from(place).ok());
+    let faults = job.scenario.strikes(place).map_err(|complaint| Failure::Input(format!("{}: {complaint}", job.scenario.name)))?;
+    let cores = allowed_cores();
+    // Lockstep runs side by side shall not all crowd the same core: which one is "core 0" turns with the process id.
+    let turn = if job.mode == Mode::Lockstep { std::process::id() as usize } else { 0 };
+    let children = job.graph.process.iter().map(|process| Child {
+        process: runtime::Process {
+            name: process.name.clone(),
+            reads: process.reads.iter().chain(&process.feedback).cloned().collect(),
+            writes: process.writes.clone(),
+            polled: process.writes.is_empty(),
+            makes_ticks: !process.feedback.is_empty(),
+            core: (!cores.is_empty()).then(|| cores[(process.core + turn) % cores.len()]),
+            priority: (process.priority > 0).then_some(process.priority as u8),
+            disturbance: runtime::Disturbance::default(),
+        },
+        ends_run: !process.feedback.is_empty(),
+        restart: match process.restart {
+            graph::Restart::Never => Restart::Never,
+            graph::Restart::Always => Restart::Budget { times: 5, back_off: Duration::from_millis(10) },
+        },
+    });
+    Ok(Plan {
+        mode: match job.mode {
+            Mode::Lockstep => runtime::Mode::Lockstep,
+            Mode::Realtime => runtime::Mode::Realtime,
+        },
+        rate_hz: job.scenario.rate_hz,
+        children: children.collect(),
+        limits: Limits::default(),
+        faults,
+    })
+}

@@ -1,0 +1,113 @@
+//! Finding a finished run: by its folder, by one of its files, or the latest one.
+
+use std::path::{Path, PathBuf};
+
+use shared_types::job::Job;
+use shared_types::summary::Summary;
+
+use crate::failure::Failure;
+use crate::results::{JOB, SUMMARY};
+
+/// Where runs go unless `--out` says otherwise.
+pub const RUNS: &str = "runs";
+
+/// A run's folder and what is in it.
+pub struct Run {
+    /// The results folder.
+    pub folder: PathBuf,
+    /// The recording's files, in order.
+    pub parts: Vec<PathBuf>,
+}
+
+impl Run {
+    /// The run that is meant: a folder, a file in it, the name of a folder under `runs`, or the latest of those.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] where there is no such run.
+    pub fn find(wanted: Option<&Path>) -> Result<Self, Failure> {
+        if let Some(path) = wanted.filter(|path| path.is_file() && is_loose_recording(path)) {
+            let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+            return Ok(Self { folder: folder.to_owned(), parts: vec![path.to_owned()] });
+        }
+        let folder = match wanted {
+            None => latest()?,
+            Some(path) if path.is_dir() => path.to_owned(),
+            Some(path) if path.is_file() => match path.parent() {
+                Some(folder) if !folder.as_os_str().is_empty() => folder.to_owned(),
+                _ => PathBuf::from("."),
+            },
+            Some(path) if Path::new(RUNS).join(path).is_dir() => Path::new(RUNS).join(path),
+            Some(path) => {
+                return Err(Failure::Input(format!(
+                    "there is no run {}: give the folder that `armplane run` named, such as {RUNS}/fig5-wrist-rotation-001",
+                    path.display()
+                )));
+            }
+        };
+        let parts = viz::parts_in(&folder);
+        let run = Self { folder, parts };
+        if run.parts.is_empty() && !run.folder.join(SUMMARY).exists() {
+            return Err(Failure::Input(format!(
+                "{} is not the folder of a run: there is no run.rrd and no summary.json in it",
+                run.folder.display()
+            )));
+        }
+        Ok(run)
+    }
+
+    /// The recording's files; the run may have been made without.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] where it has none.
+    pub fn recording(&self) -> Result<&[PathBuf], Failure> {
+        if self.parts.is_empty() {
+            return Err(Failure::Input(format!("{} has no recording; run it again without --no-record", self.folder.display())));
+        }
+        Ok(&self.parts)
+    }
+
+    /// The run's summary.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] where it cannot be read.
+    pub fn summary(&self) -> Result<Summary, Failure> {
+        self.json(SUMMARY)
+    }
+
+    /// The run's job.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] where it cannot be read or is invalid.
+    pub fn job(&self) -> Result<Job, Failure> {
+        let job: Job = self.json(JOB)?;
+        job.check().map_err(|complaint| Failure::Input(format!("{}: {complaint}", self.folder.join(JOB).display())))?;
+        Ok(job)
+    }
+
+    fn json<T: serde::de::DeserializeOwned>(&self, name: &str) -> Result<T, Failure> {
+        let path = self.folder.join(name);
+        let text = std::fs::read(&path)
+            .map_err(|error| Failure::Input(format!("cannot read {}: {error}; name the folder of a run that has ended", path.display())))?;
+        serde_json::from_slice(&text)
+            .map_err(|error| Failure::Input(format!("{} is not what `armplane run` wrote: {error}", path.display())))
+    }
+}
+
+/// Whether a file is a recording that has been given a name of its own.
+fn is_loose_recording(path: &Path) -> bool {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    path.extension().is_some_and(|extension| extension == "rrd")
+        && !viz::parts_in(folder).iter().any(|part| part.file_name() == path.file_name())
+}
+
+/// The run under `runs` whose recording or summary was written last.
+fn latest() -> Result<PathBuf, Failure> {
+    let changed = |folder: &Path| {
+        ["run.rrd", SUMMARY].iter().filter_map(|name| std::fs::metadata(folder.join(name)).and_then(|file| file.modified()).ok()).max()
+    };
+    let folders = std::fs::read_dir(RUNS).into_iter().flatten().flatten().map(|entry| entry.path());
+    let latest = folders.filter_map(|folder| Some((changed(&folder)?, folder))).max();
+    latest
+        .map(|(_, folder)| folder)
+        .ok_or_else(|| Failure::Input(format!("there is no run under {RUNS}/ here: make one with `armplane run`, or name its folder")))
+}

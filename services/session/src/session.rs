@@ -1,0 +1,82 @@
+//! One run from the scenario's name to its results folder.
+
+use std::path::PathBuf;
+
+use launcher::End;
+use shared_types::job::{Job, Mode};
+use shared_types::summary::Summary;
+
+use crate::failure::Failure;
+use crate::launch::launch;
+use crate::load;
+use crate::plan::plan;
+use crate::progress::{Observer, Progress};
+use crate::results::Results;
+use crate::summary::summarise;
+use crate::viewer::Live;
+
+/// What to run and how.
+#[derive(Clone, Debug)]
+pub struct Request {
+    /// A built-in scenario's name, or the path of a scenario file.
+    pub scenario: String,
+    /// Values laid over the scenario's: `control.k_p=900`.
+    pub settings: Vec<String>,
+    /// Seed of every random number of the run; the scenario's where it is `None`.
+    pub seed: Option<u64>,
+    /// The file of a process graph; the built-in graph where it is `None`.
+    pub graph: Option<PathBuf>,
+    /// Lockstep or real time.
+    pub mode: Mode,
+    /// The results folder; the next free `runs/NAME-NNN` where it is `None`.
+    pub out: Option<PathBuf>,
+    /// Whether a recording is written.
+    pub record: bool,
+    /// Whether the messages themselves are kept beside the recording.
+    pub messages: bool,
+    /// Whether the viewer shows the recording while it is made.
+    pub live: bool,
+}
+
+/// A run that has ended.
+#[derive(Debug)]
+pub struct Finished {
+    /// Its summary.
+    pub summary: Summary,
+    /// Its results folder.
+    pub folder: PathBuf,
+    /// How its processes ended.
+    pub end: End,
+    /// Whether the summary, the job and the scenario could be written into the folder.
+    pub kept: Result<(), Failure>,
+}
+
+/// Loads, validates, launches, summarises and keeps one run.
+///
+/// # Errors
+/// [`Failure::Input`] or [`Failure::File`] before anything is started, where scenario, robot, graph or results folder cannot be used, or the
+/// control law refuses the start; [`Failure::Work`] where the processes cannot be started or watched. A run that fails is [`Finished`].
+pub fn run(request: &Request, observer: Observer<'_>) -> Result<Finished, Failure> {
+    let load::Loaded { scenario, robot } = load::scenario(&request.scenario, &request.settings, request.seed)?;
+    let graph = load::graph(request.graph.as_deref())?;
+    chain::try_first_tick(&robot, &scenario).map_err(|error| Failure::Input(format!("{}: {error}", request.scenario)))?;
+    let results = Results::create(request.out.as_deref(), &scenario.name)?;
+    let job = Job {
+        record: request.record,
+        messages: request.record && request.messages,
+        live: request.live,
+        ..load::job(&robot, scenario, graph, request.mode, results.folder.clone())
+    };
+    results.reserve(&job)?;
+    results.remove_old_recording()?;
+    let plan = plan(&job)?;
+    let live = if request.live { Some(Live::start(&results.folder, observer)?) } else { None };
+    let launched = launch(&job, plan, observer);
+    if let Some(sentence) = live.and_then(Live::finish) {
+        observer(Progress::Line(&format!("armplane: {sentence}")));
+    }
+    let (outcome, account) = launched?;
+    let summary = summarise(&job, &outcome, account);
+    let kept = results.keep(&job, &summary);
+    Ok(Finished { summary, folder: results.folder.clone(), end: outcome.end, kept })
+}

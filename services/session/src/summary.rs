@@ -1,0 +1,110 @@
+//! The account of a run: the recorder's part, completed by what only the launcher knows.
+
+use launcher::{End, Outcome};
+use runtime::FaultRecord;
+use shared_types::graph::Graph;
+use shared_types::job::{Job, Mode};
+use shared_types::summary::{Deadlines, FaultSummary, ProcessSummary, Summary};
+
+use crate::machine::machine;
+
+/// The summary of a run: the recorder's part, completed by what only the launcher knows.
+#[must_use]
+pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summary {
+    let mut summary = account.unwrap_or_else(|| Summary {
+        version: job.version.clone(),
+        scenario: job.scenario.name.clone(),
+        robot: job.robot.name.clone(),
+        mode: job.mode.name().to_owned(),
+        seed: job.scenario.seed,
+        rate_hz: job.scenario.rate_hz,
+        ticks: outcome.ticks,
+        outcome: "failed".to_owned(),
+        reason: "the recorder left no account of the run".to_owned(),
+        ..Summary::default()
+    });
+    match &outcome.end {
+        End::Completed => {}
+        End::Interrupted { signal } => {
+            summary.completed = false;
+            summary.outcome = "interrupted".to_owned();
+            summary.reason = format!("stopped by {signal} after {} ticks", outcome.ticks);
+        }
+        End::Failed(failure) => {
+            let sentence = failure.to_string();
+            let first = sentence.lines().next().unwrap_or_default().trim_end_matches("; it said:").to_owned();
+            summary.completed = false;
+            summary.outcome = "failed".to_owned();
+            summary.faults.push(FaultSummary {
+                tick: outcome.ticks,
+                process: named_in(&job.graph, &first),
+                kind: "exit".to_owned(),
+                detail: first.clone(),
+                ..FaultSummary::default()
+            });
+            summary.reason = first;
+        }
+    }
+    summary.machine = machine();
+    let mut faults: Vec<_> = outcome.faults.iter().map(|account| fault_summary(job, account)).collect();
+    faults.append(&mut summary.faults);
+    summary.faults = faults;
+    summary.deadlines = deadlines(job, outcome);
+    summary.processes = outcome
+        .processes
+        .iter()
+        .map(|process| ProcessSummary {
+            name: process.name.clone(),
+            pid: process.pid,
+            restarts: process.restarts,
+            exit: process.exit.to_string(),
+        })
+        .collect();
+    summary
+}
+
+/// What a fault was and what became of it.
+fn fault_summary(job: &Job, account: &FaultRecord) -> FaultSummary {
+    let process = job.graph.process.get(account.scheduled.process as usize).map(|process| process.name.clone()).unwrap_or_default();
+    let fault = account.scheduled.fault(&process);
+    let since_ms = |ns: u64| (account.injected_ns != 0 && ns != 0).then(|| ns.saturating_sub(account.injected_ns) as f64 * 1e-6);
+    FaultSummary {
+        tick: account.scheduled.at,
+        kind: fault.as_ref().map(|fault| fault.kind.name().to_owned()).unwrap_or_default(),
+        detail: fault.as_ref().map(ToString::to_string).unwrap_or_default(),
+        origin: account.origin.name().to_owned(),
+        struck: account.injected_ns != 0,
+        detected_ms: since_ms(account.detected_ns),
+        restored_ms: since_ms(account.recovered_ns),
+        fault,
+        process,
+    }
+}
+
+fn named_in(graph: &Graph, sentence: &str) -> String {
+    graph.process.iter().find(|process| sentence.starts_with(&process.name)).map(|process| process.name.clone()).unwrap_or_default()
+}
+
+/// Missed deadlines by process and cause; none in lockstep, which has no deadlines.
+#[must_use]
+pub fn deadlines(job: &Job, outcome: &Outcome) -> Deadlines {
+    if job.mode == Mode::Lockstep {
+        return Deadlines::default();
+    }
+    let mut deadlines = Deadlines { total: outcome.ticks, ..Deadlines::default() };
+    for process in &outcome.processes {
+        let counts = &process.counts;
+        let causes = [
+            ("major page fault", counts.missed_major_fault),
+            ("preempted", counts.missed_preempted),
+            ("peer restart", counts.missed_peer_restart),
+            ("late input", counts.missed_late_input),
+            ("overrun", counts.missed_overrun),
+        ];
+        for (cause, count) in causes.into_iter().filter(|(_, count)| *count > 0) {
+            deadlines.by_cause.insert(format!("{}: {cause}", process.name), count);
+            deadlines.missed += count;
+        }
+    }
+    deadlines
+}

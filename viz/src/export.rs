@@ -1,0 +1,86 @@
+//! A recording's numbers and events for other tools.
+
+mod csv;
+mod format;
+#[cfg(feature = "mcap")]
+mod mcap;
+#[cfg(feature = "parquet")]
+mod parquet;
+
+use std::path::{Path, PathBuf};
+
+use crate::read::{Damage, Piece, read};
+use csv::Csv;
+use format::{Columns, Event, Format};
+
+pub use format::ExportError;
+
+/// A format of [`export`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ExportFormat {
+    /// `signals.csv` and `events.csv`.
+    Csv,
+    /// `signals.parquet` and `events.parquet`; needs the feature `parquet`.
+    Parquet,
+    /// `run.mcap`, as Foxglove reads it; needs the feature `mcap`.
+    Mcap,
+}
+
+/// What [`export`] tells while it works.
+#[derive(Clone, Copy, Debug)]
+pub enum ExportNews<'a> {
+    /// So many rows more are written.
+    Rows(u64),
+    /// A part of the recording cannot be read.
+    Damaged(&'a Damage<'a>),
+}
+
+/// Reads a recording once and writes it into files of a format in the folder `out`; returns their paths.
+///
+/// # Errors
+/// [`ExportError`] where the recording cannot be read, a file not be written, or this build lacks the format.
+pub fn export(
+    parts: &[PathBuf],
+    format: ExportFormat,
+    out: &Path,
+    news: &mut dyn FnMut(ExportNews<'_>),
+) -> Result<Vec<PathBuf>, ExportError> {
+    let mut format = opened(format, out)?;
+    let mut columns: Option<Columns> = None;
+    let mut rate_hz = 1000.0;
+    read(parts, |piece| {
+        let mut event = |tick: u64, kind, subject, text| format.event(&Event { tick, t_s: tick as f64 / rate_hz, kind, subject, text });
+        match (piece, &columns) {
+            (Piece::About(about), None) => {
+                rate_hz = about.rate_hz();
+                format.begin(columns.insert(Columns::new(about)))
+            }
+            (Piece::Rows(rows), Some(columns)) => {
+                news(ExportNews::Rows(rows.ticks.len() as u64));
+                format.rows(columns, rows)
+            }
+            (Piece::Event { tick, level, text }, _) => event(tick, "log", level, text),
+            (Piece::State { tick, lane, state }, _) => event(tick, "state", lane, state),
+            (Piece::Damaged(damage), _) => {
+                news(ExportNews::Damaged(&damage));
+                Ok(())
+            }
+            _ => Ok(()),
+        }
+    })?;
+    format.finish()
+}
+
+fn opened(format: ExportFormat, out: &Path) -> Result<Box<dyn Format>, ExportError> {
+    match format {
+        ExportFormat::Csv => Ok(Box::new(Csv::create(out)?)),
+        #[cfg(feature = "parquet")]
+        ExportFormat::Parquet => Ok(Box::new(parquet::Parquet::create(out)?)),
+        #[cfg(not(feature = "parquet"))]
+        ExportFormat::Parquet => Err(ExportError::Lacks { format: "parquet" }),
+        #[cfg(feature = "mcap")]
+        ExportFormat::Mcap => Ok(Box::new(mcap::Mcap::create(out)?)),
+        #[cfg(not(feature = "mcap"))]
+        ExportFormat::Mcap => Err(ExportError::Lacks { format: "mcap" }),
+    }
+}

@@ -1,0 +1,234 @@
+//! A run as one HTML page that needs nothing else, for people without a viewer.
+
+mod html;
+mod recorded;
+
+use std::path::{Path, PathBuf};
+
+use shared_types::job::Job;
+use shared_types::summary::{Machine, Summary};
+
+use crate::plot::{Axis, Panel, PlotError, RED, digits, numbered};
+use crate::read::{Damage, ReadError};
+use crate::signals::Signal;
+use html::{Html, escaped};
+use recorded::Recorded;
+
+/// Lines of the log that are shown.
+const LOG_LINES: usize = 200;
+
+/// Why there is no report.
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    /// The recording cannot be read.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// A plot cannot be drawn.
+    #[error(transparent)]
+    Plot(#[from] PlotError),
+}
+
+/// The page of a run; `parts` are its recording's files, none where there is no recording. Errors name `path`, where the page shall go; what a
+/// damaged recording lacks goes to `damaged`.
+///
+/// # Errors
+/// [`ReportError`] where the recording cannot be read or a plot not be drawn.
+pub fn report(
+    summary: &Summary,
+    job: &Job,
+    parts: &[PathBuf],
+    path: &Path,
+    damaged: &mut dyn FnMut(&Damage),
+) -> Result<String, ReportError> {
+    let recorded = &Recorded::read(parts, summary, damaged)?;
+    let mut page = Html::default();
+    let title = if job.scenario.title.is_empty() { &summary.scenario } else { &job.scenario.title };
+    let title = escaped(title);
+    page.add(format_args!(
+        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\
+         <title>{title} · armplane</title><style>{}</style></head><body>\n<h1>{title}</h1>",
+        include_str!("report/report.css")
+    ));
+    let good = summary.outcome == "goal reached";
+    page.add(format_args!(
+        "<p class=\"outcome {}\">{} — {}</p>",
+        if good { "good" } else { "bad" },
+        escaped(&summary.outcome),
+        escaped(&summary.reason)
+    ));
+    if !job.scenario.about.is_empty() {
+        page.add(format_args!("<p>{}</p>", escaped(&job.scenario.about)));
+    }
+    let simulated_s = summary.ticks as f64 / f64::from(summary.rate_hz.max(1));
+    page.facts(&[
+        ("scenario", summary.scenario.clone()),
+        ("robot", summary.robot.clone()),
+        ("mode", format!("{}, seed {}", summary.mode, summary.seed)),
+        (
+            "length",
+            format!("{} ticks at {} Hz: {simulated_s:.3} s of the arm's time in {:.2} s", summary.ticks, summary.rate_hz, summary.wall_s),
+        ),
+        ("run", summary.run.clone()),
+    ]);
+    tables(&mut page, summary);
+    if recorded.lines.is_empty() {
+        page.add(format_args!("<p class=\"soft\">There is no recording, hence no plots.</p>"));
+    } else {
+        plots(&mut page, job, recorded, path)?;
+    }
+    happened(&mut page, summary, recorded);
+    provenance(&mut page, summary);
+    page.add(format_args!("</body></html>"));
+    Ok(page.text)
+}
+
+fn tables(page: &mut Html, summary: &Summary) {
+    let task = &summary.task;
+    page.heading("How well");
+    let of = |values: [f64; 3]| values.map(digits);
+    let row = |name: &str, values: [f64; 3]| [vec![name.to_owned()], of(values).to_vec()].concat();
+    page.table(
+        &["task error", "largest", "across ζ", "at the end"],
+        &[
+            row("position, mm", [task.position_max_mm, task.orthogonal_max_mm, task.final_position_mm]),
+            row("orientation, °", [task.orientation_max_deg, task.orthogonal_max_deg, task.final_orientation_deg]),
+        ],
+    );
+    let joints = &summary.joints;
+    // Nothing of an infinite limit.
+    let percent = |ratio: f64| if ratio > 0.0 { format!("{:.1} %", 100.0 * ratio) } else { "–".to_owned() };
+    page.table(
+        &["joint load, of the robot's limit", "largest"],
+        &[
+            vec!["torque".to_owned(), percent(joints.torque_max_ratio)],
+            vec!["torque step in one tick".to_owned(), percent(joints.torque_step_max_ratio)],
+            vec!["speed".to_owned(), percent(joints.speed_max_ratio)],
+        ],
+    );
+    let singularities: Vec<Vec<String>> = summary
+        .singularities
+        .iter()
+        .map(|one| {
+            vec![
+                one.name.clone(),
+                one.class.clone(),
+                digits(one.s_min),
+                one.inside_ticks.to_string(),
+                one.entries.to_string(),
+                digits(one.zeta_turned_deg),
+            ]
+        })
+        .collect();
+    page.table(&["singularity", "type", "least |s|", "inside, ticks", "entries", "ζ turned, °"], &singularities);
+}
+
+fn plots(page: &mut Html, job: &Job, recorded: &Recorded, path: &Path) -> Result<(), PlotError> {
+    let rate_hz = f64::from(job.scenario.rate_hz.max(1));
+    let own = |name: &str| name.to_owned();
+    let joint = |name: &str| format!("q{name}");
+    page.heading("What happened");
+
+    let mut measure = Panel::new("s_i(q): 0 is singular", recorded.time_axis(), Axis::default());
+    for (i, line) in recorded.lines.get(Signal::Measure.name()).into_iter().flatten().enumerate() {
+        let mut shade = numbered(i);
+        shade.3 = 0.12;
+        recorded.stretches(&line.name, rate_hz).into_iter().for_each(|stretch| measure.band("", shade, stretch));
+    }
+    let eta: Vec<f64> = job.scenario.analysis.eta_in.named().iter().map(|(_, eta)| *eta).collect();
+    let (least, largest) = (eta.iter().copied().fold(f64::INFINITY, f64::min), eta.iter().copied().fold(0.0, f64::max));
+    for (i, level) in [least, -least, largest, -largest].into_iter().take(if least < largest { 4 } else { 2 }).enumerate() {
+        measure.dashed(if i == 0 { "± η, entry" } else { "" }, RED, &[(0.0, level), (recorded.end_s, level)]);
+    }
+    recorded.draw(&mut measure, Signal::Measure, own);
+    page.broad_figure(
+        path,
+        measure,
+        "How near the arm is to each singularity. Within ± η it is treated as singular. Shaded: control there is not the regular one \
+         (blending, tracking by null-space motion, reorienting, holding).",
+    )?;
+
+    let position = recorded.panel("position error, mm", Signal::PositionError, Axis::default(), |name| format!("{name} ζ"));
+    let orientation = recorded.panel("orientation error, °", Signal::OrientationError, Axis::default(), |name| format!("{name} ζ"));
+    page.figure(path, [position, orientation], "Desired against true pose, split at the singular directions ζ that the arm is inside of.")?;
+
+    let (torque, of) =
+        recorded.over_limit([Signal::TorqueTaskRatio, Signal::TorqueNullRatio], [Signal::TorqueTask, Signal::TorqueNull], "N·m");
+    let task = recorded.panel(&format!("torque that acts at the hand{of}"), torque[0], Axis::default(), joint);
+    let null = recorded.panel(&format!("torque in the null space{of}"), torque[1], Axis::default(), joint);
+    let range = recorded.panel("joints between their limits ±1", Signal::PositionInRange, Axis::default().within(-1.05..1.05), joint);
+    let ([speed], of) = recorded.over_limit([Signal::SpeedRatio], [Signal::Speed], "rad/s");
+    let speed = recorded.panel(&format!("joint speeds{of}"), speed, Axis::default(), joint);
+    page.figure(path, [task, null, range, speed], "The joints; colours are the same in all four.")?;
+
+    let mut scale = Panel::new("β (1: hand, 0: null space) and governor", recorded.time_axis(), Axis::default().within(-0.05..1.05));
+    recorded.draw(&mut scale, Signal::Beta, |name| format!("β {name}"));
+    for (i, line) in recorded.lines.get(Signal::Scale.name()).into_iter().flatten().enumerate() {
+        scale.dashed(&line.name, numbered(i + 4), &line.points);
+    }
+    let latency = recorded.panel("time per hop, µs", Signal::Latency, Axis::default().logarithmic(), own);
+    page.figure(
+        path,
+        [scale, latency],
+        "Who controls what, and how fast path time, task torque and null-space torque are let through; and the hops of each tick, the \
+         whole chain among them: in lockstep they say how fast the machine is, not how punctual.",
+    )
+}
+
+fn happened(page: &mut Html, summary: &Summary, recorded: &Recorded) {
+    page.heading("Modes and faults");
+    let modes: Vec<Vec<String>> =
+        summary.modes.iter().map(|change| vec![change.tick.to_string(), change.singularity.clone(), change.mode.clone()]).collect();
+    page.some("No mode changed.", &["tick", "singularity", "mode"], &modes);
+    let faults: Vec<Vec<String>> = summary
+        .faults
+        .iter()
+        .map(|fault| vec![fault.tick.to_string(), fault.process.clone(), fault.kind.clone(), fault.detail.clone()])
+        .collect();
+    page.some("No fault, refusal or loss.", &["tick", "process", "fault", "what happened"], &faults);
+    if summary.deadlines.total > 0 {
+        page.add(format_args!("<p>{} deadlines missed of {}.</p>", summary.deadlines.missed, summary.deadlines.total));
+        let causes: Vec<Vec<String>> =
+            summary.deadlines.by_cause.iter().map(|(cause, count)| vec![cause.clone(), count.to_string()]).collect();
+        page.some("", &["cause", "missed"], &causes);
+    }
+    let latency: Vec<Vec<String>> = summary
+        .latency_us
+        .iter()
+        .map(|(hop, l)| vec![hop.clone(), l.count.to_string(), digits(l.p50), digits(l.p99), digits(l.p999), digits(l.max)])
+        .collect();
+    page.some("", &["latency, µs", "samples", "p50", "p99", "p99.9", "max"], &latency);
+    if !recorded.log.is_empty() {
+        page.heading("Log");
+        let lines: Vec<Vec<String>> =
+            recorded.log.iter().take(LOG_LINES).map(|(tick, level, text)| vec![tick.to_string(), level.clone(), text.clone()]).collect();
+        page.table(&["tick", "level", "what"], &lines);
+        if recorded.log.len() > LOG_LINES {
+            page.add(format_args!("<p class=\"soft\">{} more lines are in the recording.</p>", recorded.log.len() - LOG_LINES));
+        }
+    }
+}
+
+fn provenance(page: &mut Html, summary: &Summary) {
+    page.heading("Where it comes from");
+    let Machine { cpu, cores, kernel } = &summary.machine;
+    let recording = match (summary.recorder.file.as_str(), summary.recorder.error.as_str()) {
+        ("", "") => "none".to_owned(),
+        (file, "") => format!("{file}, {:.1} MB, {} part(s)", summary.recorder.bytes as f64 / 1e6, summary.recorder.parts.max(1)),
+        (_, error) => error.to_owned(),
+    };
+    page.facts(&[
+        ("armplane", summary.version.clone()),
+        ("machine", if cpu.is_empty() { "not recorded".to_owned() } else { format!("{cpu}, {cores} cores, {kernel}") }),
+        ("recording", recording),
+        ("messages", format!("{} received, {} lost", summary.recorder.messages, summary.recorder.lost)),
+    ]);
+    let processes: Vec<Vec<String>> = summary
+        .processes
+        .iter()
+        .map(|one| vec![one.name.clone(), one.pid.to_string(), one.restarts.to_string(), one.exit.clone()])
+        .collect();
+    page.some("", &["process", "pid", "restarts", "exit"], &processes);
+    let topics: Vec<Vec<String>> =
+        summary.topics.iter().map(|(name, topic)| vec![name.clone(), topic.count.to_string(), topic.hash.clone()]).collect();
+    page.some("", &["topic", "messages", "hash of the contents"], &topics);
+}

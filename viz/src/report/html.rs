@@ -1,0 +1,83 @@
+//! HTML elements of a report.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use crate::plot::{Page, Panel, PlotError, Row};
+
+/// A page in the making.
+#[derive(Default)]
+pub(super) struct Html {
+    pub(super) text: String,
+}
+
+impl Html {
+    pub(super) fn add(&mut self, text: std::fmt::Arguments<'_>) {
+        let _ = writeln!(self.text, "{text}");
+    }
+
+    pub(super) fn heading(&mut self, text: &str) {
+        self.add(format_args!("<h2>{}</h2>", escaped(text)));
+    }
+
+    pub(super) fn facts(&mut self, facts: &[(&str, String)]) {
+        self.add(format_args!("<dl>"));
+        facts.iter().for_each(|(name, value)| self.add(format_args!("<dt>{name}</dt><dd>{}</dd>", escaped(value))));
+        self.add(format_args!("</dl>"));
+    }
+
+    /// A table; columns of numbers are right-aligned.
+    pub(super) fn table(&mut self, headings: &[&str], rows: &[Vec<String>]) {
+        let numeric =
+            |column: usize| column > 0 && rows.iter().all(|row| row[column].starts_with(|c: char| c.is_ascii_digit() || c == '-'));
+        let class: Vec<&str> = (0..headings.len()).map(|column| if numeric(column) { " class=\"n\"" } else { "" }).collect();
+        self.add(format_args!("<div class=\"wide\"><table><tr>"));
+        headings.iter().zip(&class).for_each(|(heading, class)| self.add(format_args!("<th{class}>{}</th>", escaped(heading))));
+        self.add(format_args!("</tr>"));
+        for row in rows {
+            let cells: String = row.iter().zip(&class).map(|(cell, class)| format!("<td{class}>{}</td>", escaped(cell))).collect();
+            self.add(format_args!("<tr>{cells}</tr>"));
+        }
+        self.add(format_args!("</table></div>"));
+    }
+
+    /// A table, or what to say where there is nothing in it.
+    pub(super) fn some(&mut self, none: &str, headings: &[&str], rows: &[Vec<String>]) {
+        match (rows.is_empty(), none) {
+            (true, "") => {}
+            (true, none) => self.add(format_args!("<p>{}</p>", escaped(none))),
+            (false, _) => self.table(headings, rows),
+        }
+    }
+
+    /// Panels side by side, or below one another where the page is narrow.
+    pub(super) fn figure(&mut self, path: &Path, panels: impl IntoIterator<Item = Panel>, caption: &str) -> Result<(), PlotError> {
+        let panels: Vec<String> = panels.into_iter().map(|panel| picture(path, panel, [440.0, 210.0])).collect::<Result<_, _>>()?;
+        self.add(format_args!(
+            "<figure><div class=\"panels\">{}</div><figcaption>{}</figcaption></figure>",
+            panels.concat(),
+            escaped(caption)
+        ));
+        Ok(())
+    }
+
+    /// One panel as wide as the page, drawn anew for a narrow one.
+    pub(super) fn broad_figure(&mut self, path: &Path, panel: Panel, caption: &str) -> Result<(), PlotError> {
+        let (broad, slim) = (picture(path, panel.clone(), [900.0, 250.0])?, picture(path, panel, [440.0, 230.0])?);
+        self.add(format_args!(
+            "<figure><div class=\"broad\">{broad}</div><div class=\"slim\">{slim}</div><figcaption>{}</figcaption></figure>",
+            escaped(caption)
+        ));
+        Ok(())
+    }
+}
+
+/// A panel as an SVG element of a width and height; points.
+fn picture(path: &Path, panel: Panel, [width, height]: [f64; 2]) -> Result<String, PlotError> {
+    let svg = Page { rows: vec![Row::of(height, [panel])], width, ..Page::default() }.svg(path)?;
+    Ok(svg.trim_start_matches(|c| c != '<').to_owned())
+}
+
+pub(super) fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}

@@ -1,0 +1,208 @@
+//! A recording as far as a page shows it: thinned lines, the log, the states.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use shared_types::summary::Summary;
+
+use crate::plot::{Axis, Panel, numbered};
+use crate::read::{Damage, Piece, ReadError, read};
+use crate::signals::Signal;
+
+/// Times at which a plotted line has points: more would not be seen.
+const POINTS: u64 = 3000;
+/// A recording as far as a page shows it.
+#[derive(Default)]
+pub(super) struct Recorded {
+    /// Of each signal its lines, element by element.
+    pub(super) lines: BTreeMap<&'static str, Vec<Line>>,
+    /// Tick, level, text.
+    pub(super) log: Vec<(u64, String, String)>,
+    /// Tick, lane, state.
+    pub(super) states: Vec<(u64, String, String)>,
+    /// Of the last tick; s.
+    pub(super) end_s: f64,
+}
+
+/// A line of a plot: of so many successive values the least and the largest.
+#[derive(Clone)]
+pub(super) struct Line {
+    pub(super) name: String,
+    pub(super) points: Vec<(f64, f64)>,
+    stride: u64,
+    gathered: u64,
+    /// The time of the last value, and how much later the next may be without a gap; s.
+    last_s: f64,
+    patience_s: f64,
+    least: (f64, f64),
+    largest: (f64, f64),
+}
+
+impl Line {
+    fn new(name: String, stride: u64, patience_s: f64) -> Self {
+        Self {
+            name,
+            points: Vec::new(),
+            stride,
+            gathered: 0,
+            last_s: f64::INFINITY,
+            patience_s,
+            least: (0.0, f64::INFINITY),
+            largest: (0.0, f64::NEG_INFINITY),
+        }
+    }
+
+    fn push(&mut self, t_s: f64, value: f64) {
+        if t_s > self.last_s + self.patience_s {
+            // Nothing is drawn across what was lost.
+            self.flush();
+            self.points.push((t_s, f64::NAN));
+        }
+        self.last_s = t_s;
+        if value < self.least.1 {
+            self.least = (t_s, value);
+        }
+        if value > self.largest.1 {
+            self.largest = (t_s, value);
+        }
+        self.gathered += 1;
+        if self.gathered >= self.stride {
+            self.flush();
+        }
+    }
+
+    fn flush(&mut self) {
+        let (a, b) = if self.least.0 <= self.largest.0 { (self.least, self.largest) } else { (self.largest, self.least) };
+        if self.gathered > 0 && a.1.is_finite() {
+            self.points.push(a);
+            if a != b {
+                self.points.push(b);
+            }
+        }
+        let name = std::mem::take(&mut self.name);
+        *self = Self { points: std::mem::take(&mut self.points), last_s: self.last_s, ..Self::new(name, self.stride, self.patience_s) };
+    }
+}
+
+impl Recorded {
+    pub(super) fn read(parts: &[PathBuf], summary: &Summary, damaged: &mut dyn FnMut(&Damage)) -> Result<Self, ReadError> {
+        let stride = summary.ticks.div_ceil(POINTS).max(1);
+        let mut recorded = Self::default();
+        let mut rate_hz = f64::from(summary.rate_hz.max(1));
+        let mut values = Vec::new();
+        read(parts, |piece| {
+            match piece {
+                Piece::About(about) => {
+                    rate_hz = about.rate_hz();
+                    for signal in Signal::ALL {
+                        let lines = || {
+                            signal
+                                .elements(about.joints, &about.singularities)
+                                .into_iter()
+                                .map(|name| Line::new(name, stride, 2.5 / rate_hz))
+                                .collect()
+                        };
+                        recorded.lines.entry(signal.name()).or_insert_with(lines);
+                    }
+                }
+                Piece::Rows(rows) => {
+                    for (row, tick) in rows.ticks.iter().enumerate() {
+                        let t_s = *tick as f64 / rate_hz;
+                        recorded.end_s = recorded.end_s.max(t_s);
+                        for signal in Signal::ALL {
+                            values.clear();
+                            rows.values(*signal, row, &mut values);
+                            let lines = recorded.lines.get_mut(signal.name()).into_iter().flatten();
+                            lines.zip(&values).for_each(|(line, value)| line.push(t_s, *value));
+                        }
+                    }
+                }
+                Piece::Event { tick, level, text } => recorded.log.push((tick, level, text)),
+                Piece::State { tick, lane, state } => recorded.states.push((tick, lane, state)),
+                Piece::Damaged(damage) => damaged(&damage),
+            }
+            Ok::<(), ReadError>(())
+        })?;
+        recorded.lines.values_mut().flatten().for_each(Line::flush);
+        Ok(recorded)
+    }
+
+    /// A diagram of a signal's lines; `names`: how the legend calls them.
+    pub(super) fn panel(&self, title: &str, signal: Signal, axis: Axis, name: impl Fn(&str) -> String) -> Panel {
+        let mut panel = Panel::new(title, self.time_axis(), axis);
+        self.draw(&mut panel, signal, name);
+        panel
+    }
+
+    pub(super) fn draw(&self, panel: &mut Panel, signal: Signal, name: impl Fn(&str) -> String) {
+        for (i, line) in self.lines.get(signal.name()).into_iter().flatten().enumerate() {
+            panel.line(&name(&line.name), numbered(i), &line.points);
+        }
+    }
+
+    /// Signals over the joints' limits, with what their titles say; where the limits are infinite, hence all is 0, the signals themselves.
+    pub(super) fn over_limit<const K: usize>(&self, ratios: [Signal; K], values: [Signal; K], unit: &str) -> ([Signal; K], String) {
+        let moves = |signal: &Signal| {
+            self.lines.get(signal.name()).into_iter().flatten().any(|line| line.points.iter().any(|(_, value)| *value != 0.0))
+        };
+        match values.iter().any(moves) && !ratios.iter().any(moves) {
+            true => (values, format!(", {unit}")),
+            false => (ratios, " / limit".to_owned()),
+        }
+    }
+
+    pub(super) fn time_axis(&self) -> Axis {
+        Axis::named("time, s").within(0.0..self.end_s.max(1e-3))
+    }
+
+    /// When a singularity's mode was not regular; s.
+    pub(super) fn stretches(&self, singularity: &str, rate_hz: f64) -> Vec<std::ops::Range<f64>> {
+        let lane = format!("mode/{singularity}");
+        let mut stretches = Vec::new();
+        let mut since: Option<f64> = None;
+        for (tick, _, state) in self.states.iter().filter(|(_, of, _)| *of == lane) {
+            let t_s = *tick as f64 / rate_hz;
+            match (since, state == "regular") {
+                (None, false) => since = Some(t_s),
+                (Some(from), true) => {
+                    stretches.push(from..t_s);
+                    since = None;
+                }
+                _ => {}
+            }
+        }
+        stretches.extend(since.map(|from| from..self.end_s));
+        stretches
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_keep_their_extremes_however_long_they_are() {
+        let mut line = Line::new("x".to_owned(), 100, 2.5);
+        (0..1000).for_each(|k| line.push(f64::from(k), if k == 555 { 9.0 } else { f64::from(k % 7) * 0.1 }));
+        line.flush();
+        assert!(line.points.len() <= 20 && line.points.contains(&(555.0, 9.0)), "{:?}", line.points);
+        assert!(line.points.windows(2).all(|pair| pair[0].0 < pair[1].0));
+        let mut whole = Line::new("x".to_owned(), 1, 2.5);
+        (0..5).for_each(|k| whole.push(f64::from(k), 1.0));
+        assert_eq!(whole.points.len(), 5);
+        whole.push(9.0, 1.0);
+        assert!(whole.points[5].1.is_nan() && whole.points[6] == (9.0, 1.0), "a gap is not drawn across: {:?}", whole.points);
+    }
+
+    #[test]
+    fn stretches_end_where_the_mode_is_regular_again() {
+        let state = |tick, state: &str| (tick, "mode/wrist".to_owned(), state.to_owned());
+        let recorded = Recorded {
+            states: vec![state(0, "reorient"), state(10, "hold"), state(20, "regular"), state(30, "blend")],
+            end_s: 0.05,
+            ..Recorded::default()
+        };
+        assert_eq!(recorded.stretches("wrist", 1000.0), [0.0..0.02, 0.03..0.05]);
+        assert!(recorded.stretches("elbow", 1000.0).is_empty());
+    }
+}
