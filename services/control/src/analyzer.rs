@@ -1,11 +1,7 @@
 //! Where an arm is singular: s(q) = s₁·s₂·…, the neighbourhoods D_si, the singular directions ζ_i and their frames.
 //!
-//! [`Analyzer`] asks one *source* for the singularities of the posture and adds what is the same for every arm: neighbourhoods with
-//! hysteresis, unit-scaled singular values, rank, determinant, manipulability.
-//!
-//! # The seam
-//! A source is anything that implements [`Measures`]: it fills [`Singularity`] values whose promises are written there. `puma` does it
-//! by declared lengths, `geometric` by where the axes meet and which are parallel; any other arm does it by number. The law never learns which.
+//! [`Analyzer`] takes the singularities of the posture from the arm's [`Family`] and adds the quantities that are computed alike for every arm:
+//! neighbourhoods with hysteresis, unit-scaled singular values, rank, determinant, manipulability.
 
 use crate::arm_family::choice::Family;
 use crate::arm_family::family::{FAMILY_STATE, Posture};
@@ -21,7 +17,7 @@ use shared_types::scenario::Analysis;
 /// Relative singular value below which a direction counts as lost; between encoder noise (1e-4) and the smallest regular one (3e-2).
 pub const RANK_TOLERANCE: f64 = 1e-3;
 
-/// Finds the singularities near a posture.
+/// The singularity analysis of one arm.
 #[derive(Clone, Debug)]
 pub struct Analyzer<const N: usize> {
     family: Family<N>,
@@ -50,10 +46,9 @@ impl<const N: usize> Analyzer<N> {
         &self.family
     }
 
-    /// One tick: the singularities of the posture.
+    /// One tick: the factors s_i of s(q) = s₁·s₂·…·s_ns (Eq. 1 of the paper), their neighbourhoods D_si, directions ζ_i and types.
     ///
-    /// s(q) = det J = s₁·s₂·…·s_ns     [CK95 Eq. 1]
-    ///
+    /// Units `q` rad, `qdot` rad/s · Frame of every vector in the report: B, at C.
     /// Requires finite `q`, `qdot` and `terms` of this very posture. Cost about 2 µs for six joints, no allocation.
     pub fn step(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, terms: &Terms<N>) -> Report<N> {
         let family = self.family.get_mut();
@@ -95,6 +90,8 @@ impl<const N: usize> Analyzer<N> {
 }
 
 /// Singular values, rank, condition, determinant and manipulability of the task's rows.
+///
+/// s(q) = det J for a square J, √det JJᵀ for a redundant arm     [CK95 Eq. 1]
 ///
 /// The singular values are of J at C with its linear rows divided by `length_m`; the determinant is of J at E, unscaled.
 pub(crate) fn conditioning<const N: usize>(

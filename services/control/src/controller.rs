@@ -27,7 +27,7 @@ use nalgebra::{SVector, Vector3, Vector6};
 use shared_types::MAX_SINGULARITIES;
 use shared_types::scenario::{Control, Scenario, Strategy};
 
-/// Largest position error that feedback answers to, m: the goal may be farther away than the arm can be asked to hurry.
+/// Largest position error that feedback answers to, m: a goal far away must not demand the acceleration of its whole distance.
 const POSITION_ERROR_MAX: f64 = 0.05;
 /// Largest orientation error that feedback answers to, rad.
 const ORIENTATION_ERROR_MAX: f64 = 0.25;
@@ -85,7 +85,7 @@ struct Motion {
     a: Vector6<f64>,
 }
 
-/// Step 2's result: the singularities that take part in the solve, and what the message says of each.
+/// Step 2's result: the singularities that take part in the solve, and the telemetry of each.
 #[derive(Clone, Copy, Debug)]
 struct Auxiliary<const N: usize> {
     actives: Actives<N>,
@@ -157,7 +157,7 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// Refuses to go on, from now on: for what is wrong before the law is asked.
+    /// Refuses to go on, from now on: for errors found before the law is evaluated.
     pub fn refuse(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, why: Refusal) -> Command<N> {
         self.state.refusal = why;
         if q.iter().chain(qdot).all(|x| x.is_finite()) {
@@ -269,7 +269,7 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// ζ turned by a commanded profile; the joint motion is predicted, and said, before anything moves.
+    /// ζ turned by a commanded profile; the joint motion is predicted and published before the arm moves.
     fn reorient(
         &self,
         state: &mut State<N>,
@@ -329,7 +329,7 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// Step 4: gravity, Coriolis and the disturbance compensated; the null-space torque is given up first where a limit is met.
+    /// Step 4: gravity, Coriolis and the disturbance compensated; the null-space torque is scaled down first where a limit is met.
     ///
     /// # Errors
     /// [`LawError::Speed`] where no clock is slow enough for the joint speeds.
@@ -363,7 +363,7 @@ impl<const N: usize> Controller<N> {
         state.path_time_s += clock * self.scenario.dt_s();
     }
 
-    /// What the path ahead takes of the arm.
+    /// The demand of the path ahead.
     fn foresee(&self, state: &State<N>, now: &Inputs<'_, N>) -> Foreseen {
         let mut foreseen = Foreseen::default();
         if !self.is_ours() || self.path.leg(state.progress.leg).is_none_or(|leg| leg.reorient.is_some()) {
@@ -390,7 +390,7 @@ impl<const N: usize> Controller<N> {
         (0..N).fold(0.0_f64, |share, i| share.max(torques.qdot_nominal[i].abs() / self.model.velocity()[i]))
     }
 
-    /// What the tick commands, and what it reports.
+    /// The command and the telemetry of the tick.
     fn command(
         &self,
         state: &State<N>,
@@ -454,7 +454,7 @@ impl<const N: usize> Controller<N> {
         if size < 1e-8 { Vector6::zeros() } else { V * (dot(V, a) / size) }
     }
 
-    /// Gravity held and motion damped, within the limits; nothing at all where the state itself is not known.
+    /// Gravity held and motion damped, within the limits; zero torque where the state is not finite.
     fn refusal(&self, known: Option<(&Terms<N>, &SVector<f64, N>)>) -> Command<N> {
         let limits = self.model.effort();
         let mut tau = known.map_or_else(SVector::zeros, |(terms, qdot)| {

@@ -16,22 +16,22 @@ pub enum LawError {
     /// The reduced Jacobian is rank deficient.
     #[error("the reduced Jacobian is rank deficient: {0}")]
     Operational(#[from] OperationalError),
-    /// The path's joint speeds are hopeless.
+    /// The path's joint speeds exceed what the slowest clock can reach.
     #[error("the path asks a joint for {share:.0} times the speed it has: no clock is slow enough")]
     Speed {
         /// Largest share of a speed limit at full clock speed.
         share: f64,
     },
-    /// ζ cannot be turned as asked.
+    /// The joint limits leave no room to turn ζ.
     #[error("turning ζ by {angle_deg:.1}° would take a joint beyond its limits, either way round")]
     Room {
-        /// Angle asked for, degrees.
+        /// Commanded angle, degrees.
         angle_deg: f64,
     },
-    /// More is asked than the arm has joints.
+    /// More rows than joints.
     #[error("{rows} rows of task and auxiliary coordinates for {joints} joints: ask for fewer task axes")]
     TooManyRows {
-        /// Rows asked for.
+        /// Rows of task and auxiliary coordinates.
         rows: usize,
         /// Joints there are.
         joints: usize,
@@ -39,7 +39,7 @@ pub enum LawError {
 }
 
 impl LawError {
-    /// What it is called on the wire.
+    /// Its code on the wire.
     #[must_use]
     pub fn refusal(&self) -> Refusal {
         match self {
@@ -61,13 +61,13 @@ pub struct Active<const N: usize> {
     pub beta: f64,
     /// Gradient of the auxiliary coordinate.
     pub aux_row: SVector<f64, N>,
-    /// Auxiliary acceleration wanted, less its value at q̈ = 0; rad/s².
+    /// Desired auxiliary acceleration, less its value at q̈ = 0; rad/s².
     pub aux_acceleration: f64,
     /// Auxiliary rate at which the path would be followed at full clock speed, rad/s.
     pub aux_rate: f64,
 }
 
-/// What is wanted of the arm.
+/// The desired motion and accelerations of one tick.
 #[derive(Clone, Copy, Debug)]
 pub struct Wanted<'a, const N: usize> {
     /// Mass matrix.
@@ -80,13 +80,13 @@ pub struct Wanted<'a, const N: usize> {
     pub task: [bool; 6],
     /// Operational acceleration a*, base axes at C.
     pub a: Vector6<f64>,
-    /// The share of a* that lies along the path, which saturation gives up first.
+    /// The share of a* that lies along the path, which saturation scales down before the rest.
     pub a_path: Vector6<f64>,
     /// Nominal twist of the path, for predicting joint speeds.
     pub V: Vector6<f64>,
     /// Acceleration of the path at its present speed, for predicting torques.
     pub a_feed: Vector6<f64>,
-    /// Acceleration wanted in whatever null space is left (redundant arms), rad/s².
+    /// Desired acceleration in the null space that is left (redundant arms), rad/s².
     pub posture: SVector<f64, N>,
 }
 
@@ -127,8 +127,8 @@ impl<const N: usize> std::ops::Deref for Actives<N> {
 pub struct Torques<const N: usize> {
     /// Along the path, N·m.
     pub path: SVector<f64, N>,
-    /// The rest of the task: across the path, feedback, N·m.
-    pub across: SVector<f64, N>,
+    /// The rest of the task torque: feedback and the motion orthogonal to the path, N·m.
+    pub rest: SVector<f64, N>,
     /// In the null space of the kept rows, N·m.
     pub null: SVector<f64, N>,
     /// Joint velocities at which the path would be followed at full clock speed, rad/s.

@@ -1,4 +1,4 @@
-//! Small dense algebra of static size: solvers that say how close they came to failing, and never iterate without a bound.
+//! Small dense algebra of static size: solvers with a rank check and a bounded number of iterations.
 
 pub use model::rotation_log;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3, Vector6};

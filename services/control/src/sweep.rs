@@ -1,6 +1,8 @@
-//! A seeded set of straight lines through and near each singularity of a PUMA: what a control law has to get along with.
+//! A seeded set of straight lines through and near each singularity of a PUMA: benchmark scenarios for control laws.
 //!
-//! Each line is a [`Scenario`] of its own. It is made from a posture at or near a lock, a direction and a turn; it is kept if the arm can follow it:
+//! Benchmark machinery: no other module uses it.
+//!
+//! Each line is a [`Scenario`] of its own. It is made from a posture at or near a singularity, a direction and a turn; it is kept if the arm can follow it:
 //! at 201 points along it a posture exists within the joint limits that continues the one before, but for what the wrist does in a near miss.
 
 use crate::arm_family::puma_inverse::{PumaInverse, PumaLengths};
@@ -17,10 +19,10 @@ const STEPS: u32 = 200;
 /// The singularities that lines go through or near.
 const KINDS: [Kind; 3] = [Kind::Elbow, Kind::Wrist, Kind::Overhead];
 
-/// How far from the lock a line may pass: a third of them through it, a third within 0.02 of it, the rest within 0.15.
+/// How far from the singularity a line may pass: a third of them through it, a third within 0.02 of it, the rest within 0.15.
 const DEPTHS: [f64; 3] = [0.0, 0.02, 0.15];
 
-/// Distance from the wrist's lock within which it may jump between two points of a line, rad.
+/// Distance from the wrist's singularity within which it may jump between two points of a line, rad.
 const NEAR_MISS: f64 = 0.05;
 
 /// One line of a sweep.
@@ -32,7 +34,7 @@ pub struct Line {
     pub scenario: Scenario,
 }
 
-/// `count` lines for a PUMA, in turn near elbow, wrist and overhead lock, with a peak speed of `speed` m/s.
+/// `count` lines for a PUMA, in turn near elbow, wrist and overhead singularity, with a peak speed of `speed` m/s.
 ///
 /// `template` gives everything but start and task. Empty for an arm without the PUMA's factors.
 #[must_use]
@@ -70,7 +72,7 @@ fn line(
     let mut along = random.direction();
     let turn = random.direction() * random.within(0.0, 0.8);
     let near = random.within(-depth, depth);
-    // Where on the line the lock is: at an end for the elbow, whose lock is the edge of the reachable space, else in the middle.
+    // Where on the line the singularity is: at an end for the elbow, whose singularity is the boundary of the reachable space, else in the middle.
     let mut share = random.within(0.35, 0.65);
     match kind {
         Kind::Elbow => {
@@ -102,7 +104,7 @@ fn line(
     // A turn that dominates sets the duration too: 1 rad/s at its peak.
     let peak = 1.875 * (length / speed).max(turn.norm() / (speed / 0.28));
     let rotation = std::array::from_fn(|i| std::array::from_fn(|j| goal.R[(i, j)]));
-    // A line that starts at the elbow's lock can leave it on either side: on the one that has been checked.
+    // A line that starts at the elbow's singularity can leave it on either side: on the one that has been checked.
     let branch = if inverse.lengths.theta(last[2]) < 0.0 { -1 } else { 1 };
     let segment = Segment { duration_s: peak, to_m: Some(goal.p.into()), rotation: Some(rotation), branch, ..Segment::default() };
     let scenario = Scenario {

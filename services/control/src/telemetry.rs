@@ -1,11 +1,11 @@
-//! What the controller's message says of each singularity.
+//! The controller's telemetry of each singularity.
 
 use crate::continuous::auxiliary::{Demand, Loop};
 use crate::paper::reference::Target;
 use crate::types::{Mode, Singularity};
 use shared_types::MAX_SINGULARITIES;
 
-/// What the message says per singularity.
+/// Telemetry by place in the report.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Telemetry {
     pub(crate) beta: [f64; MAX_SINGULARITIES],

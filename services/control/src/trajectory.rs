@@ -16,7 +16,7 @@ use shared_types::scenario::{self, Scenario};
 /// Why a scenario's task is not a path.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PathError {
-    /// A singularity's name means nothing for this arm.
+    /// The arm has no singularity of this name.
     #[error("segment {segment}: there is no singularity '{name}' on this arm; {known}")]
     UnknownSingularity {
         /// Index of the segment.

@@ -1,4 +1,4 @@
-//! What the analysis says and what the law commands, sized by the arm; `wire` turns both into messages.
+//! The analyzer's report and the controller's command, sized by the arm; `wire` turns both into messages.
 
 use nalgebra::{Matrix3, SVector, Vector3, Vector6};
 use shared_types::{MAX_SINGULARITIES, codes};
@@ -26,7 +26,7 @@ macro_rules! coded {
 }
 
 coded! {
-    /// What a singularity is called.
+    /// The name of a singularity.
     Kind {
         /// Found numerically.
         Numeric = KIND_NUMERIC,
@@ -54,7 +54,7 @@ coded! {
 }
 
 coded! {
-    /// What the law does at one singularity.
+    /// The mode of the law at one singularity.
     Mode {
         /// Outside the neighbourhood.
         Regular = MODE_REGULAR,
@@ -98,11 +98,11 @@ coded! {
         State = REFUSAL_STATE,
         /// The report cannot be read.
         Report = REFUSAL_REPORT,
-        /// The law has no answer.
+        /// The law's system of equations is singular.
         Singular = REFUSAL_SINGULAR,
         /// No clock is slow enough.
         Speed = REFUSAL_SPEED,
-        /// ζ cannot be turned as asked.
+        /// The joint limits leave no room to turn ζ.
         Room = REFUSAL_ROOM,
         /// The torque is not finite.
         Torque = REFUSAL_TORQUE,
@@ -111,7 +111,7 @@ coded! {
 
 /// One singularity at one posture: a factor s_i of det J, its direction ζ_i, and the regular coordinate that replaces it.
 ///
-/// Whoever finds it, by formula or by number, promises: inside the neighbourhood, the Jacobian without ζ's row and with `aux_row`
+/// Ensures, by formula or by number: inside the neighbourhood, the Jacobian without ζ's row and with `aux_row`
 /// in its place is regular, and modulo the other rows `ζᵀJ = gain·aux_row`, `gain` vanishing with `s`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Singularity<const N: usize> {
@@ -200,21 +200,21 @@ pub struct Report<const N: usize> {
     pub length_m: f64,
     /// Where singularities are analysed, in B, m.
     pub p_BC: Vector3<f64>,
-    /// How many singularities are meant.
+    /// How many places of `singularities` are used.
     pub count: usize,
     /// The singularities, in an order that never changes within a run.
     pub singularities: [Singularity<N>; MAX_SINGULARITIES],
 }
 
 impl<const N: usize> Report<N> {
-    /// The singularities that are meant.
+    /// The singularities in use.
     #[must_use]
     pub fn meant(&self) -> &[Singularity<N>] {
         &self.singularities[..self.count.min(MAX_SINGULARITIES)]
     }
 }
 
-/// What the arm shall do, and the reference it follows.
+/// The torque, and the reference it follows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Command<const N: usize> {
     /// Γ, N·m.
@@ -235,9 +235,9 @@ pub struct Command<const N: usize> {
     pub path_time_s: f64,
     /// Its speed against real time.
     pub time_scale: f64,
-    /// Fraction of the null-space torque let through.
+    /// Fraction of the null-space torque that the limits allow.
     pub null_scale: f64,
-    /// Fraction of the task torque let through.
+    /// Fraction of the task torque that the limits allow.
     pub task_scale: f64,
     /// β_i per singularity.
     pub beta: [f64; MAX_SINGULARITIES],
@@ -261,7 +261,7 @@ pub struct Command<const N: usize> {
     pub refusal: Refusal,
 }
 
-/// A null-space turn of ζ, as it is said before it begins.
+/// A null-space turn of ζ, predicted before it begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plan<const N: usize> {
     /// Place of the singularity in the report.

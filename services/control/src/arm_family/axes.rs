@@ -1,4 +1,4 @@
-//! What the axes of an arm say about it: where they meet, and the frames along singular directions.
+//! Geometry of an arm's axes: where they meet, and the frames along singular directions.
 
 use model::{JointKind, Model, Robot, Terms};
 use nalgebra::{Matrix3, SVector, Vector3};
@@ -32,8 +32,8 @@ pub(super) fn meeting<const N: usize>(terms: &Terms<N>) -> (Option<f64>, bool) {
     (Some(offset), spherical)
 }
 
-/// What `recognise` says of an arm of revolute joints with a full task, where it says the same in three postures in general position: what holds
-/// there holds everywhere.
+/// The result of `recognise` for an arm of revolute joints with a full task, if it is the same in three postures in general position: a property that
+/// holds there holds everywhere.
 pub(super) fn in_general_position<const N: usize, T: Copy>(
     robot: &Robot,
     recognise: impl Fn(&Terms<N>) -> Option<T>,

@@ -211,7 +211,7 @@ impl<const N: usize> Block<N> {
         if !self.begun {
             self.begun = true;
             self.order();
-            // The smallest one says on which side of det = 0 the arm is.
+            // The smallest value takes the sign of det.
             if n == self.columns.1 - self.columns.0 && self.determinant(scaled) < 0.0 {
                 (self.v[0], self.sigma[0]) = (-self.v[0], -self.sigma[0]);
             }

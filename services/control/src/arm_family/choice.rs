@@ -1,4 +1,4 @@
-//! Which family an arm belongs to.
+//! The choice of an arm's family.
 
 use super::family::{ArmFamily, Posture};
 use super::numeric::Numeric;
@@ -41,7 +41,7 @@ impl<const N: usize> ArmFamily<N> for Deficient {
 }
 
 impl<const N: usize> Family<N> {
-    /// The family of `robot`: by declared lengths, by its geometry, else by number, which `analysis.numeric` asks for too.
+    /// The family of `robot`: by declared lengths, by its geometry, else by number, as with `analysis.numeric`.
     #[must_use]
     pub fn of(robot: &Robot, analysis: &Analysis) -> Self {
         let numeric = || Numeric::new(robot, analysis).map_or(Self::Deficient(Deficient), |numeric| Self::Numeric(Box::new(numeric)));

@@ -1,4 +1,4 @@
-//! The seam between the law and an arm: one trait that gives measures and references together.
+//! The interface between the law and an arm: one trait for measures and references together.
 
 use crate::centre::{AtCentre, PoseMotion};
 use crate::continuous::foresight::{Foreseen, Foresight};

@@ -1,4 +1,4 @@
-//! What the law needs to know of an arm: one file per family, measures and references together.
+//! Families of arms: one file each, measures and references together.
 //!
 //! | family | arms | Eq. 1 |
 //! |---|---|---|
@@ -7,7 +7,7 @@
 //! | [`spherical_shoulder`] | KUKA iiwa and its kin, seven joints | elbow and aided wrist, by the geometry of the axes |
 //! | [`numeric`] | any other | signed singular values, tracked from tick to tick |
 //!
-//! All implement [`family::ArmFamily`]; [`choice::Family`] picks one. The law sees the type of a singularity, never the family.
+//! All implement [`family::ArmFamily`]; [`choice::Family`] picks one. The law depends on the type of a singularity, not on the family.
 
 pub(crate) mod axes;
 mod block;

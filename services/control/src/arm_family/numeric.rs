@@ -3,7 +3,7 @@
 //! # Blocks
 //! Where the last three axes meet, J at that point is block triangular, and det J = det T·det W with T the wrist centre's translation by the joints
 //! before the wrist and W the wrist's own three axes: each block is decomposed by itself, so a metre never meets a radian. A redundant arm with such
-//! a wrist is singular only where T or W is; its wrist is reported locked even where the arm before it could stand in. Any other arm is one block:
+//! a wrist is singular only where T or W is; its wrist is reported singular even where the arm before it could stand in. Any other arm is one block:
 //! all task rows, lengths divided by the stated length, at the point where the last two axes meet, else at E.
 //!
 //! # Measures
@@ -48,7 +48,7 @@ const FAR: f64 = 0.5;
 /// Share of ∇s along v above which s is a coordinate of the fold.
 const SLOPE: f64 = 0.1;
 
-/// s is never exactly zero: its sign says on which side.
+/// s is never exactly zero: its sign is the side.
 const SMALLEST: f64 = 1e-12;
 
 /// Postures sampled for σ_ref.

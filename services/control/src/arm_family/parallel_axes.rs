@@ -1,9 +1,9 @@
-//! Arms of parallel axes (Universal Robots and its kin, six joints), by geometry: no length is declared, the axes say what the arm is.
+//! Arms of parallel axes (Universal Robots and its kin, six joints), by geometry: no length is declared, the axes identify the arm.
 //!
 //! Axes 2, 3, 4 are parallel along n, axis 1 meets axis 2 at a right angle, axis 5 is normal to n and meets axis 6 at a right angle in C. Joints 2
 //! to 6 cannot move C along n, and joints 2 to 4 cannot turn the end-effector but about n, so
 //!
-//! det J = ±R·(L2 L3 sin θ)·(n×z5·z6)     [CK95 Eq. 1]
+//! det J = ±R·(L2 L3 sin θ)·(n×z5·z6)
 //!
 //! with R the in-plane distance of C from the waist axis, L2 and L3 the lengths of upper arm and forearm, θ the elbow angle from full stretch.
 
@@ -87,6 +87,7 @@ impl<const N: usize> ArmFamily<N> for ParallelAxes {
         terms.p[N - 1] + terms.z[N - 1] * self.offset
     }
 
+    /// det J = ±L2 L3 (L2 + L3)·s_elbow·s_wrist·s_overhead     [CK95 Eq. 1]
     fn measure(&mut self, posture: &Posture<'_, N>, out: &mut [Singularity<N>; MAX_SINGULARITIES]) -> usize {
         let plane = Plane::new(posture.terms, &posture.at.p);
         out[0] = Self::elbow(&plane, posture);

@@ -123,7 +123,7 @@ impl PlanarArm {
         Self { side: -self.side, ..*self }
     }
 
-    /// The plane for a place of C: d from the waist axis; what is nearer to it than d is taken at the edge.
+    /// The plane for a place of C: d from the waist axis; a place nearer to it than d is moved to the boundary.
     pub fn at(&self, p: &Vector3<f64>) -> Placed {
         let Plane { n, z1, x, S, d, .. } = self.plane;
         let p = p - S;
@@ -139,7 +139,7 @@ impl PlanarArm {
         C - z5 * self.plane.hand.x - quarter(z5) * self.plane.hand.y
     }
 
-    /// Axis 5 for this w, nearest to `z5`; near the lock, where w says little, as it is.
+    /// Axis 5 for this w, nearest to `z5`; near the singularity, where w is short, as it is.
     fn axis_5(w: &Vector2<f64>, z5: &Vector2<f64>) -> Vector2<f64> {
         let size = w.norm_squared();
         let line = w * (if w.dot(z5) < 0.0 { -1.0 } else { 1.0 } / size.sqrt().max(1e-12));

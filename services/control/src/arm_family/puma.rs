@@ -1,6 +1,6 @@
 //! The three singularities of a PUMA, by formula.
 //!
-//! det J = a2·(d4 c3 − a3 s3)·R·s5 with R = a2 c2 + a3 c23 + d4 s23     [CK95 Eq. 1]
+//! det J = a2·(d4 c3 − a3 s3)·R·s5 with R = a2 c2 + a3 c23 + d4 s23
 //!
 //! With L3 = √(a3² + d4²) and θ the elbow angle from full stretch, d4 c3 − a3 s3 = −L3 sin θ. The three factors are the elbow's sin θ, the
 //! overhead's R and the wrist's sin q5. Joints are numbered from 1 in the text and from 0 in the code.
@@ -50,6 +50,7 @@ impl<const N: usize> ArmFamily<N> for Puma {
         terms.p[4]
     }
 
+    /// det J = −a2 L3 (a2 + L3)·s_elbow·s_wrist·s_overhead     [CK95 Eq. 1]
     fn measure(&mut self, posture: &Posture<'_, N>, out: &mut [Singularity<N>; MAX_SINGULARITIES]) -> usize {
         out[0] = self.elbow(posture);
         out[1] = wrist::measure(posture);

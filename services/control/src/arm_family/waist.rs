@@ -15,13 +15,13 @@ const MU: f64 = 3e-5;
 /// What going straight past the waist axis, instead of around it, may cost, m.
 const PASS: f64 = 3e-4;
 
-/// In-plane radius beyond which the arm is where it is, whatever was meant, m.
+/// In-plane radius beyond which the present side of the waist axis holds, m.
 const FREE: f64 = 0.1;
 
 /// Time over which turning is weighed against following, s.
 const SETTLE: f64 = 0.2;
 
-/// Distance from the waist axis below which the desired place says little about the waist, m.
+/// Distance from the waist axis below which the waist angle hardly follows from the desired place, m.
 const NEAR: f64 = 0.03;
 
 /// Overhead: C, above the waist axis, cannot move along the normal z2 of the arm's plane.
@@ -55,7 +55,7 @@ pub(super) fn measure<const N: usize>(at: &Posture<'_, N>, in_plane: Range<usize
 ///
 /// With r_d the distance of p_d from the waist axis, R_d = ±√(r_d² − d²) and q1_d = q1 + atan2(y, x) − atan2(d, R_d) in the arm's own axes; the
 /// nearer of the two is taken. A goal nearer to the axis than d is beyond reach: R_d = 0. The rate is its derivative,
-/// q̇1_d = (z1×r_d)·v_d/r_d² + (d/r_d²)·Ṙ_d with Ṙ_d = (r_d·v_d)/R_d damped; the weight r_d²/(r_d² + 0.03²) vanishes where r_d says nothing.
+/// q̇1_d = (z1×r_d)·v_d/r_d² + (d/r_d²)·Ṙ_d with Ṙ_d = (r_d·v_d)/R_d damped; the weight r_d²/(r_d² + 0.03²) vanishes where r_d determines no angle.
 pub(super) fn direction<const N: usize>(at: &Situation<'_, N>, memory: &mut Memory) -> Direction {
     let terms = at.terms;
     let [z1, z2] = [terms.z[0], terms.z[1]];

@@ -13,7 +13,7 @@ use nalgebra::{Matrix3, SVector, Vector2, Vector3};
 /// Damping on the sine of the desired wrist angle, a hundred times encoder noise.
 const MU: f64 = 0.02;
 
-/// Closest approach to the lock below which it is passed through with ζ off the direction of travel, rad: the orientation error that costs.
+/// Closest approach to the singularity below which it is passed through with ζ off the direction of travel, rad: the orientation error that costs.
 pub(super) const PASS: f64 = 0.004;
 
 /// Sine of the desired wrist angle below which passing through may begin.
@@ -22,7 +22,7 @@ const NEAR: f64 = 0.22;
 /// Speed of the desired direction below which it is not going anywhere, rad/s.
 const MOVING: f64 = 0.01;
 
-/// Without a governor: predicted rate over the largest one above which the lock is passed through.
+/// Without a governor: predicted rate over the largest one above which the singularity is passed through.
 const PASS_RATIO: f64 = 1.8;
 
 /// Distance that passing through keeps from the limits of the joint that turns ζ, rad.
@@ -100,8 +100,8 @@ impl Wrist {
 
 /// z5 → ±z4×z6_d: with z5 there, a turn of joint 5 alone reaches z6_d.
 ///
-/// With w = z4×z6_d, |w| the sine of the desired wrist angle: e = angle from z5 to the line of w, believed by |w|²/(|w|² + μ²);
-/// φ̇_ff = z4·(w×ẇ)/(|w|² + μ²). Passing: z5 is held in the forearm along the direction in which w will pass the lock, so that z6 travels in the
+/// With w = z4×z6_d, |w| the sine of the desired wrist angle: e = angle from z5 to the line of w, weighted by |w|²/(|w|² + μ²);
+/// φ̇_ff = z4·(w×ẇ)/(|w|² + μ²). Passing: z5 is held in the forearm along the direction in which w will pass the singularity, so that z6 travels in the
 /// plane normal to z5; done where w passes so near that the error this makes is negligible, and where joint 4 has not the room to follow.
 ///
 /// `sees(p, z6_d)` gives w in the forearm's own plane for C at `p`, on the side where the arm is.
@@ -149,7 +149,7 @@ pub(super) fn direction<const N: usize>(
     Direction { error, rate, weight, passing: memory.passing, holding: memory.holding, clipped: false }
 }
 
-/// How the rest of the leg passes the lock, seen from the forearm: w as a polygon in the plane normal to z4.
+/// How the rest of the leg passes the singularity, seen from the forearm: w as a polygon in the plane normal to z4.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Outlook {
     /// Closest approach, rad.

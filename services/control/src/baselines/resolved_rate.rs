@@ -1,4 +1,4 @@
-//! What others do at a singularity, each as published: honest opponents, with the same model, limits, path and governor.
+//! Resolved-rate control with a robust inverse, and joint-space PD, as published; with the same model, limits, path and governor as our law.
 
 use crate::centre::PoseMotion;
 use crate::law::{LawError, Torques, Wanted};
@@ -33,7 +33,7 @@ pub struct Arm<'a, const N: usize> {
 pub struct JointMemory<const N: usize> {
     /// Whether `q` is being held.
     pub holding: bool,
-    /// Ticks that spoke for Type 1, less those for Type 2.
+    /// Ticks classified as Type 1, less those as Type 2.
     pub votes: f64,
     /// Bit i: joint i is pushed downwards.
     pub reversed: u32,
@@ -91,14 +91,14 @@ pub(super) fn scale<const C: usize>(rows: &SMatrix<f64, 6, C>, task: &[bool; 6],
     out
 }
 
-/// A pose error no larger than feedback should answer to: 50 mm, 0.25 rad, as for our own law.
+/// A pose error bounded for feedback: 50 mm, 0.25 rad, as for our own law.
 pub(super) fn bounded(error: &Vector6<f64>) -> Vector6<f64> {
     stack(&clamp_norm(linear(error), 0.05), &clamp_norm(angular(error), 0.25))
 }
 
 /// Resolved-rate control with a robust inverse: q̇_r = J^#(V_d + (k_p/k_v)e), q̈ = k_v(q̇_r − q̇) + J^#(a_d + (k_p/k_v)(V_d − V) − J̇q̇).
 ///
-/// The velocity level keeps joint motions that J^# does not see from drifting.
+/// The velocity level keeps joint motions outside the range of J^# from drifting.
 ///
 /// # Errors
 /// None: kept in the signature of every law.
@@ -114,7 +114,7 @@ pub fn resolved<const N: usize>(arm: &Arm<'_, N>, wanted: &Wanted<'_, N>, invers
     let along = wanted.A * (sharp * scaled(&wanted.a_path));
     Ok(Torques {
         path: along,
-        across: wanted.A * qddot - along,
+        rest: wanted.A * qddot - along,
         null: SVector::zeros(),
         qdot_nominal: sharp * scaled(&wanted.V),
         qddot_path: sharp * scaled(&(wanted.a_feed - wanted.at.Jdot_qdot)),
@@ -148,5 +148,5 @@ pub fn joint_pd<const N: usize>(
     let qddot = (memory.q - arm.q) * arm.k_p + (rate - arm.qdot) * arm.k_v + feed;
     memory.q += rate * dt;
     let qdot_nominal = sharp * scale(&wanted.V, &wanted.task, arm.length_m);
-    Ok(Torques { path: SVector::zeros(), across: wanted.A * qddot, null: SVector::zeros(), qdot_nominal, qddot_path: feed })
+    Ok(Torques { path: SVector::zeros(), rest: wanted.A * qddot, null: SVector::zeros(), qdot_nominal, qddot_path: feed })
 }

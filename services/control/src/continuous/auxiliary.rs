@@ -1,4 +1,7 @@
-//! One state machine and one rate loop per singularity: when operational control gives way, and how the auxiliary coordinate moves meanwhile.
+//! One rate loop per singularity (+): the weight β of operational control along ζ_i, and the acceleration of the auxiliary coordinate.
+//!
+//! Reduces to the paper's law inside D_si: there β = 0, and the unsaturated loop is the damped potential of Eq. 5, V₀ = ½ k_v K e² with damping
+//! k_v (proof: `inside_a_neighbourhood_the_loop_is_a_damped_potential`). Outside, β = 1 and the loop is not used.
 
 use crate::linear::smoothstep;
 use crate::paper::neighborhood::Neighborhood;
@@ -18,7 +21,7 @@ pub const LEFT: f64 = 1.05;
 /// Beyond η_out by this factor it is left whatever the error: another cause must have made it.
 const FAR: f64 = 1.5;
 
-/// A rate beyond the largest one by this factor is no arm's: a loop that would begin there would have to come back from it at its own slew.
+/// A measured rate beyond the largest one by this factor is an outlier: a loop that begins there returns from it at its own slew only.
 const FASTEST: f64 = 4.0;
 
 /// Error along ζ that counts as gone, m or rad.
@@ -37,10 +40,10 @@ pub struct Gains {
     pub slew: f64,
 }
 
-/// What the loop at one singularity remembers.
+/// The state of the loop at one singularity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Loop {
-    /// What it does.
+    /// Its mode.
     pub mode: Mode,
     /// Rate commanded, rad/s.
     pub rate: f64,
@@ -48,11 +51,11 @@ pub struct Loop {
     pub feed_forward: f64,
     /// The error's share in β, 0 to 1.
     pub trust: f64,
-    /// What the reference remembers.
+    /// The strategy's state.
     pub memory: Memory,
 }
 
-/// What the loop asks of the solve.
+/// The loop's output, which enters the solve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Demand {
     /// 1: operational control along ζ; 0: auxiliary control instead.
@@ -117,7 +120,7 @@ impl Loop {
         }
     }
 
-    /// The paper's hard switching: the singular direction is given up whole inside |s| ≤ η, and taken back whole outside.
+    /// The paper's hard switching: β = 0 inside |s| ≤ η, β = 1 outside.
     pub fn step_switched<const N: usize>(&mut self, s: &Singularity<N>, target: &Target, gains: &Gains, clock: f64, dt: f64) -> Demand {
         let inside = s.s.abs() <= s.eta_in;
         if switching::next(self.mode, Condition::hard(inside), target.mode) == Mode::Regular {

@@ -1,4 +1,4 @@
-//! The paper's law as one solve for all singularities, continuous across the edge of every neighbourhood (+).
+//! The paper's law as one solve for all singularities, continuous across the boundary of every neighbourhood (+).
 //!
 //! For every engaged singularity its ζ is projected out of the translational (or rotational) rows and a row is appended
 //!
@@ -11,7 +11,8 @@
 //! # The paper's law inside, plain operational-space control outside
 //! With β = 1 the rows span those of J and q̈ = J⁻¹(a* − J̇q̇): operational-space control. With β = 0 let [B | w] be the inverse of the augmented
 //! matrix, so J_r·B = 1, J_r·w = 0, aux·w = 1. Then q̈ = B·r + w·a_aux. The paper's Γ = J_rᵀΛ_r·r + N_T·Γ₀ with Γ₀ = A·w·(a_aux − aux·J̄_r·r)
-//! accelerates J_r·q̈ = r and aux·q̈ = a_aux: the same q̈, because the augmented matrix is regular. [CK95 Eq. 3] is thus not approximated; a test says to 1e-12.
+//! accelerates J_r·q̈ = r and aux·q̈ = a_aux: the same q̈, because the augmented matrix is regular: Eq. 3 holds exactly (proofs: `one_solve_gives_the_papers_torque`,
+//! `outside_every_neighbourhood_one_solve_is_operational_space_control`).
 
 use crate::law::{Active, LawError, Torques, Wanted};
 use crate::linear::Lu;
@@ -23,7 +24,7 @@ use nalgebra::{SMatrix, SVector};
 pub struct Augmented<const N: usize> {
     /// N×N; the first `kept` rows are the kept ones, the next `singular` the singularities'.
     pub M: SMatrix<f64, N, N>,
-    /// Right-hand side, whole.
+    /// Right-hand side.
     pub acceleration: SVector<f64, N>,
     /// The share of it that lies along the path.
     pub along: SVector<f64, N>,
@@ -110,7 +111,7 @@ pub fn torques<const N: usize>(wanted: &Wanted<'_, N>, actives: &[Active<N>]) ->
     let qddot_path = lu.solve(&system.feed);
     let null = null_torque(wanted.A, &qddot, &lu, &system, actives)?;
     let task = wanted.A * qddot - null;
-    Ok(Torques { path, across: task - path, null, qdot_nominal, qddot_path })
+    Ok(Torques { path, rest: task - path, null, qdot_nominal, qddot_path })
 }
 
 /// The share of Γ = A·q̈ that lies in the null space of the kept rows, singularity i's weighted by 1 − β_i so that it is continuous.

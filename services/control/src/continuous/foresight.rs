@@ -1,6 +1,7 @@
-//! What the path ahead takes of the arm, so that the governor brakes in time (+).
+//! Foresight: the rates that the path ahead demands, so that the governor brakes in time (+).
 //!
-//! Reduces to nothing: a path whose demands stay below 0.95 leaves the clock at full speed.
+//! Reduces to the paper's law: a path whose demands stay below 0.95 leaves the clock at full speed (proof:
+//! `a_feasible_path_runs_at_full_clock_speed`).
 
 use model::{Pose, Terms};
 use nalgebra::{SVector, Vector3};
@@ -12,14 +13,14 @@ pub const FORESEEN: usize = 10;
 /// Step of the path's clock between them, s.
 pub const FORESEEN_STEP_S: f64 = 0.025;
 
-/// What the path ahead takes of the arm at full clock speed.
+/// Demand of the path ahead at full clock speed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Foreseen {
     /// Largest share of any rate limit on each stretch, [`FORESEEN_STEP_S`] long.
     pub demand: [f64; FORESEEN],
 }
 
-/// What can be seen of the path ahead.
+/// The arm and its path ahead.
 #[derive(Clone, Copy, Debug)]
 pub struct Foresight<'a, const N: usize> {
     /// Joint positions, rad.

@@ -1,4 +1,6 @@
-//! The governor: the path's clock slows down so that no joint is asked for more than it has (+).
+//! The governor: the path's clock slows down so that no joint exceeds its limits (+).
+//!
+//! Reduces to the paper's law: at a demand below 0.95 the clock runs at exactly 1 (proof: `a_feasible_path_runs_at_full_clock_speed`).
 
 use super::foresight::{FORESEEN_STEP_S, Foreseen};
 use nalgebra::SVector;
@@ -19,7 +21,7 @@ const BRAKE: f64 = 0.35;
 /// Share of that with which braking ahead is planned.
 const PLANNED: f64 = 0.5;
 
-/// What the path takes of the arm at full clock speed.
+/// Demand of the path at full clock speed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Load<const N: usize> {
     /// Largest share of a joint's speed, or of an auxiliary rate, at full clock speed.

@@ -1,9 +1,11 @@
-//! Torque limits: what is given up first.
+//! Torque limits (+): the null-space torque is scaled down first, then the task torque along the path, then its rest.
+//!
+//! Reduces to the paper's Γ wherever it respects the limits: the sum is passed on unchanged (proof: `limits_hold_and_the_null_space_goes_first`).
 
 use crate::law::Torques;
 use nalgebra::SVector;
 
-/// What the limits let through.
+/// Torques within the limits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limited<const N: usize> {
     /// Γ within the limits, N·m.
@@ -22,24 +24,24 @@ pub struct Limited<const N: usize> {
     pub load: f64,
 }
 
-/// Null-space torque is scaled down first, then task torque along the path, then across it; what even then exceeds a limit is cut.
+/// Γ = bias + k_r·rest + k_t·path + k_n·null: the largest k_n, then the largest k_t, then the largest k_r in [0, 1] that respect every limit.
 ///
-/// Γ = bias + across + k_t·path + k_n·null, the largest k_n and then the largest k_t in [0, 1] that respect every limit.
+/// Shapes N · Units N·m · Ensures |Γ_i| ≤ limit_i: an excess that no k removes is cut at the joint · Errors none · Cost O(N), no allocation
 #[must_use]
 pub fn limit<const N: usize>(bias: &SVector<f64, N>, torques: &Torques<N>, limits: &SVector<f64, N>) -> Limited<N> {
-    let whole = bias + torques.across + torques.path;
+    let whole = bias + torques.rest + torques.path;
     let total = whole + torques.null;
     let load = (0..N).fold(0.0_f64, |load, i| load.max(total[i].abs() / limits[i]));
-    let (mut null_scale, mut task_scale, mut across_scale) = (1.0, 1.0, 1.0);
+    let (mut null_scale, mut task_scale, mut rest_scale) = (1.0, 1.0, 1.0);
     if load > 1.0 {
         null_scale = largest_share(&whole, &torques.null, limits);
         let null = torques.null * null_scale;
-        let fixed = bias + torques.across + null;
+        let fixed = bias + torques.rest + null;
         task_scale = largest_share(&fixed, &torques.path, limits);
-        across_scale = largest_share(&(bias + null + torques.path * task_scale), &torques.across, limits);
+        rest_scale = largest_share(&(bias + null + torques.path * task_scale), &torques.rest, limits);
     }
     let null = torques.null * null_scale;
-    let task = bias + torques.across * across_scale + torques.path * task_scale;
+    let task = bias + torques.rest * rest_scale + torques.path * task_scale;
     let mut tau = task + null;
     let mut mask = 0;
     for i in 0..N {
@@ -48,7 +50,7 @@ pub fn limit<const N: usize>(bias: &SVector<f64, N>, torques: &Torques<N>, limit
             tau[i] = tau[i].clamp(-limits[i], limits[i]);
         }
     }
-    Limited { tau, task: tau - null, null, null_scale, task_scale: task_scale.min(across_scale), mask, load }
+    Limited { tau, task: tau - null, null, null_scale, task_scale: task_scale.min(rest_scale), mask, load }
 }
 
 /// The largest k in [0, 1] with |fixed + k·part| ≤ limits; where none is, the k that violates them least: 0 or 1.
@@ -85,14 +87,14 @@ mod tests {
 
     proptest! {
         #[test]
-        fn limits_hold_and_the_null_space_goes_first(bias in vector(), path in vector(), across in vector(), null in vector()) {
+        fn limits_hold_and_the_null_space_goes_first(bias in vector(), path in vector(), rest in vector(), null in vector()) {
             let limits = Vector2::new(20.0, 10.0);
-            let torques = Torques { path, across, null, qdot_nominal: Vector2::zeros(), qddot_path: Vector2::zeros() };
+            let torques = Torques { path, rest, null, qdot_nominal: Vector2::zeros(), qddot_path: Vector2::zeros() };
             let out = limit(&bias, &torques, &limits);
             for i in 0..2 {
                 prop_assert!(out.tau[i].abs() <= limits[i]);
             }
-            let whole = bias + path + across;
+            let whole = bias + path + rest;
             if (0..2).all(|i| (whole + null)[i].abs() <= limits[i]) {
                 prop_assert!((out.tau - whole - null).amax() < 1e-12 && out.mask == 0);
             }

@@ -1,6 +1,6 @@
 //! A commanded turn of ζ, planned and announced before anything moves (+).
 //!
-//! Reduces to nothing: the plan chooses which way round ζ is turned and predicts the motion; the turn itself is the paper's Type 2 strategy.
+//! Reduces to the paper's law: the plan chooses which way round ζ is turned and predicts the motion; the turn itself is the paper's Type 2 strategy.
 
 use super::governor::MARGIN;
 use crate::law::LawError;

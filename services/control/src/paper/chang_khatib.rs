@@ -1,6 +1,4 @@
 //! The paper's law in its own form: singular rows dropped, operational forces for the rest, null-space torque for the auxiliary coordinates.
-//!
-//! Γ = J_rᵀF_r + [1 − J_rᵀJ̄_rᵀ]Γ₀, with J_r the Jacobian in the singular frame without its singular rows     [CK95 Eq. 3 to 5, §4]
 
 use super::operational_space::{Operational, null_torque};
 use super::singular_frame::{Basis, kept_rows};
@@ -10,8 +8,11 @@ use nalgebra::{SMatrix, SVector};
 
 /// Torques by the reduced Jacobian and its dynamically consistent null space.
 ///
-/// Each active singularity's direction is dropped whole, whatever its β: who switches at η passes only those inside. The number of rows kept is
-/// matched by the type.
+/// Γ = J_rᵀF_r + [1 − J_rᵀJ̄_rᵀ]Γ₀, J_r the Jacobian in the singular frame without its singular rows     [CK95 Eq. 3]
+///
+/// Shapes J_r m×N, m the rows kept, matched by the type · Units N·m · Frame base axes at C · Requires `actives` to be the singularities inside
+/// their neighbourhoods: each one's direction is dropped whole, whatever its β · Ensures that Γ₀ does not accelerate the kept rows · Cost O(N³), no
+/// allocation
 ///
 /// # Errors
 /// [`LawError`] if the reduced Jacobian is rank deficient.
@@ -36,7 +37,7 @@ fn reduced<const M: usize, const N: usize>(wanted: &Wanted<'_, N>, actives: &[Ac
     let F_path = op.Lambda * (T * wanted.a_path);
 
     // Γ₀ = −A∇V₀ with ∇V₀ = −Σ w_i·a_i: w_i moves auxiliary coordinate i alone and nothing that is kept. The auxiliary acceleration that
-    // the task itself causes is taken off, so that the coordinates do what they are told. Damping is in a_i, not in joint space.
+    // the task itself causes is taken off, so that each coordinate accelerates by a_i. Damping is in a_i, not in joint space.
     let lu = Lu::new(augmented(&op.J, actives, wanted.A))?;
     let caused = op.Jbar * (a - Jdot_qdot);
     let mut rhs = SVector::<f64, N>::zeros();
@@ -54,7 +55,7 @@ fn reduced<const M: usize, const N: usize>(wanted: &Wanted<'_, N>, actives: &[Ac
     let Gamma_0 = null_torque(wanted.A, &grad_V_0, 0.0, &SVector::zeros());
     let null = op.torque(&SVector::zeros(), &Gamma_0);
     let path = op.J.transpose() * F_path;
-    Ok(Torques { path, across: op.J.transpose() * F - path, null, qdot_nominal: lu.solve(&rates), qddot_path: lu.solve(&feed) })
+    Ok(Torques { path, rest: op.J.transpose() * F - path, null, qdot_nominal: lu.solve(&rates), qddot_path: lu.solve(&feed) })
 }
 
 /// Kept rows, auxiliary rows, and for a redundant arm WᵀA of what is left.

@@ -1,24 +1,26 @@
 //! Neighbourhoods of singularities.
 
-/// The neighbourhood of one singularity, with entry and exit apart so that noise at the edge switches nothing.
-///
-/// D_si = { q : |s_i(q)| ≤ η_i }     [CK95 Eq. 2]
+/// The neighbourhood of one singularity; entry and exit are apart so that noise at its boundary switches nothing (+).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Neighborhood {
-    /// Entered at |s| ≤ η_in.
+    /// Entry threshold on |s_i|, dimensionless.
     pub eta_in: f64,
-    /// Left at |s| > η_out.
+    /// Exit threshold on |s_i|, dimensionless; η_out > η_in.
     pub eta_out: f64,
 }
 
 impl Neighborhood {
     /// Whether a posture of measure `s` lies inside, given whether the one before did.
+    ///
+    /// D_si = { q : |s_i(q)| ≤ η_i }, η_i = η_out where the posture before was inside, else η_in     [CK95 Eq. 2]
+    ///
+    /// Units none · Ensures that a NaN is outside · Errors none · Cost O(1)
     #[must_use]
     pub fn update(&self, was_inside: bool, s: f64) -> bool {
         s.abs() <= if was_inside { self.eta_out } else { self.eta_in }
     }
 
-    /// How regular the posture is: 0 at |s| ≤ η_in, 1 at |s| ≥ η_out, smooth between.
+    /// Weight of operational control along ζ_i: 0 at |s| ≤ η_in, 1 at |s| ≥ η_out, continuously differentiable between.
     #[must_use]
     pub fn openness(&self, s: f64) -> f64 {
         crate::linear::smoothstep((s.abs() - self.eta_in) / (self.eta_out - self.eta_in))
@@ -31,7 +33,7 @@ mod tests {
 
     const D: Neighborhood = Neighborhood { eta_in: 0.1, eta_out: 0.2 };
 
-    // covers: CK95 Eq. 2
+    // covers: CK95 Eq. 2 (update)
     #[test]
     fn entry_and_exit_are_apart() {
         assert!(!D.update(false, 0.15) && D.update(true, 0.15), "between the thresholds nothing changes");

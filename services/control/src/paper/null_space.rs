@@ -14,9 +14,10 @@ pub enum Projector {
     DynamicallyConsistent,
 }
 
-/// Γ = JᵀF + [1 − Jᵀ(·)ᵀ]Γ₀, Γ₀ = −A[∇V₀ + k_vq q̇] towards the posture     [CK95 Eq. 3, Eq. 5]
+/// Γ = JᵀF + [1 − Jᵀ(·)ᵀ]Γ₀, Γ₀ = −A[∇V₀ + k_vq q̇] towards the posture     [CK95 Eq. 3]
 ///
-/// The number of task rows is matched by the type.
+/// Shapes J m×N, m the number of task axes, matched by the type · Units N·m · Frame base axes at C · Requires a J of full row rank · Ensures for
+/// [`Projector::DynamicallyConsistent`] that Γ₀ does not accelerate the task · Cost O(N³), no allocation
 ///
 /// # Errors
 /// [`LawError`] if the Jacobian is rank deficient.
@@ -46,7 +47,7 @@ fn sized<const M: usize, const N: usize>(wanted: &Wanted<'_, N>, projector: Proj
     };
     Ok(Torques {
         path,
-        across: task - path,
+        rest: task - path,
         null,
         qdot_nominal: op.Jbar * (T * wanted.V),
         qddot_path: op.Jbar * (T * wanted.a_feed - Jdot_qdot),

@@ -1,4 +1,4 @@
-//! The operational-space formulation: equations 3 to 5 of Chang & Khatib 1995 (cited as CK95).
+//! The operational-space formulation: equations 3 to 5 of Chang & Khatib 1995.
 //!
 //! `J` is any m×n Jacobian of full row rank: the whole one where the arm is regular, the reduced one (singular rows dropped) where
 //! it is not. The rank is matched by the type, never allocated.
@@ -121,7 +121,7 @@ mod tests {
     }
 
     proptest! {
-        // covers: CK95 Eq. 4
+        // covers: CK95 Eq. 4 (new)
         #[test]
         fn the_inverse_is_one_and_lambda_is_positive_definite(q in posture(puma())) {
             let Some((J, A)) = reduced(&q) else { return Ok(()) };
@@ -131,7 +131,8 @@ mod tests {
             prop_assert!(op.Lambda.symmetric_eigenvalues().min() > 0.0);
         }
 
-        // covers: CK95 Eq. 3
+        // covers: CK95 Eq. 3 (N_T)
+        // covers: CK95 Eq. 3 (torque)
         #[test]
         fn the_null_space_is_dynamically_consistent(q in posture(puma()), Gamma_0 in prop::array::uniform6(-10.0..10.0)) {
             let Some((J, A)) = reduced(&q) else { return Ok(()) };
@@ -148,7 +149,6 @@ mod tests {
             prop_assert!((J * A_inv * Gamma).amax() < 1e-10, "null torque accelerates the task");
         }
 
-        // covers: CK95 Eq. 3
         #[test]
         fn torque_does_not_depend_on_the_frame(q in posture(puma()), a in prop::array::uniform5(-1.0..1.0), turn in prop::array::uniform3(-3.0..3.0_f64)) {
             // Any change of basis of the kept rows, here a rotation of the linear three.
@@ -162,7 +162,7 @@ mod tests {
             prop_assert!(difference.amax() < 1e-11 * one.Lambda.amax());
         }
 
-        // covers: CK95 Eq. 5
+        // covers: CK95 Eq. 5 (null_torque)
         #[test]
         fn a_damped_potential_is_an_acceleration(q in posture(puma()), qdot in prop::array::uniform6(-1.0..1.0), grad in prop::array::uniform6(-1.0..1.0)) {
             let A = puma().mass_matrix(&q);
@@ -172,7 +172,7 @@ mod tests {
         }
     }
 
-    // covers: CK95 Eq. 3 (Figures 1 and 2)
+    // covers: CK95 Eq. 3 (torque)
     #[test]
     fn the_pseudo_inverse_disturbs_the_task_and_the_dynamically_consistent_one_does_not() {
         let q = Vector3::new(0.5, 1.0, 0.8);

@@ -1,15 +1,15 @@
-//! What a strategy asks of the auxiliary coordinate, and what it remembers.
+//! The reference of an auxiliary coordinate, and the state that a strategy keeps between ticks.
 
 use crate::types::Mode;
 
-/// What a strategy remembers of one singularity from tick to tick.
+/// The state that a strategy keeps of one singularity between ticks.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Memory {
     /// Side of the singularity, sign of s_i: −1 or +1; 0 before the first tick.
     pub side: f64,
     /// Passing through with ζ off the direction of travel.
     pub passing: bool,
-    /// The desired motion says nothing about ζ.
+    /// The desired motion does not depend on ζ.
     pub holding: bool,
     /// Angle of the auxiliary coordinate while passing through, rad.
     pub passage: f64,

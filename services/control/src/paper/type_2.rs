@@ -18,7 +18,7 @@ pub struct Direction {
     pub weight: f64,
     /// ζ is held off the direction of travel, to pass straight through.
     pub passing: bool,
-    /// The desired motion says too little about ζ: it is held.
+    /// The desired motion hardly depends on ζ: it is held.
     pub holding: bool,
     /// The desired pose is beyond reach.
     pub clipped: bool,
@@ -64,7 +64,7 @@ impl<const N: usize> Turn<N> {
     pub fn target(&self, s: &Singularity<N>, share: f64, share_rate: f64, clock: f64) -> Target {
         let turned = turned(s, &self.from);
         let wanted = self.angle * share;
-        // `turned` is known up to whole turns: the one nearest to what is wanted.
+        // `turned` is known up to whole turns: the nearest one is meant.
         let error = crate::linear::wrap_angle(wanted - turned);
         // From angles of ζ to the auxiliary coordinate.
         let per_aux = if s.kappa_2.abs() > TURNS { s.kappa_2 } else { 1.0 };

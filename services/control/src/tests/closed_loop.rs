@@ -75,7 +75,7 @@ fn sweep(seed: u64, count: usize, speed: f64, plant: Plant, strategy: Strategy) 
     counts
 }
 
-// covers: CK95 Eq. 3 (Figure 5)
+// covers: CK95 Figure 5
 #[test]
 fn figure_5_turns_the_singular_direction_and_then_rotates_about_it() {
     let Figure5 { run, moved, turned, .. } = figure_5(&[], Plant::default());
@@ -107,7 +107,8 @@ fn figure_5_by_the_papers_own_form_and_at_the_flange() {
     }
 }
 
-// covers: CK95 Eq. 3 (Figures 1 and 2)
+// covers: CK95 Eq. 3 (torques)
+// covers: CK95 Figures 1 and 2
 #[test]
 fn figures_1_and_2_hold_the_tip_only_with_the_dynamically_consistent_inverse() {
     let tip = |text: &str| {
@@ -134,7 +135,7 @@ fn the_elbow_leaves_its_lock_in_either_posture_and_comes_back() {
     assert!(f.along_mm < 0.3 && f.across_mm < 0.01 && success(&f).0, "{f:?}");
 }
 
-// covers: CK95 Eq. 3 (Figure 4)
+// covers: CK95 Figure 4
 #[test]
 fn figure_4_leaves_two_locks_at_once() {
     let f = run::<6>(&scenario(scenario_text!("fig4-elbow-and-wrist"), &[]), Plant::default(), |_, _| {});

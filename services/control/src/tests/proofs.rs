@@ -62,7 +62,8 @@ fn wanted<'a>(terms: &'a Terms<6>, at: &'a AtCentre<6>, p_EC: &'a Vector3<f64>) 
 }
 
 proptest! {
-    // covers: CK95 Eq. 1
+    // covers: CK95 Eq. 1 (conditioning)
+    // covers: CK95 Eq. 1 (measure)
     #[test]
     fn the_determinant_is_the_product_of_the_three_factors(q in posture(puma())) {
         let (report, _) = analysed(puma(), "puma560", &q, &Vector6::zeros());
@@ -146,7 +147,7 @@ fn the_augmented_matrix_is_regular_everywhere() {
     assert!(smallest > 0.03 && of_J < 1e-6, "{smallest} {of_J}");
 }
 
-// covers: CK95 Eq. 3 (the one-solve form)
+// covers: CK95 Eq. 3 (torques)
 #[test]
 fn one_solve_gives_the_papers_torque() {
     let mut random = Uniform(3);
@@ -162,7 +163,7 @@ fn one_solve_gives_the_papers_torque() {
             continue;
         }
         let paper = chang_khatib::torques(&wanted, &actives).unwrap();
-        let sum = |t: &crate::law::Torques<6>| t.path + t.across + t.null;
+        let sum = |t: &crate::law::Torques<6>| t.path + t.rest + t.null;
         let scale = sum(&one).amax().max(1.0);
         assert!((sum(&one) - sum(&paper)).amax() < 1e-11 * scale, "k {k}: {} against {}", sum(&one), sum(&paper));
         assert!((one.null - paper.null).amax() < 1e-9 * scale, "the same split: {} against {}", one.null, paper.null);
