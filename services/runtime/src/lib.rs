@@ -11,6 +11,7 @@
 //! control page, which costs a system call only when its owner sleeps. Every wait has a limit. This is the only crate that knows iceoryx2.
 
 mod bus;
+mod checkpoint;
 mod clock;
 mod control_page;
 mod fate;
@@ -19,7 +20,6 @@ pub mod floor;
 mod lockstep;
 mod manifest;
 mod memory;
-mod ports;
 pub mod realtime;
 mod run_dir;
 mod shell;
@@ -30,13 +30,16 @@ mod validation;
 #[cfg(test)]
 mod tests;
 
+pub use bus::collector::Collector;
+pub use bus::reader::Reader;
 pub use bus::topic::{CHAIN_DEPTH, Hub, RECORDER_DEPTH, TopicError};
+pub use bus::writer::{Loan, SendError, Writer};
+pub use checkpoint::CheckpointSlots;
 pub use clock::{now_ns, sleep_until};
 pub use control_page::live_statistics::{Distribution, LiveSingularity, LiveState};
 pub use control_page::{ControlPage, ControlPageError, Count, Counts, MAX_PROCESSES, Phase, ProcessEntry, State, Stop};
 pub use fault::table::{FaultRecord, FaultTable, MOST_FAULTS, Origin};
 pub use manifest::{Disturbance, Manifest, ManifestError, Mode, Process};
-pub use ports::{Collector, Reader, SendError, Writer};
 pub use run_dir::{FoundRun, RunDir, RunDirError, SHM};
 pub use shell::{Interrupted, OpenError, ProcessError, Shell};
 pub use tick_source::TickSource;

@@ -101,6 +101,18 @@ impl<'a, V: View> Protocol<'a, V> {
         Self { view, me }
     }
 
+    /// For a process that has been started again: its state is that of the last tick before this one. `None` in a first incarnation.
+    ///
+    /// A state that was committed for the tick of the death itself belongs to a message that never left.
+    pub(crate) fn resumes_before(&self) -> Option<u64> {
+        let Progress { ticks: closed, incarnation, .. } = self.view.progress(self.me);
+        if incarnation < 2 {
+            return None;
+        }
+        let last = self.view.outages().filter(|outage| outage.process == self.me && (outage.at <= closed || outage.has_struck)).last();
+        Some(last.filter(|_| self.view.is_lockstep()).map_or(u64::MAX, |outage| outage.at.max(closed)))
+    }
+
     fn processes(&self) -> std::ops::Range<usize> {
         0..self.view.processes()
     }

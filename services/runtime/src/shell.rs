@@ -8,18 +8,21 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use iceoryx2::prelude::{Node, ipc};
-use shared_types::Message;
 use shared_types::fault::{Kind, ScheduledFault};
 use shared_types::wire::{HOPS, Header, Stamps};
+use shared_types::{Checkpoint, Message};
 
+use crate::bus::collector::Collector;
+use crate::bus::inlet::Connect;
+use crate::bus::reader::Reader;
 use crate::bus::topic::{self, CHAIN_DEPTH, RECORDER_DEPTH, Subscribing, TopicError};
+use crate::bus::writer::{SendError, Writer};
+use crate::checkpoint::{CheckpointSlots, Commit};
 use crate::clock::now_ns;
 use crate::control_page::{ANYTHING, ControlPage, ControlPageError, Count, PROGRESS, Phase, ProcessEntry, State, Stop, Watchdog};
 use crate::fate::{Hog, Outlet};
 use crate::fault::table::{Copied, FaultTable};
 use crate::manifest::{Disturbance, Manifest, ManifestError, Mode};
-use crate::ports::Connect;
-use crate::ports::{Collector, Reader, SendError, Writer};
 use crate::realtime;
 use crate::run_dir::{RunDir, RunDirError};
 use crate::tick_source::TickSource;
@@ -53,6 +56,14 @@ pub enum OpenError {
     /// Signals cannot be caught.
     #[error("cannot catch SIGTERM and SIGINT: {0}")]
     Signals(std::io::Error),
+    /// No checkpoint.
+    #[error("{process} cannot keep a checkpoint for its replacement: {source}")]
+    Checkpoint {
+        /// Whose.
+        process: String,
+        /// Why.
+        source: std::io::Error,
+    },
     /// No thread.
     #[error("cannot start the watchdog thread: {0}")]
     Watchdog(std::io::Error),
@@ -160,6 +171,10 @@ pub(crate) struct Shared {
     pub(crate) hog: RefCell<Option<Hog>>,
     pub(crate) is_volume_full: Cell<bool>,
     pub(crate) outlets: RefCell<Vec<Rc<dyn Outlet>>>,
+    /// The outputs sent of a tick, a bit each.
+    outputs_sent: Cell<(u64, u32)>,
+    /// What is committed when a tick closes.
+    checkpoints: RefCell<Vec<Rc<dyn Commit>>>,
 }
 
 #[derive(Clone, Copy, Default)]
@@ -279,6 +294,19 @@ impl Shared {
         }
     }
 
+    /// Notes that an output of a tick is about to leave; whether it is the last of those that the graph declares.
+    pub(crate) fn is_last_output(&self, tick: u64, output: usize) -> bool {
+        let (of, sent) = self.outputs_sent.get();
+        let sent = if of == tick { sent } else { 0 } | 1 << output;
+        self.outputs_sent.set((tick, sent));
+        sent.count_ones() as usize >= self.manifest.processes[self.me].writes.len()
+    }
+
+    /// Commits the checkpoint that was written for a tick.
+    pub(crate) fn commit(&self, tick: u64) {
+        self.checkpoints.borrow().iter().for_each(|checkpoint| checkpoint.commit(tick));
+    }
+
     pub(crate) fn port_failed(&self, topic: &'static str, error: impl std::fmt::Display) -> Interrupted {
         Interrupted::Port { process: self.name().to_owned(), topic, reason: error.to_string() }
     }
@@ -360,13 +388,15 @@ pub(crate) struct Wait {
 /// ```no_run
 /// # use runtime::{ProcessError, Shell};
 /// # use shared_types::{SensorSample, StateEstimate};
-/// # fn step(_: &SensorSample) -> StateEstimate { StateEstimate::default() }
+/// # fn step(_: &SensorSample, _: &mut StateEstimate) {}
 /// # fn main() -> Result<(), ProcessError> {
 /// let shell = Shell::open("/dev/shm/…".as_ref(), "estimator")?;
 /// let mut sensors = shell.reader::<SensorSample>()?;
 /// let mut estimates = shell.writer::<StateEstimate>()?;
 /// while let Some(sample) = sensors.next()? {
-///     estimates.send(step(sample))?;
+///     let mut estimate = estimates.loan(sample.header.tick)?;
+///     step(sample, &mut estimate);
+///     estimate.send()?;
 /// }
 /// # Ok(()) }
 /// ```
@@ -434,6 +464,8 @@ impl Shell {
             hog: RefCell::default(),
             is_volume_full: Cell::new(false),
             outlets: RefCell::default(),
+            outputs_sent: Cell::new((0, 0)),
+            checkpoints: RefCell::default(),
         };
         shared.learn();
         shared.tick.set(shared.returns_at());
@@ -474,6 +506,20 @@ impl Shell {
         let subscriber = Rc::new(topic::subscriber(&self.shared.node, depth)?);
         self.shared.ports.borrow_mut().push(Rc::clone(&subscriber) as Rc<dyn Connect>);
         Ok(subscriber)
+    }
+
+    /// The checkpoint of this process: what the incarnation before committed, and the slot to fill at every tick before its last message.
+    ///
+    /// # Errors
+    /// When there is no room for it, or the predecessor's has another layout.
+    pub fn checkpoint<C: Checkpoint>(&self) -> Result<CheckpointSlots<C>, OpenError> {
+        let shared = &self.shared;
+        let path = shared.run.path().join(format!("checkpoint-{}", shared.name()));
+        let failed = |source| OpenError::Checkpoint { process: shared.name().to_owned(), source };
+        shared.learn();
+        let slots = CheckpointSlots::open(&path, shared.protocol().resumes_before()).map_err(failed)?;
+        shared.checkpoints.borrow_mut().push(slots.committer());
+        Ok(slots)
     }
 
     /// Gives out ticks from `first` on: on the grid in real time, as fast as the recorder follows in lockstep.

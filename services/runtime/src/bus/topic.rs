@@ -20,6 +20,8 @@ pub const CHAIN_DEPTH: usize = 64;
 /// Messages the recorder can leave unread before the oldest is overwritten.
 pub const RECORDER_DEPTH: usize = 1024;
 
+/// Samples that a reader holds at once: the one of the tick in hand, one that came before its time, and the next.
+const MAX_BORROWED: usize = 4;
 const MAX_READERS: usize = 8;
 /// The living writer, and the dead one until it has been cleaned up.
 const MAX_WRITERS: usize = 2;
@@ -142,7 +144,7 @@ fn builder<M: Message>(node: &Node<ipc::Service>) -> Result<Builder<Wire<M>, (),
         .enable_safe_overflow(true)
         .history_size(0)
         .subscriber_max_buffer_size(RECORDER_DEPTH)
-        .subscriber_max_borrowed_samples(2)
+        .subscriber_max_borrowed_samples(MAX_BORROWED)
         .max_subscribers(MAX_READERS)
         .max_publishers(MAX_WRITERS)
         .max_nodes(crate::control_page::MAX_PROCESSES + 4))

@@ -1,0 +1,292 @@
+//! The end of a topic that a process of the chain reads: one borrowed message per tick.
+
+use std::rc::Rc;
+
+use shared_types::Message;
+
+use crate::bus::inlet::{Admission, Incoming, Inlet};
+use crate::bus::topic::Subscribing;
+use crate::control_page::Count;
+use crate::shell::{Interrupted, Shared, Wait, Waited};
+
+/// Reads a topic, one message at a time.
+///
+/// In lockstep a process works through tick after tick. A tick is over for a reader when its message has come, or when its writer has closed
+/// the tick and nothing of it is on the way: the writer is down, or what it sent was lost. Then this process closes the tick too, and
+/// so a fault anywhere in the chain is a tick without torque at its end, not a wait for what will never come.
+pub struct Reader<M: Message> {
+    shared: Rc<Shared>,
+    inlet: Inlet<M>,
+    bit: u32,
+    /// The message lent last, borrowed from shared memory until the next one is.
+    current: Option<Incoming<M>>,
+    /// The tick of that message.
+    last: Option<u64>,
+    /// A message that came before its time.
+    ahead: Option<Incoming<M>>,
+}
+
+/// What a reader waits for, and from whom.
+fn expected<M: Message>(shared: &Shared, tick: Option<u64>) -> Wait {
+    Wait {
+        what: match tick {
+            Some(tick) => format!("tick {tick} of topic {:?}", M::TOPIC),
+            None => format!("a first message on topic {:?}", M::TOPIC),
+        },
+        from: shared.manifest.writer_of(M::TOPIC).map_or("its writer".into(), |w| shared.manifest.processes[w].name.clone()),
+    }
+}
+
+/// What a look into the buffer shows.
+#[derive(Clone, Copy)]
+enum Found {
+    /// The message is now the current one.
+    Current,
+    /// What was looked for will not come.
+    Nothing,
+}
+
+impl<M: Message> Reader<M> {
+    pub(crate) fn new(shared: Rc<Shared>, subscriber: Rc<Subscribing<M>>) -> Self {
+        let bit = shared.topic_bit(M::TOPIC);
+        let inlet = Inlet::new(Rc::clone(&shared), subscriber, Admission::OfTheLiving);
+        // What was sent while this process was down is not for its replacement.
+        let last = shared.returns_at().checked_sub(1);
+        Self { shared, inlet, bit, current: None, last, ahead: None }
+    }
+
+    /// The next message: in lockstep that of the next tick that has one, in real time the newest one not yet seen. Waits for it.
+    ///
+    /// `None` when the run stops. In real time the ticks passed over are counted as lost.
+    ///
+    /// # Errors
+    /// When nothing comes within the limit, or in lockstep a tick was skipped that no fault accounts for.
+    #[allow(clippy::should_implement_trait, reason = "it lends from itself and can fail; `while let Some(m) = reader.next()?`")]
+    pub fn next(&mut self) -> Result<Option<&M>, Interrupted> {
+        let shared = Rc::clone(&self.shared);
+        if matches!(shared.start()?, Waited::Stopped) {
+            return Ok(None);
+        }
+        shared.pause();
+        loop {
+            let (tick, last) = (shared.tick.get(), self.last);
+            let found = shared.wait(
+                self.bit,
+                None,
+                || expected::<M>(&shared, last.map(|last| last + 1)),
+                || {
+                    if shared.is_lockstep() { self.look_for_next(tick) } else { self.look_for_newest() }
+                },
+            )?;
+            let Waited::Ready(found) = found else { return Ok(None) };
+            // The tick in hand: in real time it is the message's.
+            let tick = if shared.is_lockstep() { tick } else { self.current.as_ref().map_or(tick, |message| message.header().tick) };
+            shared.tick.set(tick);
+            let goes_on = shared.meet_fate(tick);
+            if goes_on > tick {
+                // It stood still: what came meanwhile is not for it.
+                shared.tick.set(goes_on);
+                self.last = Some(goes_on - 1);
+            } else if matches!(found, Found::Current) {
+                return self.accept();
+            } else if shared.is_unharmed() {
+                return Err(self.lost(tick, tick + 1));
+            } else {
+                shared.close(tick);
+                shared.tick.set(tick + 1);
+            }
+        }
+    }
+
+    /// The message of one tick that another input has named. Waits for it.
+    ///
+    /// `None` when the run stops, or when this message will not come: a later one is there, or in lockstep its writer has closed the tick.
+    ///
+    /// # Errors
+    /// As [`Reader::next`].
+    pub fn at(&mut self, tick: u64) -> Result<Option<&M>, Interrupted> {
+        let shared = Rc::clone(&self.shared);
+        if matches!(shared.start()?, Waited::Stopped) {
+            return Ok(None);
+        }
+        shared.pause();
+        let found = shared.wait(self.bit, None, || expected::<M>(&shared, Some(tick)), || self.look_for(tick))?;
+        match found {
+            Waited::Ready(Found::Current) => {
+                self.last = Some(tick);
+                Ok(self.lend())
+            }
+            Waited::Ready(Found::Nothing) => {
+                self.shared.entry().add(Count::Lost, 1);
+                if self.shared.is_lockstep() && self.shared.is_unharmed() {
+                    return Err(self.lost(tick, self.ahead.as_ref().map_or(tick + 1, |ahead| ahead.header().tick)));
+                }
+                Ok(None)
+            }
+            Waited::Late | Waited::Stopped => Ok(None),
+        }
+    }
+
+    /// The newest message that arrives in the tick a [`TickSource`](crate::TickSource) has given out, for the process that makes the ticks: in
+    /// lockstep when its writer has closed the tick, in real time by `deadline_ns` on `CLOCK_MONOTONIC`, or as soon as that tick's own is there.
+    ///
+    /// `None` when none came that is newer than the last, or the run stops. It may be older than `tick`; its header says.
+    ///
+    /// # Errors
+    /// As [`Reader::next`].
+    pub fn arriving(&mut self, tick: u64, deadline_ns: Option<u64>) -> Result<Option<&M>, Interrupted> {
+        let shared = Rc::clone(&self.shared);
+        if matches!(shared.start()?, Waited::Stopped) {
+            return Ok(None);
+        }
+        shared.pause();
+        let is_shaped = shared.is_shaped();
+        if is_shaped && shared.is_lockstep() {
+            shared.close(tick);
+        }
+        let (before, mut newest) = (self.last, self.last);
+        let found = shared.wait(
+            self.bit,
+            deadline_ns,
+            || expected::<M>(&shared, Some(tick)),
+            || {
+                loop {
+                    while let Some(message) = self.inlet.receive()? {
+                        let came = message.header().tick;
+                        if newest.is_some_and(|newest| came <= newest) {
+                            shared.entry().add(Count::Repeated, 1);
+                            shared.message_fault_detected();
+                            continue;
+                        }
+                        self.current = Some(message);
+                        newest = Some(came);
+                        if came == tick && !(is_shaped && shared.is_lockstep()) {
+                            return Ok(Some(()));
+                        }
+                    }
+                    if shared.is_unordered() && tick > 0 && before == Some(tick - 1) {
+                        return Ok(Some(()));
+                    }
+                    // What came between the last look and the closing is still to be taken in: look once more.
+                    match shared.is_lockstep() && self.inlet.is_over(tick) {
+                        true if self.inlet.has_more()? => {}
+                        true => return Ok(Some(())),
+                        false => return Ok(None),
+                    }
+                }
+            },
+        )?;
+        if matches!(found, Waited::Stopped) {
+            return Ok(None);
+        }
+        self.last = newest;
+        if newest == before {
+            if shared.is_unordered() && before.is_some() {
+                return Ok(self.current.as_deref());
+            }
+            if shared.is_lockstep() && shared.is_unharmed() {
+                return Err(self.lost(tick, tick + 1));
+            }
+            shared.message_fault_detected();
+            return Ok(None);
+        }
+        Ok(self.lend())
+    }
+
+    /// The message in hand, for as long as the tick lasts.
+    fn lend(&self) -> Option<&M> {
+        let message = self.current.as_deref()?;
+        self.shared.note_input(message.header());
+        Some(message)
+    }
+
+    fn lost(&self, expected: u64, found: u64) -> Interrupted {
+        Interrupted::Lost { process: self.shared.name().to_owned(), topic: M::TOPIC, expected, found }
+    }
+
+    /// The next message in order; or nothing, when the tick is over without one.
+    fn look_for_next(&mut self, tick: u64) -> Result<Option<Found>, Interrupted> {
+        if self.take_up_ahead() {
+            return Ok(Some(Found::Current));
+        }
+        loop {
+            while let Some(message) = self.inlet.receive()? {
+                if self.last.is_some_and(|last| message.header().tick <= last) {
+                    self.shared.entry().add(Count::Repeated, 1);
+                    self.shared.message_fault_detected();
+                    continue;
+                }
+                self.current = Some(message);
+                return Ok(Some(Found::Current));
+            }
+            match self.inlet.is_over(tick) {
+                true if self.inlet.has_more()? => {}
+                true => return Ok(Some(Found::Nothing)),
+                false => return Ok(None),
+            }
+        }
+    }
+
+    fn take_up_ahead(&mut self) -> bool {
+        match self.ahead.take().filter(|message| self.last.is_none_or(|last| message.header().tick > last)) {
+            Some(ahead) => {
+                self.current = Some(ahead);
+                true
+            }
+            None => false,
+        }
+    }
+
+    fn look_for_newest(&mut self) -> Result<Option<Found>, Interrupted> {
+        let mut found = self.take_up_ahead().then_some(Found::Current);
+        while let Some(message) = self.inlet.receive()? {
+            if self.last.is_some_and(|last| message.header().tick <= last) {
+                self.shared.entry().add(Count::Repeated, 1);
+                self.shared.message_fault_detected();
+                continue;
+            }
+            self.current = Some(message);
+            found = Some(Found::Current);
+        }
+        Ok(found)
+    }
+
+    fn look_for(&mut self, tick: u64) -> Result<Option<Found>, Interrupted> {
+        let mut over = false;
+        loop {
+            let message = match self.ahead.take() {
+                Some(message) => Some(message),
+                None => self.inlet.receive()?,
+            };
+            match message {
+                Some(message) if message.header().tick == tick => {
+                    self.current = Some(message);
+                    return Ok(Some(Found::Current));
+                }
+                Some(message) if message.header().tick > tick => {
+                    self.ahead = Some(message);
+                    return Ok(Some(Found::Nothing));
+                }
+                Some(_) => self.shared.entry().add(Count::Repeated, 1),
+                None if over => return Ok(Some(Found::Nothing)),
+                None if self.shared.is_lockstep() && self.inlet.is_over(self.shared.tick.get()) => over = true,
+                None => return Ok(None),
+            }
+        }
+    }
+
+    fn accept(&mut self) -> Result<Option<&M>, Interrupted> {
+        let Some(tick) = self.current.as_ref().map(|message| message.header().tick) else { return Ok(None) };
+        let expected = self.last.map_or(tick, |last| last + 1);
+        if tick > expected {
+            self.shared.entry().add(Count::Lost, tick - expected);
+            if self.shared.is_lockstep() && self.shared.is_unharmed() {
+                // What came too early is not lost by having been looked at.
+                self.ahead = self.current.take();
+                return Err(self.lost(expected, tick));
+            }
+        }
+        self.last = Some(tick);
+        Ok(self.lend())
+    }
+}

@@ -1,0 +1,309 @@
+//! The end of a topic that a process writes: messages are filled in place in loaned shared memory.
+
+use std::cell::{Cell, RefCell};
+use std::collections::VecDeque;
+use std::ops::{Deref, DerefMut};
+use std::rc::Rc;
+
+use iceoryx2::prelude::ipc;
+use iceoryx2::sample_mut::SampleMut;
+use shared_types::Message;
+use shared_types::fault::{Kind, MOST_DELAY_TICKS, shaped_topic};
+
+use crate::bus::topic::{Publishing, TopicError, Wire};
+use crate::clock::now_ns;
+use crate::control_page::Count;
+use crate::fate::Outlet;
+use crate::memory::Memory;
+use crate::realtime::Usage;
+use crate::shell::Shared;
+use crate::tick_source::{USAGE_EVERY, cause};
+use crate::validation::{first_not_finite, happens, random, spoil};
+
+/// Why a message was not sent.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum SendError {
+    /// A number in it is not finite; it does not leave the process.
+    #[error("{process} refused its own {topic:?} of tick {tick}: {field} is not finite")]
+    NotFinite {
+        /// Who sends.
+        process: String,
+        /// Which topic.
+        topic: &'static str,
+        /// The message's tick.
+        tick: u64,
+        /// The first field that is not finite.
+        field: &'static str,
+    },
+    /// iceoryx2 failed.
+    #[error("{process} cannot send topic {topic:?}: {reason}")]
+    Port {
+        /// Who sends.
+        process: String,
+        /// Which topic.
+        topic: &'static str,
+        /// What iceoryx2 says.
+        reason: String,
+    },
+}
+
+/// Writes a topic.
+pub struct Writer<M: Message> {
+    outlet: Rc<Sending<M>>,
+    usage: Usage,
+    /// What this process sent last, before it was started again.
+    legacy: Option<M>,
+}
+
+/// Where messages leave the process, and where the faults that concern them are.
+struct Sending<M: Message> {
+    shared: Rc<Shared>,
+    /// Its place among the process's outputs.
+    output: usize,
+    publisher: Rc<Publishing<M>>,
+    bit: u32,
+    readers: Vec<usize>,
+    /// The last messages, kept in shared memory for this process's replacement, and the recorder's.
+    memory: Memory<M>,
+    /// Messages that faults hold back, with the tick at which they leave.
+    held: RefCell<VecDeque<(u64, M)>>,
+    /// What a fault sends again and again.
+    stale: Cell<Option<M>>,
+}
+
+impl<M: Message> Writer<M> {
+    pub(crate) fn new(shared: &Rc<Shared>, publisher: Rc<Publishing<M>>) -> Result<Self, TopicError> {
+        let memory = Memory::open(&shared.run).map_err(|error| TopicError::Memory { topic: M::TOPIC, reason: error.to_string() })?;
+        let legacy = if shared.entry().incarnation() > 1 { memory.last() } else { None };
+        let outlet = Rc::new(Sending {
+            shared: Rc::clone(shared),
+            publisher,
+            output: shared.manifest.processes[shared.me].writes.iter().position(|topic| topic == M::TOPIC).unwrap_or(0),
+            bit: shared.topic_bit(M::TOPIC),
+            readers: shared.manifest.woken_by(M::TOPIC).collect(),
+            memory,
+            held: RefCell::new(VecDeque::with_capacity(MOST_HELD)),
+            stale: Cell::new(None),
+        });
+        shared.add_outlet(Rc::clone(&outlet) as Rc<dyn Outlet>);
+        Ok(Self { outlet, usage: Usage::now(), legacy })
+    }
+
+    /// What the incarnation before this one sent last: all that a replacement knows of the past. `None` in a first incarnation.
+    #[must_use]
+    pub fn legacy(&self) -> Option<&M> {
+        self.legacy.as_ref()
+    }
+
+    /// Loans shared memory for the message of a tick: all zero but for the tick, to be filled in place.
+    ///
+    /// A loan that is dropped is not sent. One message of a topic is on loan at a time.
+    ///
+    /// # Errors
+    /// When iceoryx2 has no memory left.
+    pub fn loan(&mut self, tick: u64) -> Result<Loan<'_, M>, SendError> {
+        // SAFETY: the pointer is that of a loan of one message, and zeros are a message, for it is `Pod`.
+        self.loan_with(|payload| unsafe { payload.write_bytes(0, 1) }).map(|mut loan| {
+            loan.header_mut().tick = tick;
+            loan
+        })
+    }
+
+    /// Loans shared memory that holds what an earlier message left there: for large messages of which all that matters is overwritten anyway.
+    ///
+    /// # Errors
+    /// As [`Writer::loan`].
+    pub fn loan_as_is(&mut self, tick: u64) -> Result<Loan<'_, M>, SendError> {
+        self.loan_with(|_| {}).map(|mut loan| {
+            *loan.header_mut() = shared_types::Header { tick, ..Default::default() };
+            loan
+        })
+    }
+
+    fn loan_with(&mut self, prepare: impl FnOnce(*mut M)) -> Result<Loan<'_, M>, SendError> {
+        let mut sample = self.outlet.publisher.loan_uninit().map_err(|error| self.outlet.failed(error))?;
+        prepare(sample.payload_mut().as_mut_ptr().cast());
+        // SAFETY: `Wire<M>` is transparent over `M`, which is `Pod`: every bit pattern is a message, and the memory is a mapped file, whose bytes
+        // are those of an earlier message or zero.
+        let sample = unsafe { sample.assume_init() };
+        Ok(Loan { sample, outlet: &self.outlet, usage: &mut self.usage })
+    }
+
+    /// Sends a message that was made elsewhere, for which it is copied once into shared memory; otherwise as [`Loan::send`].
+    ///
+    /// # Errors
+    /// As [`Writer::loan`] and [`Loan::send`].
+    pub fn send(&mut self, message: M) -> Result<(), SendError> {
+        // SAFETY: the pointer is that of a loan of one message.
+        self.loan_with(|payload| unsafe { payload.write(message) })?.send()
+    }
+}
+
+/// A message in shared memory that has not been sent yet.
+pub struct Loan<'a, M: Message> {
+    sample: SampleMut<ipc::Service, Wire<M>, ()>,
+    outlet: &'a Sending<M>,
+    usage: &'a mut Usage,
+}
+
+impl<M: Message> Deref for Loan<'_, M> {
+    type Target = M;
+    fn deref(&self) -> &M {
+        &self.sample.payload().0
+    }
+}
+
+impl<M: Message> DerefMut for Loan<'_, M> {
+    fn deref_mut(&mut self) -> &mut M {
+        &mut self.sample.payload_mut().0
+    }
+}
+
+impl<M: Message> Loan<'_, M> {
+    /// Sends the message and wakes the readers that wait for it; never blocks.
+    ///
+    /// Fills in the incarnation and the stamps: those of the inputs of the same tick, and this hop's own. With the last output that the graph
+    /// declares for this process the tick is closed, and the checkpoint of the tick is committed before.
+    ///
+    /// # Errors
+    /// When a number in it is not finite (counted; nothing is sent), or iceoryx2 fails.
+    pub fn send(mut self) -> Result<(), SendError> {
+        let (outlet, shared) = (self.outlet, &self.outlet.shared);
+        let tick = self.header().tick;
+        if let Some(field) = first_not_finite(&*self) {
+            shared.entry().add(Count::NotFinite, 1);
+            let error = SendError::NotFinite { process: shared.name().to_owned(), topic: M::TOPIC, tick, field };
+            tracing::error!("{error}");
+            return Err(error);
+        }
+        let sent_ns = shared.stamp(self.header_mut());
+        shared.control_page.live_state_cells().note(&*self);
+        let is_last = shared.is_last_output(tick, outlet.output);
+        if is_last {
+            shared.commit(tick);
+        }
+        let header = *self.header();
+        if shared.is_shaped() && shaped_topic(M::TOPIC) {
+            let message = *self;
+            drop(self.sample);
+            outlet.memory.keep(&message);
+            outlet.shape(&message)?;
+            if !shared.is_lockstep() {
+                outlet.flush(shared.tick.get());
+            }
+        } else {
+            outlet.deliver(self.sample)?;
+        }
+        // With shaped messages in lockstep a tick is closed when its inputs are exhausted, for one message may be several or none.
+        if is_last && !(shared.is_shaped() && shared.is_lockstep()) {
+            shared.entry().set_ticks(tick + 1);
+            if shared.is_lockstep() {
+                shared.tick.set(tick + 1);
+            }
+            shared.report_progress();
+        }
+        outlet.ring();
+        count_lateness(self.usage, shared, &header, sent_ns);
+        Ok(())
+    }
+}
+
+/// In real time an output is due one period after its tick was.
+fn count_lateness(usage: &mut Usage, shared: &Shared, header: &shared_types::Header, sent_ns: u64) {
+    let origin_ns = header.stamps.origin_ns();
+    let due_ns = origin_ns + shared.manifest.period_ns();
+    let is_late = origin_ns > 0 && sent_ns > due_ns;
+    if shared.is_lockstep() || !(is_late || header.tick.is_multiple_of(USAGE_EVERY)) {
+        return;
+    }
+    let now = Usage::now();
+    if is_late {
+        let was_late_already = header.stamps.received_ns.iter().any(|&ns| ns > due_ns);
+        shared.entry().add(if was_late_already { Count::MissedLateInput } else { cause(*usage, now, false) }, 1);
+    }
+    *usage = now;
+}
+
+/// Room for what a delay can hold back.
+const MOST_HELD: usize = 2 * MOST_DELAY_TICKS as usize + 4;
+
+impl<M: Message> Sending<M> {
+    fn failed(&self, reason: impl std::fmt::Display) -> SendError {
+        SendError::Port { process: self.shared.name().to_owned(), topic: M::TOPIC, reason: reason.to_string() }
+    }
+
+    fn deliver(&self, sample: SampleMut<ipc::Service, Wire<M>, ()>) -> Result<(), SendError> {
+        // Before it leaves: whoever has it finds it there.
+        self.memory.deliver(&sample.payload().0);
+        sample.send().map_err(|error| self.failed(error))?;
+        self.shared.entry().add(Count::Sent, 1);
+        Ok(())
+    }
+
+    /// Delivers a message that a fault has held back, doubled or changed: a copy, for it is not the one that was on loan.
+    fn deliver_copy(&self, message: &M) -> Result<(), SendError> {
+        let sample = self.publisher.loan_uninit().map_err(|error| self.failed(error))?;
+        self.deliver(sample.write_payload(Wire(*message)))
+    }
+
+    /// Does to a message what the faults of its tick say.
+    fn shape(&self, message: &M) -> Result<(), SendError> {
+        let (shared, tick) = (&self.shared, self.shared.tick.get());
+        let (mut message, label) = (*message, message.header().tick);
+        let (mut due, mut copies) = (tick, 1);
+        let mut is_stale = false;
+        for (place, strike, kind) in shared.fates.borrow().of(shared.me, tick) {
+            if !kind.shapes_messages() || !happens(strike, label) {
+                continue;
+            }
+            shared.control_page.fault_table().mark_injected(place, now_ns());
+            match kind {
+                Kind::Drop => copies = 0,
+                Kind::Duplicate => copies *= 2,
+                // It leaves after the next one: that one is delivered before what is due is flushed.
+                Kind::Reorder => due += 1,
+                Kind::Delay => due += strike.amount as u64 + random(strike.seed, label) % (strike.jitter + 1),
+                Kind::Corrupt => spoil(&mut message, strike, shared.name()),
+                _ => is_stale = true,
+            }
+        }
+        if is_stale {
+            // Its own old header with it: whoever reads ticks knows it again.
+            let Some(old) = self.stale.get().or_else(|| self.memory.before(label)) else { return Ok(()) };
+            self.stale.set(Some(old));
+            message = old;
+        } else {
+            self.stale.set(None);
+        }
+        for _ in 0..copies {
+            if due == tick {
+                self.deliver_copy(&message)?;
+            } else if self.held.borrow().len() < MOST_HELD {
+                self.held.borrow_mut().push_back((due, message));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl<M: Message> Outlet for Sending<M> {
+    fn flush(&self, tick: u64) {
+        let mut held = self.held.borrow_mut();
+        let mut place = 0;
+        while let Some(&(due, message)) = held.get(place) {
+            if due > tick {
+                place += 1;
+                continue;
+            }
+            held.remove(place);
+            // It fails where no memory is left: then the message is lost, as messages that faults hold back may be.
+            let _ = self.deliver_copy(&message);
+        }
+    }
+
+    fn ring(&self) {
+        for &reader in &self.readers {
+            self.shared.control_page.process(reader).bell().ring(self.bit);
+        }
+    }
+}

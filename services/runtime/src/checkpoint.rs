@@ -1,0 +1,135 @@
+//! Checkpoints: what a process needs of its own past when it is started again, in a file of the run that outlives its writer.
+//!
+//! Two slots take turns. The slot of a tick is committed before the tick's last message leaves, so whatever a reader has was computed from a
+//! state that a replacement finds; the slot of the tick before stays, for a death between the commit and the message.
+
+use std::cell::Cell;
+use std::fs::OpenOptions;
+use std::marker::PhantomData;
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::Path;
+use std::ptr::NonNull;
+use std::rc::Rc;
+use std::sync::atomic::{AtomicU64, Ordering, fence};
+
+use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
+use shared_types::Checkpoint;
+
+#[repr(C)]
+struct File<C> {
+    /// [`Layout::layout_hash`](shared_types::Layout::layout_hash) of `C`; 0 in a fresh file.
+    layout: AtomicU64,
+    /// Commits so far; the newest lies in slot (commits − 1) mod 2.
+    commits: AtomicU64,
+    /// The tick of each slot.
+    ticks: [AtomicU64; 2],
+    slots: [C; 2],
+}
+
+struct Mapped<C> {
+    file: NonNull<File<C>>,
+    /// The slot has been handed out since the last commit.
+    is_written: Cell<bool>,
+    _checkpoint: PhantomData<C>,
+}
+
+/// What can be committed when a tick is about to close.
+pub(crate) trait Commit {
+    /// Commits what was written for a tick; nothing where nothing was.
+    fn commit(&self, tick: u64);
+}
+
+impl<C> Mapped<C> {
+    fn commits(&self) -> &AtomicU64 {
+        // SAFETY: mapped for the life of `self`, aligned as a page is.
+        unsafe { &(*self.file.as_ptr()).commits }
+    }
+
+    fn tick(&self, number: u64) -> &AtomicU64 {
+        // SAFETY: as above.
+        unsafe { &(*self.file.as_ptr()).ticks[(number % 2) as usize] }
+    }
+
+    fn slot(&self, number: u64) -> *mut C {
+        // SAFETY: the index is 0 or 1.
+        unsafe { (&raw mut (*self.file.as_ptr()).slots).cast::<C>().add((number % 2) as usize) }
+    }
+}
+
+impl<C> Commit for Mapped<C> {
+    fn commit(&self, tick: u64) {
+        if !self.is_written.replace(false) {
+            return;
+        }
+        let commits = self.commits().load(Ordering::Relaxed);
+        self.tick(commits).store(tick, Ordering::Relaxed);
+        fence(Ordering::Release);
+        self.commits().store(commits + 1, Ordering::Release);
+    }
+}
+
+impl<C> Drop for Mapped<C> {
+    fn drop(&mut self) {
+        // SAFETY: mapped by `open` with this size; no reference outlives `self`.
+        let _ = unsafe { munmap(self.file.as_ptr().cast(), size_of::<File<C>>()) };
+    }
+}
+
+/// A process's checkpoint: what the incarnation before committed, and the slot to write now.
+pub struct CheckpointSlots<C: Checkpoint> {
+    mapped: Rc<Mapped<C>>,
+    previous: Option<C>,
+}
+
+impl<C: Checkpoint> CheckpointSlots<C> {
+    /// Maps the file, which is made where there is none. The previous checkpoint is the newest of a tick before `before`; `None`: there is none.
+    ///
+    /// # Errors
+    /// When there is no room, or the file holds a checkpoint of another layout.
+    pub(crate) fn open(path: &Path, before: Option<u64>) -> std::io::Result<Self> {
+        let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).mode(0o600).open(path)?;
+        if file.metadata()?.len() < size_of::<File<C>>() as u64 {
+            // Written, not only truncated: the memory is there now, or the error is.
+            std::os::unix::fs::FileExt::write_all_at(&file, &vec![0; size_of::<File<C>>()], 0)?;
+        }
+        // SAFETY: a fresh shared mapping of a file that is at least this long; nothing else in this process lies there.
+        let address =
+            unsafe { mmap(std::ptr::null_mut(), size_of::<File<C>>(), ProtFlags::READ | ProtFlags::WRITE, MapFlags::SHARED, &file, 0)? };
+        let file: NonNull<File<C>> = NonNull::new(address.cast()).ok_or_else(|| std::io::Error::other("mapped at address 0"))?;
+        let mapped = Mapped { file, is_written: Cell::new(false), _checkpoint: PhantomData };
+        // SAFETY: mapped above, and an integer.
+        let layout = unsafe { &(*file.as_ptr()).layout };
+        let (ours, found) = (C::layout_hash(), layout.load(Ordering::Relaxed));
+        match found {
+            0 => layout.store(ours, Ordering::Relaxed),
+            found if found != ours => {
+                return Err(std::io::Error::other(format!("it has the layout {found:016x}, this program speaks {ours:016x}")));
+            }
+            _ => {}
+        }
+        let commits = mapped.commits().load(Ordering::Acquire);
+        let newest = (commits.saturating_sub(2)..commits).rev();
+        let number = before.and_then(|before| newest.into_iter().find(|number| mapped.tick(*number).load(Ordering::Relaxed) < before));
+        // SAFETY: a slot of the mapping whose writer is dead; every bit pattern is a checkpoint, for it is `Pod`.
+        let previous = number.map(|number| unsafe { mapped.slot(number).read() });
+        Ok(Self { mapped: Rc::new(mapped), previous })
+    }
+
+    pub(crate) fn committer(&self) -> Rc<dyn Commit> {
+        Rc::clone(&self.mapped) as Rc<dyn Commit>
+    }
+
+    /// What the incarnation before this one committed with the last tick of which it sent everything; `None` in a first incarnation.
+    #[must_use]
+    pub fn previous(&self) -> Option<&C> {
+        self.previous.as_ref()
+    }
+
+    /// The slot of the tick in hand, to be overwritten as a whole: it holds the state of two ticks before. It is committed with the tick.
+    pub fn slot(&mut self) -> &mut C {
+        self.mapped.is_written.set(true);
+        let commits = self.mapped.commits().load(Ordering::Relaxed);
+        // SAFETY: a slot of the mapping that nobody reads before it is committed; the borrow of `self` keeps it the only one.
+        unsafe { &mut *self.mapped.slot(commits) }
+    }
+}
