@@ -10,14 +10,21 @@
 
 mod child;
 pub mod doctor;
-mod supervise;
+mod launch;
+mod outcome;
+mod plan;
+mod signals;
+mod spawn;
+mod stop;
 #[cfg(test)]
 mod tests;
+mod watch;
 
 pub use child::Exit;
-pub use supervise::{
-    Child, End, Event, Failure, Interrupts, LaunchError, Launcher, Limits, Outcome, Plan, ProcessOutcome, Restart, reexec,
-};
+pub use launch::Launcher;
+pub use outcome::{End, Failure, LaunchError, Outcome, ProcessOutcome};
+pub use plan::{Child, Event, Limits, Plan, Restart, reexec};
+pub use signals::Interrupts;
 
 use runtime::RunDir;
 

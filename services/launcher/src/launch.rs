@@ -1,0 +1,112 @@
+//! A run from its preparation to its outcome.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use runtime::{ControlPage, Hub, Manifest, Mode, Origin, Phase, RunDir, State};
+
+use crate::outcome::{End, Failure, LaunchError, Outcome};
+use crate::plan::{Commands, Event, Plan, Report};
+use crate::signals::{Interrupts, Urgency};
+use crate::spawn::{Slot, Slots, Supervised};
+
+/// A prepared run: its directory, control page and topics exist, and no process yet.
+///
+/// It must be run on the thread that stays: the kernel kills the children when the thread that started them ends.
+#[derive(Debug)]
+pub struct Launcher(Supervised);
+
+impl Launcher {
+    /// Makes the run's directory, manifest, control page and topics.
+    ///
+    /// # Errors
+    /// When shared memory cannot be used or the graph contradicts itself; nothing is left then.
+    pub fn prepare(plan: Plan) -> Result<Self, LaunchError> {
+        let run = RunDir::create()?;
+        let manifest = Manifest {
+            mode: plan.mode,
+            rate_hz: plan.rate_hz,
+            wait_limit: plan.limits.wait,
+            processes: plan.children.iter().map(|child| child.process.clone()).collect(),
+        };
+        manifest.write(&run)?;
+        let control_page = ControlPage::create(&run)?;
+        for fault in &plan.faults {
+            if control_page.fault_table().enter(fault, Origin::Planned).is_none() {
+                return Err(LaunchError::TooManyFaults { count: plan.faults.len() });
+            }
+        }
+        let hub = Hub::create(&run, &manifest)?;
+        let slots = plan.children.iter().map(|_| Slot::default()).collect();
+        Ok(Self(Supervised { slots: Slots(slots), hub, control_page, run, plan }))
+    }
+
+    /// The run's directory, for files that the processes shall find there (the scenario).
+    #[must_use]
+    pub fn run_dir(&self) -> &Path {
+        self.0.run.path()
+    }
+
+    /// Starts all processes, watches them to the end, stops them and removes the run.
+    ///
+    /// # Errors
+    /// When a process cannot be started or is not ready in time, or the run's files cannot be removed. What goes wrong after the first tick
+    /// is part of the [`Outcome`].
+    pub fn run(self, commands: Commands<'_>, report: Report<'_>) -> Result<Outcome, LaunchError> {
+        self.0.run_to_end(commands, report)
+    }
+}
+
+impl Supervised {
+    fn run_to_end(mut self, commands: Commands<'_>, report: Report<'_>) -> Result<Outcome, LaunchError> {
+        let mut signals = Interrupts::catch().map_err(LaunchError::Signals)?;
+        let _urgency = (self.plan.mode == Mode::Realtime).then(Urgency::begin);
+        for index in 0..self.plan.children.len() {
+            self.start(index, commands)?;
+        }
+        let until = Instant::now() + self.plan.limits.start;
+        for (state, next) in [(State::Ready, Phase::Connect), (State::Connected, Phase::Work)] {
+            self.await_all(state, until, &mut signals, report)?;
+            self.control_page.begin(next);
+        }
+        report(Event::Go);
+        let end = self.watch(commands, &mut signals, report);
+        report(Event::Stopping);
+        let late_failure = self.stop(&mut signals, report);
+        report(Event::Stopped);
+        let end = match (end, late_failure) {
+            (End::Completed, Some(failure)) => End::Failed(failure),
+            (end, _) => end,
+        };
+        let faults = self.control_page.fault_table().records().map(|(_, account)| account).collect();
+        let outcome = Outcome { end, ticks: self.ticks(), processes: self.process_outcomes(), faults };
+        let Self { slots, hub, control_page, run, .. } = self;
+        drop((slots, hub, control_page));
+        run.remove().map_err(LaunchError::LeftBehind)?;
+        Ok(outcome)
+    }
+
+    fn await_all(&mut self, state: State, until: Instant, signals: &mut Interrupts, report: Report<'_>) -> Result<(), LaunchError> {
+        loop {
+            self.rest(Duration::from_millis(2));
+            self.pass_lines_on(report);
+            if let Some(&index) = self.take_in_exits(report).first() {
+                return Err(LaunchError::NotReady(self.died(index)));
+            }
+            if let Some(signal) = signals.pending() {
+                return Err(LaunchError::Interrupted { signal });
+            }
+            let laggard = (0..self.plan.children.len()).find(|&index| self.control_page.process(index).state() != state);
+            match laggard {
+                None => return Ok(()),
+                Some(index) if Instant::now() > until => {
+                    return Err(LaunchError::NotReady(Failure::Slow {
+                        process: self.name(index).to_owned(),
+                        limit: self.plan.limits.start,
+                    }));
+                }
+                Some(_) => {}
+            }
+        }
+    }
+}

@@ -1,0 +1,152 @@
+//! What can go wrong in a run, and what became of it.
+
+use std::io;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use runtime::{ControlPageError, FaultRecord, MOST_FAULTS, ManifestError, RunDirError, TopicError};
+
+use crate::child::Exit;
+
+/// Why a run could not be prepared; nothing of it is left.
+#[derive(Debug, thiserror::Error)]
+pub enum LaunchError {
+    /// Its directory.
+    #[error(transparent)]
+    RunDir(#[from] RunDirError),
+    /// Its manifest.
+    #[error(transparent)]
+    Manifest(#[from] ManifestError),
+    /// Its control page.
+    #[error(transparent)]
+    ControlPage(#[from] ControlPageError),
+    /// Its topics.
+    #[error(transparent)]
+    Topic(#[from] TopicError),
+    /// A process.
+    #[error("cannot start {process} ({command}): {source}")]
+    Spawn {
+        /// Which.
+        process: String,
+        /// The command.
+        command: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// More faults than a run can have.
+    #[error("{count} faults are planned, a run has room for {MOST_FAULTS}: take some out")]
+    TooManyFaults {
+        /// How many.
+        count: usize,
+    },
+    /// A process that died before the first tick.
+    #[error("{0}")]
+    NotReady(Failure),
+    /// Ctrl-C before the first tick.
+    #[error("stopped by {signal} before the first tick")]
+    Interrupted {
+        /// Which signal.
+        signal: &'static str,
+    },
+    /// Signals cannot be caught.
+    #[error("cannot catch SIGINT, SIGTERM and SIGHUP: {0}")]
+    Signals(io::Error),
+    /// Its files cannot be removed.
+    #[error("the run has ended but its files are left: {0}")]
+    LeftBehind(RunDirError),
+}
+
+/// What went wrong in a run.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Failure {
+    /// A process ended unasked.
+    #[error("{process} (process {pid}) ended unexpectedly with {exit} at tick {tick}{}{}{}", spent(*restarts), hint(suspect), said(last_words))]
+    Died {
+        /// Which.
+        process: String,
+        /// Its process id.
+        pid: u32,
+        /// How.
+        exit: Exit,
+        /// Ticks it had done.
+        tick: u64,
+        /// How often it had been started again.
+        restarts: u32,
+        /// Another process that had fallen behind before, which may be the reason.
+        suspect: Option<String>,
+        /// The end of its standard error.
+        last_words: Vec<String>,
+    },
+    /// A process did not get ready.
+    #[error("{process} was not ready for the first tick within {limit:?}")]
+    Slow {
+        /// Which.
+        process: String,
+        /// The limit.
+        limit: Duration,
+    },
+    /// A process did not stop when asked and told to.
+    #[error("{process} (process {pid}) did not stop within {limit:?} and was killed")]
+    DidNotStop {
+        /// Which.
+        process: String,
+        /// Its process id.
+        pid: u32,
+        /// The limit.
+        limit: Duration,
+    },
+}
+
+fn spent(restarts: u32) -> String {
+    if restarts == 0 { String::new() } else { format!(" after {restarts} restarts, all that its budget allows") }
+}
+
+fn hint(suspect: &Option<String>) -> String {
+    suspect.as_ref().map(|name| format!(" ({name} had stood still before)")).unwrap_or_default()
+}
+
+fn said(last_words: &[String]) -> String {
+    if last_words.is_empty() { String::new() } else { format!("; it said:\n  {}", last_words.join("\n  ")) }
+}
+
+/// How a run ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum End {
+    /// All ticks are done.
+    Completed,
+    /// By a signal to the launcher.
+    Interrupted {
+        /// Which signal.
+        signal: &'static str,
+    },
+    /// Something went wrong.
+    Failed(Failure),
+}
+
+/// What became of one process.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ProcessOutcome {
+    /// Its name.
+    pub name: String,
+    /// The process id of its last incarnation.
+    pub pid: u32,
+    /// How often it was started again.
+    pub restarts: u32,
+    /// How its last incarnation ended.
+    pub exit: Exit,
+    /// Everything it counted, by name: missed deadlines by cause, refused, lost and repeated messages.
+    pub counts: runtime::Counts,
+}
+
+/// What became of a run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outcome {
+    /// How it ended.
+    pub end: End,
+    /// Ticks done.
+    pub ticks: u64,
+    /// Its processes, in the order of the plan.
+    pub processes: Vec<ProcessOutcome>,
+    /// Its faults, planned and live, in the order in which they were known.
+    pub faults: Vec<FaultRecord>,
+}

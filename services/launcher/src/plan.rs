@@ -1,0 +1,127 @@
+//! What to start and how, and what is reported meanwhile.
+
+use std::io;
+use std::path::Path;
+use std::process::Command;
+use std::time::Duration;
+
+use runtime::{Mode, Process};
+use shared_types::fault::ScheduledFault;
+
+use crate::child::Exit;
+
+/// What to do when a process ends unasked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Restart {
+    /// The run ends.
+    Never,
+    /// Start it again, up to so many times in the run, after a pause that doubles each time.
+    Budget {
+        /// How many times.
+        times: u32,
+        /// The first pause.
+        back_off: Duration,
+    },
+}
+
+/// A process to start.
+#[derive(Clone, Debug)]
+pub struct Child {
+    /// As the others see it.
+    pub process: Process,
+    /// Its successful end is the end of the run (the plant has done all ticks).
+    pub ends_run: bool,
+    /// What to do when it ends unasked.
+    pub restart: Restart,
+}
+
+/// How long the launcher is patient.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Until all processes are ready.
+    pub start: Duration,
+    /// Until the asked have stopped, and again until the told have.
+    pub stop: Duration,
+    /// The same for the polled ones (the recorder has files to finish).
+    pub stop_polled: Duration,
+    /// The longest one process waits for another.
+    pub wait: Duration,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        let seconds = Duration::from_secs;
+        Self { start: seconds(20), stop: seconds(2), stop_polled: seconds(30), wait: seconds(10) }
+    }
+}
+
+/// What to start, and how.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// How time passes.
+    pub mode: Mode,
+    /// Ticks per second of the arm's time.
+    pub rate_hz: u32,
+    /// The processes, in the order of the data: sources first.
+    pub children: Vec<Child>,
+    /// How long the launcher is patient.
+    pub limits: Limits,
+    /// What goes wrong, and when.
+    pub faults: Vec<ScheduledFault>,
+}
+
+/// What happens while a run goes on.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Event<'a> {
+    /// All processes are ready: the first tick begins.
+    Go,
+    /// So many ticks are done; reported regularly.
+    Progress {
+        /// Ticks that the process whose end ends the run has begun.
+        ticks: u64,
+    },
+    /// A process wrote a line to its standard error.
+    Line {
+        /// Which.
+        process: &'a str,
+        /// What.
+        line: &'a str,
+    },
+    /// A process did nothing more and has been killed for it.
+    Silenced {
+        /// Which.
+        process: &'a str,
+        /// For how long it had done nothing.
+        silent: Duration,
+    },
+    /// A process ended unasked and has been started again.
+    Restarted {
+        /// Which.
+        process: &'a str,
+        /// How it had ended.
+        exit: Exit,
+        /// Its new process id.
+        pid: u32,
+        /// How often it has been started by now.
+        incarnation: u32,
+    },
+    /// The processes are asked to stop.
+    Stopping,
+    /// All processes have ended; the run's directory is about to be removed: the last moment to read what they left there.
+    Stopped,
+}
+
+/// Gives the command for a process, by its name and the run's directory.
+pub(crate) type Commands<'a> = &'a dyn Fn(&str, &Path) -> io::Result<Command>;
+/// Takes what happens.
+pub(crate) type Report<'a> = &'a mut dyn FnMut(Event<'_>);
+
+/// The usual command for a process: this same program again, `armplane NAME --run DIR`.
+///
+/// # Errors
+/// When the operating system does not say where this program lies.
+pub fn reexec(process: &str, run: &Path) -> io::Result<Command> {
+    let mut command = Command::new(std::env::current_exe()?);
+    command.arg(process).arg("--run").arg(run);
+    Ok(command)
+}

@@ -1,0 +1,153 @@
+//! The processes of a run: started, listened to, and their exits taken in.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use runtime::{ControlPage, Hub, RunDir, now_ns};
+use rustix::event::{PollFd, PollFlags, poll};
+use rustix::time::Timespec;
+
+use crate::child::{self, Exit};
+use crate::outcome::{Failure, LaunchError, ProcessOutcome};
+use crate::plan::{Commands, Event, Plan, Report};
+
+/// How often progress is reported, and signals are looked at; an exit is detected at once.
+pub(crate) const BEAT: Duration = Duration::from_millis(40);
+
+/// A run and its processes.
+#[derive(Debug)]
+pub(crate) struct Supervised {
+    // Dropped in this order: no child may live without the control page, no file may outlive the directory.
+    pub(crate) slots: Slots,
+    pub(crate) hub: Hub,
+    pub(crate) control_page: ControlPage,
+    pub(crate) run: RunDir,
+    pub(crate) plan: Plan,
+}
+
+#[derive(Debug, Default)]
+pub(crate) struct Slots(pub(crate) Vec<Slot>);
+
+impl Drop for Slots {
+    fn drop(&mut self) {
+        for child in self.0.iter_mut().filter_map(|slot| slot.child.as_mut()) {
+            child.kill_and_wait();
+        }
+    }
+}
+
+/// One process over all its incarnations.
+#[derive(Default)]
+pub(crate) struct Slot {
+    pub(crate) child: Option<child::Child>,
+    pub(crate) pid: u32,
+    pub(crate) restarts: u32,
+    pub(crate) exit: Option<Exit>,
+    /// The end of its standard error.
+    pub(crate) last_words: Vec<String>,
+    /// When to start it again.
+    pub(crate) due: Option<Instant>,
+    /// The ticks it had done and how often it had looked for more, and when that was first seen: how long it has been silent.
+    pub(crate) seen: Option<((u64, u32), Instant)>,
+}
+
+impl std::fmt::Debug for Slot {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "process {} ({} restarts, {:?})", self.pid, self.restarts, self.exit)
+    }
+}
+
+impl Supervised {
+    pub(crate) fn start(&mut self, index: usize, commands: Commands<'_>) -> Result<(), LaunchError> {
+        let name = self.name(index).to_owned();
+        let line = self.control_page.process(index);
+        line.begin_incarnation();
+        let command = commands(&name, self.run.path());
+        let program = command.as_ref().map(|c| PathBuf::from(c.get_program())).unwrap_or_default();
+        let child = command.and_then(child::Child::start);
+        let child = child.map_err(|source| LaunchError::Spawn { process: name, command: program, source })?;
+        line.set_pid(child.pid());
+        let slot = &mut self.slots.0[index];
+        (slot.pid, slot.exit, slot.due, slot.seen, slot.child) = (child.pid(), None, None, None, Some(child));
+        Ok(())
+    }
+
+    /// Sleeps until a child ends, a signal comes, or the time is over.
+    pub(crate) fn rest(&self, limit: Duration) {
+        let living = self.slots.0.iter().filter_map(|slot| slot.child.as_ref());
+        let mut fds: Vec<PollFd<'_>> = living.map(|child| PollFd::new(&child.pidfd, PollFlags::IN)).collect();
+        let limit = Timespec { tv_sec: limit.as_secs() as i64, tv_nsec: i64::from(limit.subsec_nanos()) };
+        // An error is an interruption by a signal, which the caller looks at anyway.
+        let _ = poll(&mut fds, Some(&limit));
+    }
+
+    pub(crate) fn pass_lines_on(&mut self, report: Report<'_>) {
+        for (slot, plan) in self.slots.0.iter_mut().zip(&self.plan.children) {
+            for line in slot.child.as_mut().map(child::Child::new_lines).unwrap_or_default() {
+                report(Event::Line { process: &plan.process.name, line: &line });
+            }
+        }
+    }
+
+    /// Which processes have ended since the last look.
+    pub(crate) fn take_in_exits(&mut self, report: Report<'_>) -> Vec<usize> {
+        let (ticks, mut ended) = (self.ticks(), Vec::new());
+        for (index, slot) in self.slots.0.iter_mut().enumerate() {
+            let Some(child) = slot.child.as_mut() else { continue };
+            let Some(exit) = child.try_wait() else { continue };
+            let (rest, last_words) = child.farewell();
+            for line in &rest {
+                report(Event::Line { process: &self.plan.children[index].process.name, line });
+            }
+            (slot.exit, slot.last_words, slot.child) = (Some(exit), last_words, None);
+            self.control_page.process(index).end();
+            if !exit.is_success() {
+                self.control_page.fault_table().mark_detected(index, ticks, now_ns());
+            }
+            ended.push(index);
+        }
+        ended
+    }
+
+    pub(crate) fn died(&self, index: usize) -> Failure {
+        let slot = &self.slots.0[index];
+        Failure::Died {
+            process: self.name(index).to_owned(),
+            pid: slot.pid,
+            exit: slot.exit.unwrap_or(Exit::Code(0)),
+            tick: self.control_page.process(index).ticks(),
+            restarts: slot.restarts,
+            suspect: self.stood_still().filter(|&other| other != index).map(|other| self.name(other).to_owned()),
+            last_words: slot.last_words.clone(),
+        }
+    }
+
+    /// The first process in the order of the data that is a tick behind its source and still lives: the others may have waited for it.
+    pub(crate) fn stood_still(&self) -> Option<usize> {
+        let ticks = |index: usize| self.control_page.process(index).ticks();
+        let chain = (0..self.plan.children.len()).filter(|&index| !self.plan.children[index].process.polled);
+        let ahead = chain.clone().map(ticks).max()?;
+        let behind = chain.clone().find(|&index| ticks(index) < ahead)?;
+        self.slots.0[behind].child.is_some().then_some(behind)
+    }
+
+    pub(crate) fn name(&self, index: usize) -> &str {
+        &self.plan.children[index].process.name
+    }
+
+    pub(crate) fn ticks(&self) -> u64 {
+        let source = self.plan.children.iter().position(|child| child.ends_run).unwrap_or(0);
+        if self.plan.children.is_empty() { 0 } else { self.control_page.process(source).ticks() }
+    }
+
+    pub(crate) fn process_outcomes(&self) -> Vec<ProcessOutcome> {
+        let outcome = |(index, slot): (usize, &Slot)| ProcessOutcome {
+            name: self.name(index).to_owned(),
+            pid: slot.pid,
+            restarts: slot.restarts,
+            exit: slot.exit.unwrap_or(Exit::Signal(rustix::process::Signal::KILL.as_raw())),
+            counts: self.control_page.process(index).counts(),
+        };
+        self.slots.0.iter().enumerate().map(outcome).collect()
+    }
+}

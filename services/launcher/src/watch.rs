@@ -1,0 +1,195 @@
+//! The life of a run between its first tick and its end: deaths, silences, restarts.
+
+use std::time::{Duration, Instant};
+
+use runtime::{FaultRecord, Mode, Origin, Process, State, now_ns};
+use rustix::process::Signal;
+use shared_types::fault::{Fault, Kind, ScheduledFault, Way};
+
+use crate::child::Exit;
+use crate::outcome::{End, Failure};
+use crate::plan::{Child, Commands, Event, Report, Restart};
+use crate::signals::Interrupts;
+use crate::spawn::{BEAT, Supervised};
+
+/// A process that does nothing for so long while it should is killed ...
+const SILENCE: Duration = Duration::from_secs(2);
+
+/// ... sooner where the kernel says that it is stopped.
+const SILENCE_STOPPED: Duration = Duration::from_millis(100);
+
+/// Whether a fault has stopped its process for a time, and it has not gone on yet. The kind is looked at too: a way is a number, 0 where a kind
+/// has none.
+fn is_paused(account: &FaultRecord) -> bool {
+    let FaultRecord { scheduled: strike, injected_ns, recovered_ns, .. } = account;
+    strike.kind() == Some(Kind::Hang) && strike.way() == Some(Way::Paused) && *injected_ns != 0 && *recovered_ns == 0
+}
+
+/// Whether a fault ends its process, by itself or through the launcher.
+fn ends_process(fault: &ScheduledFault) -> bool {
+    match fault.kind() {
+        Some(Kind::Kill | Kind::Crash) => true,
+        Some(Kind::Hang) => fault.way() == Some(Way::ForEver),
+        _ => false,
+    }
+}
+
+impl Supervised {
+    /// Until the run is over for one reason or another.
+    pub(crate) fn watch(&mut self, commands: Commands<'_>, signals: &mut Interrupts, report: Report<'_>) -> End {
+        loop {
+            self.rest(BEAT);
+            self.pass_lines_on(report);
+            report(Event::Progress { ticks: self.ticks() });
+            if let Some(signal) = signals.pending() {
+                return End::Interrupted { signal };
+            }
+            for index in self.take_in_exits(report) {
+                let slot = &mut self.slots.0[index];
+                let (child, exit) = (&self.plan.children[index], slot.exit);
+                if child.ends_run && exit.is_some_and(Exit::is_success) {
+                    return End::Completed;
+                }
+                match child.restart {
+                    Restart::Budget { times, back_off } if slot.restarts < times => {
+                        let pause = back_off * 2_u32.saturating_pow(slot.restarts);
+                        slot.due = Some(Instant::now() + pause);
+                        self.enter_death(index);
+                    }
+                    _ => return End::Failed(self.died(index)),
+                }
+            }
+            self.continue_paused();
+            self.end_silence(report);
+            if let Some(failure) = self.start_again(commands, report) {
+                return End::Failed(failure);
+            }
+        }
+    }
+
+    /// A death that a fault explains has been noticed; one that nobody planned becomes a fault, so that nobody waits for the dead, and
+    /// so that the run can be repeated.
+    fn enter_death(&self, index: usize) {
+        let table = self.control_page.fault_table();
+        // Each fault that ends its process has ended one incarnation. Where more have ended, the last one was killed by somebody else, perhaps
+        // before it could take the place of one that a fault had ended.
+        let has_ended = |account: &FaultRecord| {
+            account.scheduled.process as usize == index && ends_process(&account.scheduled) && account.injected_ns != 0
+        };
+        let explained = table.records().filter(|(_, account)| has_ended(account)).count();
+        let is_known = explained >= self.control_page.process(index).incarnation() as usize;
+        if !is_known {
+            let fault = Fault { at_tick: Some(self.first_tick_missed(index)), ..Fault::new(self.name(index), Kind::Kill) };
+            // A process that the vocabulary does not know cannot be waited for by its ticks either.
+            if let Ok(strike) = fault.schedule(index as u32, self.plan.rate_hz, 0)
+                && let Some(place) = table.enter(&strike, Origin::Detected)
+            {
+                table.mark_injected(place, now_ns());
+            }
+        }
+        table.mark_detected(index, self.ticks(), now_ns());
+        self.control_page.ring_all();
+    }
+
+    /// The first tick of which nothing has come from a dead process. In lockstep everybody waits for it by now, so that its readers say how
+    /// far it came: it may have died between sending and saying so. In real time nobody waits.
+    fn first_tick_missed(&self, index: usize) -> u64 {
+        let closed = self.control_page.process(index).ticks();
+        if self.plan.mode == Mode::Realtime {
+            return closed;
+        }
+        let process = &self.plan.children[index].process;
+        let reads = |other: &Process| !other.polled && process.writes.iter().any(|topic| other.reads.contains(topic));
+        // A reader that was down at the tick has passed over it, whatever was sent.
+        let has_missed = |other: usize| {
+            let is_it = |fault: &ScheduledFault| fault.process as usize == other && fault.concerns(closed);
+            let takes_down = |fault: &ScheduledFault| fault.kind().is_some_and(Kind::takes_down);
+            self.control_page.fault_table().records().any(|(_, record)| is_it(&record.scheduled) && takes_down(&record.scheduled))
+        };
+        let has_got = |(other, child): (usize, &Child)| {
+            // Who makes the ticks says when it begins one, the others when they end it.
+            let head_start = u64::from(child.process.makes_ticks);
+            reads(&child.process) && self.control_page.process(other).ticks() > closed + head_start && !has_missed(other)
+        };
+        closed + u64::from(self.plan.children.iter().enumerate().any(has_got))
+    }
+
+    /// Continues those that a fault has stopped for a time.
+    fn continue_paused(&self) {
+        for (_, account) in self.control_page.fault_table().records() {
+            let FaultRecord { scheduled: strike, injected_ns, .. } = account;
+            if !is_paused(&account) {
+                continue;
+            }
+            let passed_ns = strike.until.saturating_sub(strike.at).saturating_mul(1_000_000_000 / u64::from(self.plan.rate_hz.max(1)));
+            if (self.ticks() >= strike.until || now_ns() >= injected_ns.saturating_add(passed_ns))
+                && let Some(child) = self.slots.0.get(strike.process as usize).and_then(|slot| slot.child.as_ref())
+            {
+                child.signal(Signal::CONT);
+            }
+        }
+    }
+
+    /// Kills those that do nothing more: stopped by somebody, or stuck.
+    fn end_silence(&mut self, report: Report<'_>) {
+        let source = self.ticks();
+        for index in 0..self.plan.children.len() {
+            let (line, plan) = (self.control_page.process(index), &self.plan.children[index]);
+            let slot = &mut self.slots.0[index];
+            let Some(child) = slot.child.as_ref() else { continue };
+            let (ticks, now) = (line.ticks(), Instant::now());
+            // Who waits for another one that is silent is not silent itself.
+            let signs = (ticks, line.looks());
+            let is_replaced = plan.process.makes_ticks || plan.restart != Restart::Never;
+            let since = match slot.seen {
+                Some((seen, since)) if seen == signs && is_replaced => since,
+                _ => {
+                    slot.seen = Some((signs, now));
+                    continue;
+                }
+            };
+            let silent = now - since;
+            if child.is_stopped() {
+                self.control_page.fault_table().mark_detected(index, source, now_ns());
+            }
+            let limit = if child.is_stopped() { SILENCE_STOPPED } else { SILENCE };
+            let is_late = child.is_stopped() || (ticks < source && !plan.process.polled && line.state() == State::Running);
+            let is_paused = self
+                .control_page
+                .fault_table()
+                .records()
+                .any(|(_, account)| account.scheduled.process as usize == index && is_paused(&account));
+            if is_late && !is_paused && silent > limit {
+                child.signal(Signal::KILL);
+                slot.seen = None;
+                self.control_page.fault_table().mark_detected(index, source, now_ns());
+                report(Event::Silenced { process: &plan.process.name, silent });
+            }
+        }
+    }
+
+    /// Starts those again whose pause is over.
+    fn start_again(&mut self, commands: Commands<'_>, report: Report<'_>) -> Option<Failure> {
+        for index in 0..self.plan.children.len() {
+            let slot = &self.slots.0[index];
+            let (Some(due), Some(exit)) = (slot.due, slot.exit) else { continue };
+            if Instant::now() < due {
+                continue;
+            }
+            if let Err(error) = self.hub.clear_dead() {
+                // Never into a half-open service: what the dead one left is cleared away first, or at the next look.
+                tracing::warn!("{error}");
+                continue;
+            }
+            if let Err(error) = self.start(index, commands) {
+                tracing::error!("{error}");
+                self.slots.0[index].exit = Some(exit);
+                return Some(self.died(index));
+            }
+            self.slots.0[index].restarts += 1;
+            let (pid, incarnation) = (self.slots.0[index].pid, self.control_page.process(index).incarnation());
+            report(Event::Restarted { process: self.name(index), exit, pid, incarnation });
+        }
+        None
+    }
+}
