@@ -21,6 +21,7 @@ pub mod file;
 pub mod graph;
 pub mod job;
 pub mod messages;
+pub mod random;
 pub mod scenario;
 pub mod summary;
 pub mod topics;

@@ -1,12 +1,6 @@
 //! Counter-based random numbers: each is a function of (seed, tick, channel), so a lost message or a restart shifts none.
 
-/// One round of SplitMix64: a bijection of 64 bits with full avalanche [Steele, Lea & Flood 2014].
-fn mix(x: u64) -> u64 {
-    let mut z = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
-}
+use shared_types::random::mix;
 
 /// Uniform in the open interval (0, 1), from the top 52 bits: with one more, the last value would round to 1.
 fn unit(bits: u64) -> f64 {

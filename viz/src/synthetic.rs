@@ -54,10 +54,7 @@ fn smoothstep(x: f64) -> f64 {
 
 /// Deterministic noise in ±1, from a counter.
 fn noise(tick: u64, channel: u64) -> f64 {
-    let mut x = tick.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ channel.wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    x ^= x >> 31;
-    x = x.wrapping_mul(0x94d0_49bb_1331_11eb);
-    x ^= x >> 29;
+    let x = shared_types::random::mix(shared_types::random::mix(tick) ^ channel);
     (x >> 11) as f64 / (1u64 << 52) as f64 - 1.0
 }
 

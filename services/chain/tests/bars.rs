@@ -4,11 +4,13 @@
 #![allow(non_snake_case)]
 
 use chain::Tick;
-use control::sweep;
 use model::Robot;
 use nalgebra::{Matrix3, Vector3};
 use shared_types::codes::{MODE_REGULAR, PHASE_DONE, PHASE_REFUSED};
 use shared_types::scenario::Scenario;
+
+#[path = "../../lab/src/studies/lines.rs"]
+mod lines;
 
 /// What one run came to.
 #[derive(Clone, Debug, Default)]
@@ -161,7 +163,7 @@ fn sweep(seed: u64, count: usize, speed: f64, settings: &[&str]) -> [usize; 3] {
     let mut counts = [0; 3];
     let (mut stretches, mut steps, mut energies) = (vec![], vec![], vec![]);
     let (mut top_speed, mut top_torque) = (0.0_f64, 0.0_f64);
-    for line in sweep::lines(&robot, &template, seed, count, speed) {
+    for line in lines::lines(&robot, &template, seed, count, speed) {
         let f = run(&robot, &line.scenario);
         let ends = f.end[0] < 1.0 && f.end[1] < 0.5;
         let clean = ends && f.clean && f.speed <= 1.0 && f.saturated_ticks <= 10;

@@ -36,15 +36,15 @@ mod controller;
 pub mod law;
 pub mod linear;
 pub mod paper;
-pub mod random;
 mod setup;
 mod state;
-pub mod sweep;
 mod telemetry;
 pub mod trajectory;
 mod types;
 pub mod wire;
 
+#[cfg(test)]
+extern crate self as control;
 #[cfg(test)]
 mod testing;
 #[cfg(test)]

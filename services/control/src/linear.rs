@@ -112,35 +112,68 @@ impl<const N: usize> Lu<N> {
 #[must_use]
 pub fn singular_values<const R: usize, const C: usize>(M: &SMatrix<f64, R, C>) -> ([f64; 6], usize) {
     let mut rows: [SVector<f64, C>; R] = std::array::from_fn(|i| M.row(i).transpose());
-    for _ in 0..SWEEPS {
-        let mut rotated = false;
-        for i in 0..R {
-            for j in i + 1..R {
-                let (a, b, c) = (rows[i].norm_squared(), rows[j].norm_squared(), rows[i].dot(&rows[j]));
-                // What is left changes the values by its square only.
-                if c.abs() <= 1e-9 * (a * b).sqrt() || c == 0.0 {
-                    continue;
-                }
-                rotated = true;
-                let tau = (b - a) / (2.0 * c);
-                let t = tau.signum() / (tau.abs() + (1.0 + tau * tau).sqrt());
-                let cos = 1.0 / (1.0 + t * t).sqrt();
-                let sin = cos * t;
-                let (x, y) = (rows[i], rows[j]);
-                rows[i] = x * cos - y * sin;
-                rows[j] = x * sin + y * cos;
-            }
-        }
-        if !rotated {
-            break;
-        }
-    }
+    // What is left changes the values by its square only.
+    one_sided_jacobi(&mut rows, |a, b| 1e-9 * (a * b).sqrt(), |_, _, _| ());
     let mut sigma = [0.0; 6];
     for (value, row) in sigma.iter_mut().zip(&rows) {
         *value = row.norm();
     }
     sigma.sort_by(|a, b| b.total_cmp(a));
     (sigma, R.min(C).min(6))
+}
+
+/// Makes `rows` orthogonal by one-sided Jacobi rotations, each at most a quarter turn; at most [`SWEEPS`] sweeps.
+///
+/// Rows i and j of squared lengths a and b are left alone where their product is at most `negligible(a, b)`. Each rotation is passed to `follow`.
+pub fn one_sided_jacobi<const C: usize>(
+    rows: &mut [SVector<f64, C>],
+    negligible: impl Fn(f64, f64) -> f64,
+    mut follow: impl FnMut(usize, usize, Rotation),
+) {
+    for _ in 0..SWEEPS {
+        let mut rotated = false;
+        for i in 0..rows.len() {
+            for j in i + 1..rows.len() {
+                let (a, b, c) = (rows[i].norm_squared(), rows[j].norm_squared(), rows[i].dot(&rows[j]));
+                if c.abs() <= negligible(a, b) {
+                    continue;
+                }
+                rotated = true;
+                let rotation = Rotation::diagonalising(a, b, c);
+                (rows[i], rows[j]) = rotation.of(rows[i], rows[j]);
+                follow(i, j, rotation);
+            }
+        }
+        if !rotated {
+            break;
+        }
+    }
+}
+
+/// A plane rotation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rotation {
+    cos: f64,
+    sin: f64,
+}
+
+impl Rotation {
+    /// The rotation by at most a quarter turn that makes [[a, c], [c, b]] diagonal, c ≠ 0 [Golub & Van Loan, *Matrix Computations*, §8.5].
+    fn diagonalising(a: f64, b: f64, c: f64) -> Self {
+        let tau = (b - a) / (2.0 * c);
+        let t = if tau < 0.0 { -1.0 } else { 1.0 } / (tau.abs() + (1.0 + tau * tau).sqrt());
+        let cos = 1.0 / (1.0 + t * t).sqrt();
+        Self { cos, sin: cos * t }
+    }
+
+    /// The pair (x, y), rotated.
+    pub fn of<T: Copy + std::ops::Mul<f64, Output = T> + std::ops::Add<Output = T> + std::ops::Sub<Output = T>>(
+        &self,
+        x: T,
+        y: T,
+    ) -> (T, T) {
+        (x * self.cos - y * self.sin, x * self.sin + y * self.cos)
+    }
 }
 
 /// Eigenvalues and eigenvectors (columns, in the same order) of a symmetric matrix.
@@ -158,19 +191,16 @@ pub fn symmetric_eigen<const M: usize>(S: &SMatrix<f64, M, M>) -> (SVector<f64, 
                     continue;
                 }
                 rotated = true;
-                let tau = (D[(j, j)] - D[(i, i)]) / (2.0 * c);
-                let t = if tau < 0.0 { -1.0 } else { 1.0 } / (tau.abs() + (1.0 + tau * tau).sqrt());
-                let cos = 1.0 / (1.0 + t * t).sqrt();
-                let sin = cos * t;
+                let rotation = Rotation::diagonalising(D[(i, i)], D[(j, j)], c);
                 for k in 0..M {
                     let (a, b) = (D[(k, i)], D[(k, j)]);
-                    (D[(k, i)], D[(k, j)]) = (cos * a - sin * b, sin * a + cos * b);
+                    (D[(k, i)], D[(k, j)]) = rotation.of(a, b);
                 }
                 for k in 0..M {
                     let (a, b) = (D[(i, k)], D[(j, k)]);
-                    (D[(i, k)], D[(j, k)]) = (cos * a - sin * b, sin * a + cos * b);
+                    (D[(i, k)], D[(j, k)]) = rotation.of(a, b);
                     let (a, b) = (V[(k, i)], V[(k, j)]);
-                    (V[(k, i)], V[(k, j)]) = (cos * a - sin * b, sin * a + cos * b);
+                    (V[(k, i)], V[(k, j)]) = rotation.of(a, b);
                 }
             }
         }

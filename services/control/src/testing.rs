@@ -6,6 +6,7 @@ use crate::{Analyzer, Controller};
 use model::{Model, Robot};
 use nalgebra::{SVector, Vector6};
 use proptest::prelude::*;
+use shared_types::random::Uniform;
 use shared_types::scenario::Scenario;
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
@@ -124,7 +125,7 @@ pub(crate) fn run<const N: usize>(scenario: &Scenario, plant: Plant, mut each: i
     let mut controller = Controller::new(model.clone(), robot, scenario, q_start).unwrap();
     let (mut q, mut qdot) = (q_start, SVector::<f64, N>::zeros());
     let mut observer = (q, qdot);
-    let mut noise = Noise(scenario.seed);
+    let mut noise = Noise::new(scenario.seed);
     let mut out = Figures::default();
     let mut tau = SVector::<f64, N>::zeros();
     let mut last: Option<Command<N>> = None;
@@ -249,17 +250,18 @@ fn observe<const N: usize>(
     (q + innovation * g, qdot + innovation * (h / dt))
 }
 
-/// Seeded noise: SplitMix64, and a sum of uniforms for a bell curve.
-pub(crate) struct Noise(pub(crate) u64);
+/// Seeded noise: a sum of uniform numbers for a bell curve.
+pub(crate) struct Noise(Uniform);
 
 impl Noise {
-    pub(crate) fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (z ^ (z >> 31)) as f64 / u64::MAX as f64
+    pub(crate) fn new(seed: u64) -> Self {
+        Self(Uniform(seed))
     }
+
+    pub(crate) fn uniform(&mut self) -> f64 {
+        self.0.within(0.0, 1.0)
+    }
+
     pub(crate) fn gauss(&mut self) -> f64 {
         (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
     }

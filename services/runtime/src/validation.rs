@@ -3,6 +3,7 @@
 //! It holds what must always hold (messages of dead incarnations are refused, numbers that are not finite neither leave nor enter), the pauses
 //! with which `verify` disturbs a process, and how a fault spoils a message.
 
+pub use shared_types::random::at as random;
 use std::time::Duration;
 
 use shared_types::Message;
@@ -54,19 +55,6 @@ impl Pauses {
         let length = Duration::from_micros((random >> 32) % (Self::LONGEST_US + 1));
         random.is_multiple_of(Self::ONE_IN).then_some(length)
     }
-}
-
-/// 2⁶⁴ divided by the golden ratio, as Steele, Lea & Flood 2014 step through their sequence.
-const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
-
-/// A random number from a seed and an index: SplitMix64 (Steele, Lea & Flood, *Fast Splittable Pseudorandom Number Generators*,
-/// OOPSLA 2014), entered at any place of its sequence.
-#[must_use]
-pub fn random(seed: u64, index: u64) -> u64 {
-    let z = seed.wrapping_add(index.wrapping_mul(GOLDEN));
-    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
 }
 
 /// Whether a fault concerns the message of a tick: the same answer every time.

@@ -2,7 +2,7 @@
 #![allow(clippy::needless_range_loop, reason = "indices name rows and directions of several arrays at once")]
 
 use super::screws::Screws;
-use crate::linear::SWEEPS;
+use crate::linear::one_sided_jacobi;
 use nalgebra::{SMatrix, SVector, Vector6};
 
 /// Length below which a row is noise and v comes from its companions.
@@ -143,7 +143,7 @@ impl<const N: usize> Block<N> {
     /// Decomposes the block of another posture near by.
     ///
     /// One-sided Jacobi rotations of the rows UᵀB, begun with the U of before: each at most a quarter turn, so every u_i stays the one it was, and
-    /// values that cross keep their directions. At most [`SWEEPS`] sweeps, one or two near by.
+    /// values that cross keep their directions. One or two sweeps near by.
     pub fn track(&mut self, scaled: &SMatrix<f64, 6, N>) {
         let n = self.count;
         self.orthonormalise();
@@ -157,31 +157,16 @@ impl<const N: usize> Block<N> {
             }
             scale = scale.max(X[i].norm_squared());
         }
-        for _ in 0..SWEEPS {
-            let mut rotated = false;
-            for i in 0..n {
-                for j in i + 1..n {
-                    let (a, b, c) = (X[i].norm_squared(), X[j].norm_squared(), X[i].dot(&X[j]));
-                    if c.abs() <= 1e-15 * (a * b).sqrt() + 1e-17 * scale {
-                        continue;
-                    }
-                    rotated = true;
-                    let tau = (b - a) / (2.0 * c);
-                    let t = if tau < 0.0 { -1.0 } else { 1.0 } / (tau.abs() + (1.0 + tau * tau).sqrt());
-                    let cos = 1.0 / (1.0 + t * t).sqrt();
-                    let sin = cos * t;
-                    let (x, y) = (X[i], X[j]);
-                    (X[i], X[j]) = (x * cos - y * sin, x * sin + y * cos);
-                    for k in 0..n {
-                        let (x, y) = (self.U[i][k], self.U[j][k]);
-                        (self.U[i][k], self.U[j][k]) = (x * cos - y * sin, x * sin + y * cos);
-                    }
+        let U = &mut self.U;
+        one_sided_jacobi(
+            &mut X[..n],
+            |a, b| 1e-15 * (a * b).sqrt() + 1e-17 * scale,
+            |i, j, rotation| {
+                for k in 0..n {
+                    (U[i][k], U[j][k]) = rotation.of(U[i][k], U[j][k]);
                 }
-            }
-            if !rotated {
-                break;
-            }
-        }
+            },
+        );
         self.signed(&X, scaled);
     }
 

@@ -25,11 +25,11 @@ use crate::centre::AtCentre;
 use crate::linear::stack;
 use crate::paper::type_1::Fold;
 use crate::paper::type_2::TURNS;
-use crate::random::Uniform;
 use crate::types::{Class, Kind, Singularity};
 use model::{Model, Robot, Terms};
 use nalgebra::{SMatrix, SVector, Vector3};
 use shared_types::MAX_SINGULARITIES;
+use shared_types::random::Uniform;
 use shared_types::scenario::{Analysis, BySingularity};
 
 /// Damping of the fold's feed-forward, on s.

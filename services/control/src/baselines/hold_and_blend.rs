@@ -142,8 +142,8 @@ fn push<const N: usize>(memory: &mut JointMemory<N>, q: &SVector<f64, N>, model:
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::Uniform;
     use crate::testing::{Plant, Tick, puma, run, scenario};
+    use shared_types::random::Uniform;
 
     const PUBLISHED: [&str; 2] = [
         "control.strategy=\"hold-and-blend\"",

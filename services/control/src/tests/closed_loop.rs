@@ -1,6 +1,6 @@
 //! The product's scenarios against the paper and the acceptance bars, on an exact plant.
 
-use crate::sweep::lines;
+use super::lines::lines;
 use crate::testing::{Figures, Plant, Tick, robot, run, scenario};
 use crate::types::{Kind, Mode};
 use shared_types::scenario::{Scenario, Strategy};

@@ -3,3 +3,6 @@
 mod closed_loop;
 mod controller;
 mod proofs;
+
+#[path = "../../../lab/src/studies/lines.rs"]
+mod lines;

@@ -2,16 +2,21 @@
 
 use crate::analyzer::Analyzer;
 use crate::centre::AtCentre;
+use crate::continuous::auxiliary::{Demand, Gains, Loop};
 use crate::continuous::blended;
+use crate::continuous::foresight::{FORESEEN, Foreseen};
+use crate::continuous::governor::{Governor, Load};
 use crate::law::{Active, Actives, Wanted};
 use crate::linear::singular_values;
 use crate::paper::chang_khatib;
-use crate::random::Uniform;
+use crate::paper::operational_space::{Operational, null_torque};
+use crate::paper::reference::Target;
 use crate::testing::{posture, puma, robot};
-use crate::types::Report;
+use crate::types::{Mode, Report, Singularity};
 use model::{Model, Terms};
-use nalgebra::{Matrix3, Vector3, Vector6};
+use nalgebra::{Matrix1, Matrix3, Vector1, Vector3, Vector6};
 use proptest::prelude::*;
+use shared_types::random::Uniform;
 use shared_types::scenario::Analysis;
 
 fn analysed(model: &Model<6>, name: &str, q: &Vector6<f64>, qdot: &Vector6<f64>) -> (Report<6>, Terms<6>) {
@@ -201,4 +206,79 @@ fn straight_up_the_ideal_arm_has_rank_three_and_the_measured_one_four() {
     let mut q = q;
     q[2] = 1.617_633_439_908_135_6;
     assert_eq!(analysed(puma(), "puma560", &q, &Vector6::zeros()).0.rank, 4);
+}
+
+/// β = 1 everywhere: the rows span those of J.
+#[test]
+fn outside_every_neighbourhood_one_solve_is_operational_space_control() {
+    let mut random = Uniform(5);
+    let mut checked = 0;
+    for k in 0..3000 {
+        let q = at_locks(&mut random, k % 8);
+        let qdot = Vector6::from_fn(|_, _| random.within(-0.5, 0.5));
+        let (report, terms) = analysed(puma(), "puma560", &q, &qdot);
+        if report.meant().iter().any(|s| s.s.abs() < 0.02) {
+            continue;
+        }
+        let at = AtCentre::new(&terms, &report.p_BC, &terms.omega[5]);
+        let zero = Vector3::zeros();
+        let wanted = wanted(&terms, &at, &zero);
+        let one = blended::torques(&wanted, &actives(&report, 1.0)).unwrap();
+        let plain = Operational::new(at.J, &terms.A).unwrap();
+        let Gamma = plain.torque(&plain.force(&wanted.a, &at.Jdot_qdot), &Vector6::zeros());
+        let sum = one.path + one.rest + one.null;
+        assert!((sum - Gamma).amax() < 1e-8 * Gamma.amax().max(1.0), "k {k}: {sum} against {Gamma}");
+        checked += 1;
+    }
+    assert!(checked > 1000, "{checked}");
+}
+
+/// One singularity at a fixed place, with an auxiliary rate.
+fn still(s: f64, inside: bool, aux_rate: f64) -> Singularity<6> {
+    Singularity { s, inside, eta_in: 0.1, eta_out: 0.2, aux_rate, ..Singularity::none() }
+}
+
+// covers: CK95 Eq. 5 (null_torque)
+#[test]
+fn inside_a_neighbourhood_the_loop_is_a_damped_potential() {
+    let gains = Gains { k: 12.0, k_v: 40.0, rate_max: 3.0, slew: 50.0 };
+    for (s, error, rate) in [(0.0, 0.05, 0.1), (0.03, -0.2, 0.4), (-0.1, 0.01, -1.0)] {
+        let target = Target { error, weight: 1.0, mode: Mode::Track, ..Target::default() };
+        let mut state = Loop::default();
+        let demand = (0..2000).map(|_| state.step(&still(s, true, rate), &target, &gains, 1.0, 1e-3)).last().unwrap();
+        assert_eq!(demand.beta, 0.0, "the strategy alone acts along ζ");
+        // V₀ = ½ k_v K e² in the auxiliary coordinate, of which one is worth one: its gradient is −k_v K e.
+        let gradient = Vector1::new(-gains.k_v * gains.k * error);
+        let Gamma_0 = null_torque(&Matrix1::identity(), &gradient, gains.k_v, &Vector1::new(rate));
+        assert!((demand.acceleration - Gamma_0.x).abs() < 1e-9, "{} against {}", demand.acceleration, Gamma_0.x);
+    }
+}
+
+#[test]
+fn outside_a_neighbourhood_the_loop_is_not_used() {
+    let gains = Gains { k: 12.0, k_v: 40.0, rate_max: 3.0, slew: 50.0 };
+    let target = Target { error: 0.3, weight: 1.0, mode: Mode::Track, ..Target::default() };
+    let mut state = Loop::default();
+    for s in [0.2, -0.25, 0.9] {
+        assert_eq!(state.step(&still(s, false, 0.1), &target, &gains, 1.0, 1e-3), Demand::none());
+        assert!(!state.engaged(), "at {s}");
+    }
+}
+
+#[test]
+fn a_feasible_path_runs_at_full_clock_speed() {
+    let limits = Vector1::new(10.0);
+    let load = Load {
+        speed: 0.94,
+        holding: Vector1::new(5.0),
+        following: Vector1::new(4.0),
+        braking: Vector1::new(0.1),
+        foreseen: Foreseen { demand: [0.94; FORESEEN] },
+    };
+    // The demand has been there before: a rising one is extrapolated.
+    let mut governor = Governor { demand: 0.94, ..Governor::default() };
+    for _ in 0..1000 {
+        governor.step(&load, &limits, 1e-3);
+        assert_eq!((governor.rate, governor.rate_dot), (1.0, 0.0), "the desired motion is the path's own");
+    }
 }

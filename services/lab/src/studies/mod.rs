@@ -2,3 +2,4 @@
 
 pub mod compare;
 pub mod figures;
+pub(crate) mod lines;

@@ -2,11 +2,11 @@
 
 use crate::analyzer::Analyzer;
 use crate::arm_family::screws::Screws;
-use crate::random::Uniform;
 use crate::types::{Class, Report, Singularity};
 use model::{Model, Robot};
 use nalgebra::{SVector, Vector6};
 use proptest::prelude::*;
+use shared_types::random::Uniform;
 use shared_types::scenario::Analysis;
 use std::sync::OnceLock;
 

@@ -1,16 +1,16 @@
 //! A seeded set of straight lines through and near each singularity of a PUMA: benchmark scenarios for control laws.
 //!
-//! Benchmark machinery: no other module uses it.
+//! Pure: tests of `control` and `chain` include this file, because a dependency on the laboratory would build all of it for them.
 //!
 //! Each line is a [`Scenario`] of its own. It is made from a posture at or near a singularity, a direction and a turn; it is kept if the arm can follow it:
 //! at 201 points along it a posture exists within the joint limits that continues the one before, but for what the wrist does in a near miss.
 
-use crate::arm_family::puma_inverse::{PumaInverse, PumaLengths};
-use crate::linear::rotation_exp;
-use crate::random::Uniform;
-use crate::types::Kind;
+use control::Kind;
+use control::arm_family::puma_inverse::{PumaInverse, PumaLengths};
+use control::linear::rotation_exp;
 use model::{Factors, Model, Pose, Robot};
 use nalgebra::{SVector, Vector3};
+use shared_types::random::Uniform;
 use shared_types::scenario::{Scenario, Segment, Start};
 
 /// Points at which a line is checked.
@@ -27,18 +27,18 @@ const NEAR_MISS: f64 = 0.05;
 
 /// One line of a sweep.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Line {
+pub(crate) struct Line {
     /// The singularity it goes through or near.
-    pub near: Kind,
+    pub(crate) near: Kind,
     /// The run: start posture and one segment.
-    pub scenario: Scenario,
+    pub(crate) scenario: Scenario,
 }
 
 /// `count` lines for a PUMA, in turn near elbow, wrist and overhead singularity, with a peak speed of `speed` m/s.
 ///
 /// `template` gives everything but start and task. Empty for an arm without the PUMA's factors.
 #[must_use]
-pub fn lines(robot: &Robot, template: &Scenario, seed: u64, count: usize, speed: f64) -> Vec<Line> {
+pub(crate) fn lines(robot: &Robot, template: &Scenario, seed: u64, count: usize, speed: f64) -> Vec<Line> {
     let (Factors::Puma { a2, a3, d4 }, Ok(model)) = (robot.factors, Model::<6>::new(robot, None)) else { return vec![] };
     let inverse = PumaInverse::new(&model, PumaLengths::new(a2, a3, d4));
     let mut random = Uniform(seed);
@@ -69,8 +69,8 @@ fn line(
         random.within(middle + 0.8 * (low - middle), middle + 0.8 * (high - middle))
     });
     let length = random.within(0.2, 0.4);
-    let mut along = random.direction();
-    let turn = random.direction() * random.within(0.0, 0.8);
+    let mut along = direction(random);
+    let turn = direction(random) * random.within(0.0, 0.8);
     let near = random.within(-depth, depth);
     // Where on the line the singularity is: at an end for the elbow, whose singularity is the boundary of the reachable space, else in the middle.
     let mut share = random.within(0.35, 0.65);
@@ -123,4 +123,14 @@ fn next(inverse: &PumaInverse<'_>, X: &Pose, near: &SVector<f64, 6>) -> Option<S
     let jump = (found - near).abs();
     let near_miss = found[4].abs().max(near[4].abs()) < NEAR_MISS;
     (jump.rows(0, 3).max() < 0.3 && (near_miss || jump.rows(3, 3).max() < 0.8)).then_some(found)
+}
+
+/// A unit vector, uniform on the sphere.
+fn direction(random: &mut Uniform) -> Vector3<f64> {
+    loop {
+        let v = Vector3::from_fn(|_, _| random.within(-1.0, 1.0));
+        if (0.1..1.0).contains(&v.norm()) {
+            return v.normalize();
+        }
+    }
 }
