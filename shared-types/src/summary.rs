@@ -217,13 +217,13 @@ pub struct FaultSummary {
     /// `"planned"`, `"live"` or `"detected"`.
     pub origin: String,
     /// Whether it came to pass: the run may have ended before.
-    pub struck: bool,
+    pub injected: bool,
     /// How long it took until anything noticed, wall-clock time; ms.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub detected_ms: Option<f64>,
     /// How long it took until a process that was down worked again, wall-clock time; ms.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub restored_ms: Option<f64>,
+    pub recovered_ms: Option<f64>,
     /// The fault that repeats it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fault: Option<Fault>,

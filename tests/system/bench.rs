@@ -54,12 +54,12 @@ fn a_short_soak_strikes_and_judges_and_leaves_nothing() {
     // A recorder that this machine leaves without a processor for seconds loses messages, and the soak must say so; nothing else may break.
     let is_of_time = |what: &Value| ["messages", "the recording has numbers"].iter().any(|word| what.as_str().unwrap().contains(word));
     assert!(round["broken"].as_array().unwrap().iter().all(is_of_time), "{round}");
-    let struck = round["struck"].as_array().unwrap();
-    assert!(!struck.is_empty() && struck.iter().all(|one| one["kind"].is_string() && one["stood_ms"].is_number()), "{round}");
+    let injected = round["injected"].as_array().unwrap();
+    assert!(!injected.is_empty() && injected.iter().all(|one| one["kind"].is_string() && one["stopped_ms"].is_number()), "{round}");
     let number = |key: &str| round["messages"][key].as_u64().unwrap();
     assert_eq!(number("sent"), number("taken_in") + number("refused") + number("fenced") + number("lost"), "{}", round["messages"]);
     let times: u64 = soak["kinds"].as_array().unwrap().iter().map(|kind| kind["times"].as_u64().unwrap()).sum();
-    assert_eq!(times, struck.len() as u64);
+    assert_eq!(times, injected.len() as u64);
     assert_eq!(desk.path().join("soak/round-001").exists(), !passed, "what kept every promise is not kept");
     for (file, begins) in [("bench.json", &b"{"[..]), ("soak.svg", b"<svg"), ("soak.png", b"\x89PNG")] {
         assert!(std::fs::read(desk.path().join("soak").join(file)).unwrap().starts_with(begins), "{file}");

@@ -26,7 +26,7 @@ fn laws_are_compared_on_a_scenario_and_on_lines() {
     assert_pictures(&desk, "out/sweep");
     let [ours, damped] = [0, 1].map(|law| &told["scenarios"][0]["laws"][law]);
     assert!(ours["s1"] == true && damped["s1"] == false, "{ours} {damped}");
-    assert!(ours["across_max_mm"].as_f64().unwrap() < 0.1 && damped["across_max_mm"].as_f64().unwrap() > 1.0, "{ours} {damped}");
+    assert!(ours["orthogonal_max_mm"].as_f64().unwrap() < 0.1 && damped["orthogonal_max_mm"].as_f64().unwrap() > 1.0, "{ours} {damped}");
     let sweep = &told["scenarios"][1]["laws"][0];
     assert_eq!((&sweep["all"]["lines"], &sweep["near"]["wrist"]["lines"], &sweep["all"]["ends"]), (&3.into(), &1.into(), &3.into()));
     assert_eq!(desk.armplane(&args).out, said.out, "the same again, whichever core does which run");
@@ -45,7 +45,7 @@ fn the_papers_figures_are_drawn_with_their_numbers() {
     let (pseudo, consistent) = (number("fig1", "tip_error_max_mm"), number("fig2", "tip_error_max_mm"));
     assert!(consistent < 1.0 && pseudo > 100.0 * consistent, "{pseudo} {consistent}");
     assert!((number("fig5", "zeta_turned_deg") - 90.0).abs() < 0.25 && number("fig5", "position_max_mm") < 0.1, "{numbers}");
-    assert!((number("fig4", "moved_mm").abs() - 80.0).abs() < 0.1 && number("fig4", "across_max_mm") < 0.05, "{numbers}");
+    assert!((number("fig4", "moved_mm").abs() - 80.0).abs() < 0.1 && number("fig4", "orthogonal_max_mm") < 0.05, "{numbers}");
 }
 
 #[test]

@@ -48,7 +48,7 @@ fn planned_deaths_and_lost_messages_give_the_same_bytes_every_time_and_the_goal_
         });
         assert_eq!(topics(&runs[0]), topics(&runs[1]), "{faults}");
         // Together, the dead send nothing that could be spoilt.
-        let struck = runs[0]["faults"].as_array().unwrap().iter().filter(|fault| fault["struck"] == true).count();
+        let struck = runs[0]["faults"].as_array().unwrap().iter().filter(|fault| fault["injected"] == true).count();
         assert!(struck == 1 || i + 1 == plan.len() && struck + 1 >= plan.len(), "{}", runs[0]["faults"]);
         assert!(runs[0]["joints"]["torque_max_ratio"].as_f64().unwrap() <= 1.0);
     }
@@ -118,7 +118,7 @@ fn a_live_fault_is_recorded_and_its_run_can_be_repeated() {
     let said = finish(child);
     assert_eq!(said.code, 0, "{}", said.err);
     let live: Value = serde_json::from_str(&said.out).unwrap();
-    assert_eq!((&live["faults"][0]["origin"], &live["faults"][0]["struck"]), (&"live".into(), &true.into()), "{}", live["faults"]);
+    assert_eq!((&live["faults"][0]["origin"], &live["faults"][0]["injected"]), (&"live".into(), &true.into()), "{}", live["faults"]);
     let again = desk.run(&["live/scenario.toml", "--out", "again"]);
     assert_eq!(topics(&live), topics(&again));
     assert_eq!(again["faults"][0]["origin"], "planned");

@@ -98,7 +98,7 @@ fn in_real_time_a_death_costs_one_restart_and_no_message() {
         });
         assert_eq!(restarts(&summary, process), 1, "{process}: {}", summary["faults"]);
         // Whoever is away for longer than the writers' memory, a second, may lose something; this machine may be that busy.
-        let away_ms = summary["faults"][0]["restored_ms"].as_f64().unwrap();
+        let away_ms = summary["faults"][0]["recovered_ms"].as_f64().unwrap();
         assert!(summary["recorder"]["lost"] == 0 || process == "recorder" && away_ms > 600.0, "{process}: {}", summary["recorder"]);
         let ticks = summary["topics"]["plant_state"]["count"].as_u64().unwrap();
         assert!(away_ms > 600.0 || ticks + 1 >= summary["ticks"].as_u64().unwrap(), "{process}: {}", summary["topics"]);

@@ -113,7 +113,7 @@ fn csv_has_a_row_for_every_tick_of_every_part() {
     let names: Vec<&str> = lines.next().expect("headings").split(',').collect();
     let column = |name: &str| names.iter().position(|known| *known == name).unwrap_or_else(|| panic!("no {name} in {names:?}"));
     let (tick, s, q5) = (column("tick"), column("singularity.s.wrist"), column("joint.q.5"));
-    column("error.position_mm.across");
+    column("error.position_mm.orthogonal");
     column("latency.us.whole chain");
     let rows: Vec<Vec<f64>> = lines
         .map(|line| {

@@ -361,7 +361,7 @@ impl Desk<'_> {
 
     fn errors(&mut self) -> EntityPath {
         let pane = |sheet: &mut Sheet, name, signal, unit: &str| {
-            let names = vec![format!("across ζ, {unit}"), format!("along ζ, {unit}")];
+            let names = vec![format!("orthogonal to ζ, {unit}"), format!("along ζ, {unit}")];
             sheet.plot(name, vec![Lines::of(signal, names, [ACROSS, ALONG])], None, Some(Corner2D::RightTop))
         };
         let position = pane(self.sheet, "Position error, mm", Signal::PositionError, "mm");

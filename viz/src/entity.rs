@@ -23,9 +23,9 @@ pub(crate) const HAND: &str = "/world/hand";
 /// The desired end-effector frame.
 pub(crate) const TARGET: &str = "/world/target";
 /// What speeds the hand can reach.
-pub(crate) const VELOCITY: &str = "/world/ability/velocity";
+pub(crate) const VELOCITY: &str = "/world/manipulability/velocity";
 /// What accelerations forces give it.
-pub(crate) const MOBILITY: &str = "/world/ability/mobility";
+pub(crate) const MOBILITY: &str = "/world/manipulability/mobility";
 /// The ways of the joints in null-space motion.
 pub(crate) const TRAIL: &str = "/world/null_motion/trail";
 

@@ -21,16 +21,17 @@
 //! s = table["/signals:singularity:s"]          # each row a list: one number per singularity
 //! ```
 //!
-//! PURE inside: `ability`, `signals`, `scene`, `arm`, `solid` and `story` map messages to data; `sink`, `blueprint` and `recording` write them.
+//! PURE inside: `manipulability`, `signals`, `scene`, `arm`, `solid` and `narration` map messages to data; `sink`, `blueprint` and `recording` write them.
 
 #![allow(non_snake_case)]
 
-mod ability;
 mod arm;
 mod blueprint;
 mod entity;
 mod export;
 mod frames;
+mod manipulability;
+mod narration;
 pub mod plot;
 mod read;
 mod recording;
@@ -39,7 +40,6 @@ mod scene;
 mod signals;
 mod sink;
 mod solid;
-mod story;
 #[cfg(test)]
 mod synthetic;
 

@@ -23,15 +23,15 @@ use shared_types::messages::SingularityState;
 use shared_types::scenario::{Layout, Scenario};
 use shared_types::{MAX_SINGULARITIES, Message};
 
-use crate::ability::{Ellipsoid, Half, at_point};
 use crate::arm::{Figure, placement, vec3};
 use crate::blueprint::{self, Eye, Subject};
 use crate::entity;
+use crate::manipulability::{Ellipsoid, Half, at_point};
+use crate::narration::{self, Situation, States};
 use crate::scene::{self, Look, Mark, NullMotion, Presence, differs, glyph, rotation};
 use crate::signals::{Limits, SHARES, Signal, TickRow, Width, sample};
 use crate::sink::{FileInfo, RecordError, Sink, Storage};
 use crate::solid::{Mesh, Placement, Rgba};
-use crate::story::{self, Situation, States};
 
 /// Which run a recording is of.
 #[derive(Clone, Copy, Debug)]
@@ -502,11 +502,11 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         let net = LineStrips3D::new([circle(Vec3::X, Vec3::Y), circle(Vec3::Y, Vec3::Z), circle(Vec3::Z, Vec3::X)]);
         let net = net.with_colors([Color::from_unmultiplied_rgba(150, 235, 225, 255)]).with_radii([Radius::new_ui_points(1.0)]);
         self.log_static(entity::MOBILITY, &net);
-        for (lane, states) in [("drive", story::DRIVE_STATES), ("phase", story::PHASE_STATES)] {
+        for (lane, states) in [("drive", narration::DRIVE_STATES), ("phase", narration::PHASE_STATES)] {
             self.style(entity::state(lane), states);
         }
         for process in PROCESSES {
-            self.style(entity::state(&format!("process/{process}")), story::LIFE_STATES);
+            self.style(entity::state(&format!("process/{process}")), narration::LIFE_STATES);
         }
     }
 
@@ -530,7 +530,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         let chunk = Chunk::builder(entity::SIGNALS).with_row(RowId::new(), TimePoint::default(), components);
         self.sink.chunk(&self.store, chunk.build());
         for name in names {
-            self.style(entity::state(&format!("mode/{name}")), story::MODE_STATES);
+            self.style(entity::state(&format!("mode/{name}")), narration::MODE_STATES);
         }
         let store = self.blueprint();
         blueprint::send(&mut self.sink, &store, &self.subject, self.layout);
@@ -539,7 +539,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
     fn meet(&mut self, row: &TickRow) {
         for (i, one) in row.singularities().iter().enumerate() {
             let name = shared_types::codes::singularity_name(one.kind, i);
-            self.subject.singularities.push((name, story::colour_of_kind(one.kind, i)));
+            self.subject.singularities.push((name, narration::colour_of_kind(one.kind, i)));
             if !self.thresholds.contains(&(one.eta_in, one.eta_out)) {
                 self.thresholds.push((one.eta_in, one.eta_out));
             }
@@ -629,7 +629,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
                 }
             }
         }
-        // A tick or two without a command is no story.
+        // A tick or two without a command is not worth a line.
         self.unheard = if row.torque.is_some() { 0 } else { self.unheard + 1 };
         let situation = Situation::of(row);
         let told = row.torque.is_some() && row.singularity.is_some() || self.unheard >= 5;
@@ -665,12 +665,12 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         let unit = self.mark_size();
         self.picture.push(row.tick, &links, &hand, desired.as_ref(), &marks, unit);
         if let Some(report) = row.singularity {
-            self.see_ability(row.tick, q, report.p_BC, row.singularities(), &marks);
+            self.see_manipulability(row.tick, q, report.p_BC, row.singularities(), &marks);
         }
     }
 
     /// What the hand can do, at C, in the half of the twist that the nearest singularity is of.
-    fn see_ability(&mut self, tick: u64, q: &[f64], p_BC: [f64; 3], singularities: &[SingularityState], marks: &[Mark]) {
+    fn see_manipulability(&mut self, tick: u64, q: &[f64], p_BC: [f64; 3], singularities: &[SingularityState], marks: &[Mark]) {
         let near = singularities.iter().zip(marks).filter(|(_, mark)| mark.look.presence != Presence::Hidden);
         let nearest = near.map(|(one, _)| one).min_by(|a, b| (a.s.abs() / a.eta_out).total_cmp(&(b.s.abs() / b.eta_out)));
         let half = if nearest.is_some_and(|one| one.angular == 1) { Half::Angular } else { Half::Linear };
@@ -694,7 +694,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             let (name, fan) = (name.clone(), entity::fan(name));
             if self.marks[i] != mark.look {
                 self.marks[i] = mark.look;
-                self.write_look(tick, &name, i, mark, &story::label(one, i));
+                self.write_look(tick, &name, i, mark, &narration::label(one, i));
             }
             let inside = mark.look.presence == Presence::Inside;
             let zeta = mark.zeta();
@@ -708,7 +708,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
                 let last = self.fans[i].replace(zeta).unwrap_or(zeta);
                 let reach = last * (0.9 * self.mark_size());
                 let (from, to) = (mark.X_BS.p - reach, mark.X_BS.p + reach);
-                let [r, g, b, _] = story::colour_of_type(mark.look.class);
+                let [r, g, b, _] = narration::colour_of_type(mark.look.class);
                 let line = LineStrips3D::new([[from.to_array(), to.to_array()]])
                     .with_colors([Color::from_unmultiplied_rgba(r, g, b, 110)])
                     .with_radii([0.0014 * self.figure.reach]);
@@ -721,7 +721,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
     fn write_look(&mut self, tick: u64, name: &str, i: usize, mark: &Mark, words: &str) {
         let path = entity::singularity(name);
         let [solid, rings, axes, label] = [entity::glyph(name), entity::edge(name), format!("{path}/axes"), entity::label(name)];
-        let [r, g, b, _] = story::colour_of_type(mark.look.class);
+        let [r, g, b, _] = narration::colour_of_type(mark.look.class);
         let unit = self.mark_size();
         // Meshes are large: they are written once, later changes are their tint and their size.
         let shape = (mark.look.class, mark.look.angular);

@@ -84,11 +84,11 @@ pub fn report(
 
 fn tables(page: &mut Html, summary: &Summary) {
     let task = &summary.task;
-    page.heading("How well");
+    page.heading("Accuracy");
     let of = |values: [f64; 3]| values.map(digits);
     let row = |name: &str, values: [f64; 3]| [vec![name.to_owned()], of(values).to_vec()].concat();
     page.table(
-        &["task error", "largest", "across ζ", "at the end"],
+        &["task error", "largest", "orthogonal to ζ", "at the end"],
         &[
             row("position, mm", [task.position_max_mm, task.orthogonal_max_mm, task.final_position_mm]),
             row("orientation, °", [task.orientation_max_deg, task.orthogonal_max_deg, task.final_orientation_deg]),
@@ -119,14 +119,14 @@ fn tables(page: &mut Html, summary: &Summary) {
             ]
         })
         .collect();
-    page.table(&["singularity", "type", "least |s|", "inside, ticks", "entries", "ζ turned, °"], &singularities);
+    page.table(&["singularity", "type", "min |s|", "inside, ticks", "entries", "ζ turned, °"], &singularities);
 }
 
 fn plots(page: &mut Html, job: &Job, recorded: &Recorded, path: &Path) -> Result<(), PlotError> {
     let rate_hz = f64::from(job.scenario.rate_hz.max(1));
     let own = |name: &str| name.to_owned();
     let joint = |name: &str| format!("q{name}");
-    page.heading("What happened");
+    page.heading("Signals");
 
     let mut measure = Panel::new("s_i(q): 0 is singular", recorded.time_axis(), Axis::default());
     for (i, line) in recorded.lines.get(Signal::Measure.name()).into_iter().flatten().enumerate() {
@@ -209,7 +209,7 @@ fn happened(page: &mut Html, summary: &Summary, recorded: &Recorded) {
 }
 
 fn provenance(page: &mut Html, summary: &Summary) {
-    page.heading("Where it comes from");
+    page.heading("Provenance");
     let Machine { cpu, cores, kernel } = &summary.machine;
     let recording = match (summary.recorder.file.as_str(), summary.recorder.error.as_str()) {
         ("", "") => "none".to_owned(),

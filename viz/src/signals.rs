@@ -133,9 +133,9 @@ signals! {
     Beta = "singularity:beta" F32,
     /// Singular values of the unit-scaled Jacobian.
     SingularValues = "jacobian:sigma" F32,
-    /// True position error [across, along] the singular directions the arm is inside of; mm.
+    /// True position error [orthogonal to, along] the singular directions the arm is inside of; mm.
     PositionError = "error:position_mm" F32,
-    /// True orientation error [across, along] the singular directions the arm is inside of; degrees.
+    /// True orientation error [orthogonal to, along] the singular directions the arm is inside of; degrees.
     OrientationError = "error:orientation_deg" F32,
     /// [time scale, task scale, null scale]: what governor and limits let through, 0 to 1.
     Scale = "control:scale" F32,
@@ -162,7 +162,7 @@ impl Signal {
             | Self::TorqueNullRatio => (1..=joints).map(|i| i.to_string()).collect(),
             Self::Measure | Self::Auxiliary | Self::AuxiliaryReference | Self::Beta => singularities.to_vec(),
             Self::SingularValues => (1..=joints.min(6)).map(|i| i.to_string()).collect(),
-            Self::PositionError | Self::OrientationError => named(&["across", "along"]),
+            Self::PositionError | Self::OrientationError => named(&["orthogonal", "along"]),
             Self::Scale => named(&["time", "task", "null"]),
             Self::Contact => named(&[""]),
             Self::Latency => named(&HOP_NAMES),
@@ -245,7 +245,7 @@ fn ratio(values: &[f64], limits: &[f64]) -> impl Iterator<Item = f64> {
     values.iter().zip(limits).map(|(value, limit)| value / limit)
 }
 
-/// Task error, desired against true pose, split at the singular directions the arm is inside of: `[across, along]`.
+/// Task error, desired against true pose, split at the singular directions the arm is inside of: `[orthogonal, along]`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct TaskError {
     pub(crate) position_m: [f64; 2],
@@ -268,7 +268,7 @@ impl TaskError {
     }
 }
 
-/// Norms of what is left of `e` across the directions, and of what was taken along them (Gram–Schmidt).
+/// Norms of what is left of `e` orthogonal to the directions, and of what was taken along them (Gram–Schmidt).
 fn split(e: Vector3<f64>, directions: impl Iterator<Item = Vector3<f64>>) -> [f64; 2] {
     let mut basis: [Vector3<f64>; 3] = [Vector3::zeros(); 3];
     let mut taken = 0;
@@ -306,7 +306,7 @@ mod tests {
     use shared_types::StateEstimate;
 
     #[test]
-    fn an_error_along_zeta_is_not_across_it() {
+    fn an_error_along_zeta_is_not_orthogonal_to_it() {
         let mut state = PlantState { R_BE: [1., 0., 0., 0., 1., 0., 0., 0., 1.], ..PlantState::default() };
         state.p_BE = [0.1, 0.2, 0.3];
         let mut command = TorqueCommand { R_BE_d: state.R_BE, p_BE_d: [0.103, 0.2, 0.304], ..TorqueCommand::default() };
@@ -325,11 +325,11 @@ mod tests {
 
     proptest! {
         #[test]
-        fn across_and_along_are_orthogonal_parts(e in prop::array::uniform3(-1.0..1.0f64), a in prop::array::uniform3(-1.0..1.0f64), b in prop::array::uniform3(-1.0..1.0f64)) {
+        fn orthogonal_and_along_are_orthogonal_parts(e in prop::array::uniform3(-1.0..1.0f64), a in prop::array::uniform3(-1.0..1.0f64), b in prop::array::uniform3(-1.0..1.0f64)) {
             let e = Vector3::from(e);
             let directions = [Vector3::from(a), Vector3::from(b)].map(|d| d.normalize());
-            let [across, along] = split(e, directions.into_iter());
-            prop_assert!((across.hypot(along) - e.norm()).abs() < 1e-9);
+            let [orthogonal, along] = split(e, directions.into_iter());
+            prop_assert!((orthogonal.hypot(along) - e.norm()).abs() < 1e-9);
             let [none, all] = split(directions[0] * 0.3, directions.into_iter());
             prop_assert!(none < 1e-9 && (all - 0.3).abs() < 1e-9);
         }

@@ -1,4 +1,4 @@
-//! `armplane bench`: what a hand-over, a cycle, a period and a step cost here, beside what the machine itself charges.
+//! `armplane bench`: what a hand-over, a cycle, a period and a step cost here, beside baseline transports of the machine.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -30,7 +30,7 @@ pub(crate) struct BenchArgs {
     /// Rates of `realtime`, the first of them that of `soak`; Hz [default: 1000 4000].
     #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u32).range(50..=20_000))]
     rate: Vec<u32>,
-    /// Seed of what strikes in `soak`, and of its runs [default: another one each time].
+    /// Seed of the faults in `soak`, and of its runs [default: another one each time].
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
     /// Run `realtime` without the competing load.
@@ -71,7 +71,7 @@ pub(crate) enum Bench {
     Realtime,
     /// An hour of the arm's time in lockstep: memory, files and the recorder's processor time (only when asked for).
     Hour,
-    /// The whole graph in real time for 30 minutes, struck at random by every fault (only when asked for).
+    /// The whole graph in real time for 30 minutes, with every fault at random (only when asked for).
     Soak,
 }
 

@@ -22,7 +22,7 @@ pub(crate) struct DrillArgs {
     /// How many pairs of faults to try besides.
     #[arg(long, value_name = "N", default_value_t = 12)]
     pairs: u32,
-    /// Seed of every random number of the runs, and of when the faults strike [default: the scenario's].
+    /// Seed of every random number of the runs, and of the ticks of the faults [default: the scenario's].
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
     /// Lay a value over the scenario's, for example control.k_p=900 (repeatable).
@@ -56,17 +56,17 @@ fn print(cells: &[Cell], passed: bool, out: Option<&Path>) {
     let headings = [
         "process",
         "fault",
-        "noticed, ms",
+        "detected, ms",
         "stale",
         "torque",
         "speed",
         "step",
         "off path, mrad",
-        "back after, ms",
+        "recovered after, ms",
         "end",
-        "starts",
+        "restarts",
         "lost",
-        "again",
+        "repeated",
         "",
     ];
     let mut rows = table(&headings);
@@ -107,6 +107,6 @@ fn print(cells: &[Cell], passed: bool, out: Option<&Path>) {
         say!("{}/drill.json, drill.svg, drill.png", out.display());
     }
     if !passed {
-        say!("a promise is broken: see the last column");
+        say!("a guarantee does not hold: see the last column");
     }
 }

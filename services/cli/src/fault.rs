@@ -1,4 +1,4 @@
-//! `armplane fault`: something goes wrong in a running graph, now.
+//! `armplane fault`: injects a fault into a running graph.
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -117,8 +117,8 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure
     }
     // Any seed will do: the run records it with the fault.
     let seed = random(runtime::now_ns(), u64::from(std::process::id()));
-    let strike = fault.schedule(index as u32, manifest.rate_hz, seed).map_err(|complaint| Failure::Input(complaint.to_string()))?;
-    let Some(place) = control_page.fault_table().request(&strike) else {
+    let scheduled = fault.schedule(index as u32, manifest.rate_hz, seed).map_err(|complaint| Failure::Input(complaint.to_string()))?;
+    let Some(place) = control_page.fault_table().request(&scheduled) else {
         return Err(Failure::Work(format!("the run {name} has had {} faults and has room for no more", runtime::MOST_FAULTS)));
     };
     let asked = Instant::now();
@@ -192,7 +192,7 @@ fn list(as_json: bool) -> Result<(), Failure> {
         rows.add_row([kind.name().to_owned(), kind.about().to_owned(), processes, length, ways.join(", ")]);
     }
     say!("{rows}");
-    say!("The same words in a scenario, under [[fault]], with at_tick or at_s: they strike at that tick, the same way every time.");
+    say!("The same words in a scenario, under [[fault]], with at_tick or at_s: they take effect at that tick of every run.");
     Ok(())
 }
 

@@ -76,16 +76,16 @@ enum Command {
         after_help = "Examples:\n  armplane replay runs/fig5-wrist-rotation-001\n  armplane replay runs/fig5-wrist-rotation-001 --process estimator --json\n  armplane replay runs/fig5-wrist-rotation-001 --set control.k_p=900\n\nExit code 1: an output differs."
     )]
     Replay(replay::ReplayArgs),
-    /// Measure hand-overs, cycles and steps beside what the machine itself charges.
+    /// Measure hand-overs, cycles and steps beside baseline transports of the machine.
     #[command(
-        long_about = "Measures in one run, in turns, the topics of armplane and floors built into the same program: a bare futex, a pipe, a \
+        long_about = "Measures in one run, in turns, the topics of armplane and baseline transports built into the same program: a bare futex, a pipe, a \
                       spinning reader, iceoryx2's own wake-ups. Times are of real processes, pinned and under SCHED_FIFO where the machine allows; a first round warms \
                       everything up, after it no sample is left out. Ratios are against the futex of the same placement and payload.\n\n\
-                      `soak` runs the whole graph in real time, a minute at a time, and strikes it live with every kind of fault in every way on every \
-                      process, and with signals from outside. Each round is judged as `armplane drill` judges: torque, step, speed, age of the torque; \
-                      every death noticed and mended; messages sent against messages taken in, at most 100 ms lost for each death of the recorder; \
-                      every file readable; nothing left behind. A round that breaks a promise leaves its files with a scenario.toml of its faults.",
-        after_help = "Examples:\n  armplane bench\n  armplane bench hop cycle --samples 100000 --json\n  armplane bench --out bench          table, JSON and pictures\n  armplane bench realtime             the whole graph for 80 s beside a busy thread on every core\n  armplane bench soak --out soak      30 minutes in real time, struck at random by every fault\n  armplane bench soak --seconds 120 --seed 7\n\nExit code 1: the soak found a promise broken."
+                      `soak` runs the whole graph in real time, a minute at a time, and injects every kind of fault in every way on every process, and \
+                      signals from outside. Each round is judged as `armplane drill` judges: torque, step, speed, age of the torque; every death \
+                      detected and recovered; messages sent against messages received, at most 100 ms lost for each death of the recorder; every \
+                      file readable; nothing left behind. A round that breaks a guarantee leaves its files with a scenario.toml of its faults.",
+        after_help = "Examples:\n  armplane bench\n  armplane bench hop cycle --samples 100000 --json\n  armplane bench --out bench          table, JSON and pictures\n  armplane bench realtime             the whole graph for 80 s beside a busy thread on every core\n  armplane bench soak --out soak      30 minutes in real time, every fault at random\n  armplane bench soak --seconds 120 --seed 7\n\nExit code 1: a guarantee does not hold."
     )]
     Bench(bench::BenchArgs),
     /// Run scenarios under every control law, on the same plant and seed, and put them side by side.
@@ -93,10 +93,10 @@ enum Command {
         long_about = "Runs each scenario once per control law on one thread (the same bytes as the processes give), with the same plant, seed, \
                       gains and governor, and prints one table per scenario. SCENARIO `sweep` stands for seeded straight lines through and near \
                       each singularity of a PUMA. Saves compare.json and a picture per scenario (SVG and PNG).\n\n\
-                      Errors are desired against true pose, split along and across the singular directions ζ while those are engaged. A jump is \
+                      Errors are desired against true pose, split along and orthogonal to the singular directions ζ while those are engaged. A jump is \
                       a tick in which a torque changes by more than a tenth of its limit; chatter counts jumps back within 10 ms; energy sums \
-                      ½ΔΓᵀA⁻¹ΔΓ/k_v² over the jumps, whatever their cause. S1: end within 1 mm and 0.5°, across within 1 mm and 0.5°, no joint beyond its speed or \
-                      position, no torque at its limit for more than 10 ms. S2: the same, but across within 1 mm and 3°, along within 10 mm and 5°.",
+                      ½ΔΓᵀA⁻¹ΔΓ/k_v² over the jumps, whatever their cause. S1: end within 1 mm and 0.5°, orthogonal within 1 mm and 0.5°, no joint beyond its speed or \
+                      position, no torque at its limit for more than 10 ms. S2: the same, but orthogonal within 1 mm and 3°, along within 10 mm and 5°.",
         after_help = "Examples:\n  armplane compare fig5-wrist-rotation elbow-in-and-out\n  armplane compare sweep --count 90 --speed 0.5 --json\n  armplane compare my.toml --law blended,damped-least-squares --set control.baseline.damped_least_squares.largest=0.1\n  armplane compare sweep --tune --count 30"
     )]
     Compare(compare::CompareArgs),
@@ -123,12 +123,12 @@ enum Command {
     /// Write a run's numbers and events for other tools.
     #[command(
         long_about = "Reads the recording back and writes its numbers as one wide table (a row a tick) and its log and states as another, \
-                      into the run's folder or --out. Columns: `joint.q.1`, `singularity.s.wrist`, `error.position_mm.across` and so on; what \
+                      into the run's folder or --out. Columns: `joint.q.1`, `singularity.s.wrist`, `error.position_mm.orthogonal` and so on; what \
                       they mean, with units, is in the recording under /signals/about. `rbl` is the layout for the viewer.",
         after_help = "Examples:\n  armplane export --format csv\n  armplane export runs/fig5-wrist-rotation-001 --format parquet --out tables\n  armplane export --format rbl --layout timing\n\nparquet and mcap need a build with --features parquet,mcap."
     )]
     Export(export::ExportArgs),
-    /// Let something go wrong in a running graph.
+    /// Inject a fault into a running graph.
     #[command(
         long_about = "Injects a fault into one process of a running graph, from its next tick on. The run records it with that tick, and leaves \
                       a scenario.toml beside its results in which the fault is planned: `armplane run` of it gives the same bytes again.",
@@ -141,7 +141,7 @@ enum Command {
                       processes and in lockstep. The fault is injected live in the middle of the motion; then the run is repeated from the \
                       plan it left, which must give the same bytes. Judged on the simulator's truth: torque and speed against the limits, age of \
                       the torque in force, largest torque step, distance from the fault-free path, the end; and what was lost or left behind.",
-        after_help = "Examples:\n  armplane drill\n  armplane drill --only controller:kill\n  armplane drill elbow-in-and-out --out drill\n\nExit code 1: an invariant broke."
+        after_help = "Examples:\n  armplane drill\n  armplane drill --only controller:kill\n  armplane drill elbow-in-and-out --out drill\n\nExit code 1: an invariant does not hold."
     )]
     Drill(drill::DrillArgs),
     /// List the built-in scenarios and robots.

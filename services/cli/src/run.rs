@@ -105,7 +105,7 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
 
 fn print(summary: &Summary, folder: &Path) {
     say!("{}: {} — {}\n", summary.scenario, summary.outcome, summary.reason);
-    let mut rows = table(&["task", "largest", "across ζ", "at the end"]);
+    let mut rows = table(&["task", "largest", "orthogonal to ζ", "at the end"]);
     let task = &summary.task;
     rows.add_row([
         "position, mm".into(),
@@ -120,7 +120,7 @@ fn print(summary: &Summary, folder: &Path) {
         number(digits(task.final_orientation_deg)),
     ]);
     say!("{rows}");
-    let mut rows = table(&["singularity", "type", "least |s|", "inside, ticks", "ζ turned, °"]);
+    let mut rows = table(&["singularity", "type", "min |s|", "inside, ticks", "ζ turned, °"]);
     for singularity in &summary.singularities {
         rows.add_row([
             singularity.name.clone().into(),
@@ -134,9 +134,9 @@ fn print(summary: &Summary, folder: &Path) {
     for turn in &summary.turns {
         let joints = |moves: &[f64]| moves.iter().map(|by| format!("{by:+.2}")).collect::<Vec<_>>().join(" ");
         say!("ζ turned   {} at tick {}", turn.singularity, turn.tick);
-        say!("           said before: joints by {} ° in {:.2} s", joints(&turn.planned_deg), turn.planned_s);
+        say!("           planned: joints by {} ° in {:.2} s", joints(&turn.planned_deg), turn.planned_s);
         say!(
-            "           done:        joints by {} ° in {:.2} s",
+            "           actual:  joints by {} ° in {:.2} s",
             joints(&turn.moved_deg),
             turn.took_ticks as f64 / f64::from(summary.rate_hz.max(1))
         );
@@ -150,7 +150,7 @@ fn print(summary: &Summary, folder: &Path) {
         percent(joints.speed_max_ratio)
     );
     if joints.switches > 0 {
-        say!("switches   {} changes of mode, {} J put in by them", joints.switches, digits(joints.switch_energy_j));
+        say!("switches   {} changes of mode; mode switches injected {} mJ", joints.switches, digits(joints.switch_energy_j * 1e3));
     }
     let simulated_s = summary.ticks as f64 / f64::from(summary.rate_hz.max(1));
     say!(
@@ -172,13 +172,13 @@ fn print(summary: &Summary, folder: &Path) {
         }
     }
     for fault in summary.faults.iter().filter(|fault| fault.fault.is_some()) {
-        let ms = |what: &str, ms: Option<f64>| ms.map(|ms| format!(", {what} after {ms:.2} ms")).unwrap_or_default();
-        let became = if fault.struck {
-            ms("noticed", fault.detected_ms) + &ms("mended", fault.restored_ms)
+        let ms = |event: &str, ms: Option<f64>| ms.map(|ms| format!(", {event} after {ms:.2} ms")).unwrap_or_default();
+        let course = if fault.injected {
+            ms("detected", fault.detected_ms) + &ms("recovered", fault.recovered_ms)
         } else {
-            ", did not come to pass".into()
+            ", did not take effect".into()
         };
-        say!("fault      {} ({}){became}", fault.detail, fault.origin);
+        say!("fault      {} ({}){course}", fault.detail, fault.origin);
     }
     if !summary.recorder.error.is_empty() {
         say!("recording  {}", summary.recorder.error);

@@ -5,19 +5,19 @@ use lab::faults::soak::{Messages, Soak};
 use crate::out::say;
 use crate::table::{digits, number, table};
 
-/// Prints faults by kind, totals, and each broken promise.
+/// Prints faults by kind, totals, and each guarantee that does not hold.
 pub(crate) fn print(soak: &Soak) {
     let mut rows = table(&[
         "kind",
         "times",
-        "noticed",
+        "detected",
         "ms p50",
         "max",
         "deaths",
-        "mended, ms p50",
+        "recovered, ms p50",
         "max",
         "stops",
-        "stood, ms p50",
+        "stopped, ms p50",
         "max",
         "goal",
         "rest",
@@ -28,15 +28,15 @@ pub(crate) fn print(soak: &Soak) {
         rows.add_row([
             kind.kind.clone().into(),
             number(kind.times),
-            number(kind.noticed),
-            optional(kind.noticed_ms_p50),
-            optional(kind.noticed_ms_max),
+            number(kind.detected),
+            optional(kind.detected_ms_p50),
+            optional(kind.detected_ms_max),
             number(kind.deaths),
-            optional(kind.mended_ms_p50),
-            optional(kind.mended_ms_max),
+            optional(kind.recovered_ms_p50),
+            optional(kind.recovered_ms_max),
             number(kind.stops),
-            optional(kind.stood_ms_p50),
-            optional(kind.stood_ms_max),
+            optional(kind.stopped_ms_p50),
+            optional(kind.stopped_ms_max),
             number(kind.goal),
             number(kind.rest),
             number(kind.ended),
@@ -55,11 +55,11 @@ pub(crate) fn print(soak: &Soak) {
         soak.seed
     );
     let left_out = all.left_out.iter().map(|(why, count)| format!("{count} because {why}")).collect::<Vec<_>>().join(", ");
-    say!("faults     {} struck{}", all.blows, if left_out.is_empty() { String::new() } else { format!("; left out {left_out}") });
+    say!("faults     {} injected{}", all.planned, if left_out.is_empty() { String::new() } else { format!("; left out {left_out}") });
     let restarts = all.restarts.iter().filter(|(_, count)| **count > 0).map(|(process, count)| format!("{process} {count}"));
     say!("restarts   {}", restarts.collect::<Vec<_>>().join(", "));
     let Messages { sent, taken_in, refused, fenced, lost, kept } = all.messages;
-    say!("messages   {sent} sent, {taken_in} taken in by the recorder, {kept} read back from its files");
+    say!("messages   {sent} sent, {taken_in} received by the recorder, {kept} read back from its files");
     say!(
         "           {refused} refused for a number that is not finite, {fenced} of a dead incarnation; {lost} lost, sent while the recorder was away or too far behind ({:.0} for each of its deaths)",
         all.lost_per_death_of_recorder
@@ -76,7 +76,7 @@ pub(crate) fn print(soak: &Soak) {
         percent(all.speed_max_ratio),
         all.stale_ticks
     );
-    say!("the arm    was stopped or braked for {:.1} s", all.stood_s);
+    say!("the arm    was stopped or braked for {:.1} s", all.stopped_s);
     if let (Some(first), Some(last)) = (soak.usage.first(), soak.usage.last()) {
         say!(
             "the soak   {:.1} to {:.1} MB, {} to {} open files, {} to {} threads from its first round to its last",
@@ -97,6 +97,6 @@ pub(crate) fn print(soak: &Soak) {
         say!("           {}/round-NNN/scenario.toml holds the faults of each such round", kept.display());
     }
     if soak.passed {
-        say!("every promise was kept, and nothing is left over");
+        say!("every guarantee held, and nothing is left behind");
     }
 }

@@ -193,7 +193,7 @@ fn people(name: &str, manifest: &Manifest, before: &Look, now: &Look) {
     }
     for account in &now.faults {
         let (process, kind, acts) = fault(account, manifest, now);
-        let acts = if acts { "acts now" } else { "not now" };
+        let acts = if acts { "active" } else { "inactive" };
         say!("fault {kind} of {process} from tick {}, {}, {acts}", account.scheduled.at, account.origin.name());
     }
 }

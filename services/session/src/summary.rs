@@ -73,9 +73,9 @@ fn fault_summary(job: &Job, account: &FaultRecord) -> FaultSummary {
         kind: fault.as_ref().map(|fault| fault.kind.name().to_owned()).unwrap_or_default(),
         detail: fault.as_ref().map(ToString::to_string).unwrap_or_default(),
         origin: account.origin.name().to_owned(),
-        struck: account.injected_ns != 0,
+        injected: account.injected_ns != 0,
         detected_ms: since_ms(account.detected_ns),
-        restored_ms: since_ms(account.recovered_ns),
+        recovered_ms: since_ms(account.recovered_ns),
         fault,
         process,
     }

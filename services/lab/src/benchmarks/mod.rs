@@ -1,4 +1,4 @@
-//! What a hand-over, a cycle, a period and a step cost, beside what the machine itself charges.
+//! What a hand-over, a cycle, a period and a step cost, beside baseline transports of the machine.
 
 mod distribution;
 mod hop;

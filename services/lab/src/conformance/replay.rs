@@ -68,8 +68,13 @@ pub fn replay(run: &Path, process: Replayable, settings: &[String], observer: Ob
     let job = job(run)?;
     let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
     let scenario = with_settings(&job.scenario, settings)?;
-    let tape =
-        Tape { folder: run.join(recorder::MESSAGES), run, observer, process: process.name(), strikes: strikes(run, &job, process.name())? };
+    let tape = Tape {
+        folder: run.join(recorder::MESSAGES),
+        run,
+        observer,
+        process: process.name(),
+        strikes: scheduled_faults(run, &job, process.name())?,
+    };
     observer(Progress::Begin { title: &scenario.name, length: scenario.planned_ticks(), unit: "ticks" });
     let refused = |error: Refused| Failure::input(error);
     let replayed = match process {
@@ -111,7 +116,7 @@ fn job(run: &Path) -> Result<Job, Failure> {
 }
 
 /// The faults that happened to a process, planned or not: the summary knows of all, and without one (the run was stopped) the plan counts.
-fn strikes(run: &Path, job: &Job, process: &str) -> Result<Vec<ScheduledFault>, Failure> {
+fn scheduled_faults(run: &Path, job: &Job, process: &str) -> Result<Vec<ScheduledFault>, Failure> {
     let summary = std::fs::read(run.join(SUMMARY)).ok().and_then(|text| serde_json::from_slice::<Summary>(&text).ok());
     let happened = |summary: Summary| summary.faults.into_iter().filter_map(|fault| fault.fault).collect::<Vec<Fault>>();
     let faults = summary.map_or_else(|| job.scenario.fault.clone(), happened);

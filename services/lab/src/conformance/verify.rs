@@ -30,7 +30,7 @@ pub struct Ran {
     /// Why it did not come to its end; empty when it did.
     pub failure: String,
     /// The process that ended it before its time, and how.
-    pub fallen: Option<(String, Exit)>,
+    pub ended_by: Option<(String, Exit)>,
 }
 
 /// What the runs are compared with.
@@ -45,12 +45,12 @@ pub struct Reference {
 impl Reference {
     /// Whether a run gave the same bytes and ended the same way.
     fn is_like(&self, ran: &Ran) -> bool {
-        ran.topics == self.ran.topics && ran.fallen == self.ran.fallen && ran.failure.is_empty() == self.ran.failure.is_empty()
+        ran.topics == self.ran.topics && ran.ended_by == self.ran.ended_by && ran.failure.is_empty() == self.ran.failure.is_empty()
     }
 
     /// A planned fault may be the end of every run (the death of the plant is); nothing else may.
     fn is_sound(&self) -> bool {
-        self.ran.failure.is_empty() || (self.is_run && self.ran.fallen.is_some())
+        self.ran.failure.is_empty() || (self.is_run && self.ran.ended_by.is_some())
     }
 }
 
@@ -219,7 +219,7 @@ fn on_one_thread(robot: &Robot, scenario: &Scenario, messages: Option<&Path>) ->
     let ticks = topics[0].count;
     let ticks_per_s = ticks as f64 / began.elapsed().as_secs_f64().max(1e-9);
     let condition = "one thread, no shared memory".to_owned();
-    Ok(Ran { condition, ticks, ticks_per_s, topics, failure: String::new(), fallen: None })
+    Ok(Ran { condition, ticks, ticks_per_s, topics, failure: String::new(), ended_by: None })
 }
 
 fn in_processes(job: &Job, condition: Condition, seed: u64, unordered: bool, observer: Observer<'_>) -> Result<Ran, Failure> {
@@ -228,18 +228,18 @@ fn in_processes(job: &Job, condition: Condition, seed: u64, unordered: bool, obs
     let load = condition.cpu_load.then(CpuLoad::start);
     let (outcome, account) = session::launch(job, plan, observer)?;
     drop(load);
-    let (failure, fallen) = match outcome.end {
+    let (failure, ended_by) = match outcome.end {
         End::Completed => (String::new(), None),
         End::Interrupted { signal } => return Err(Failure::Work(format!("stopped by {signal}"))),
-        End::Failed(mishap) => (mishap.to_string(), fallen(mishap)),
+        End::Failed(mishap) => (mishap.to_string(), ended_by(mishap)),
     };
     // Without an account there is no topic either, and that is a difference.
     let mut account = account.unwrap_or_default();
     let topics = TOPICS.map(|topic| account.topics.remove(topic).unwrap_or_default());
-    Ok(Ran { condition: condition.to_string(), ticks: outcome.ticks, ticks_per_s: account.ticks_per_s, topics, failure, fallen })
+    Ok(Ran { condition: condition.to_string(), ticks: outcome.ticks, ticks_per_s: account.ticks_per_s, topics, failure, ended_by })
 }
 
-fn fallen(mishap: Mishap) -> Option<(String, Exit)> {
+fn ended_by(mishap: Mishap) -> Option<(String, Exit)> {
     match mishap {
         Mishap::Died { process, exit, .. } => Some((process, exit)),
         Mishap::Slow { .. } | Mishap::DidNotStop { .. } => None,

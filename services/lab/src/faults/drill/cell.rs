@@ -14,7 +14,7 @@ pub struct Cell {
     /// What was done, in words.
     pub faults: Vec<String>,
     pub at_tick: u64,
-    /// Wall-clock time until something noticed.
+    /// Wall-clock time until the fault is detected.
     pub detected_ms: Option<f64>,
     /// Longest age of a torque in force, in ticks.
     pub stale_ticks: u32,

@@ -38,17 +38,17 @@ pub fn picture(cells: &[Cell]) -> Page {
         panel
     };
     let off_path = place("largest distance from the fault-free path, mrad", &|cell| Some(cell.excursion_max_rad * 1e3), 0.01..100.0);
-    let noticed = place("time until something noticed, ms", &|cell| cell.detected_ms, 0.01..1000.0);
+    let detected = place("time until the fault is detected, ms", &|cell| cell.detected_ms, 0.01..1000.0);
     let broken = cells.iter().filter(|cell| !cell.invariants_broken.is_empty()).count();
     let scenarios: std::collections::BTreeSet<_> = cells.iter().map(|cell| cell.scenario.as_str()).collect();
     Page {
-        title: "What each fault does".to_owned(),
+        title: "Effect of each fault".to_owned(),
         subtitle: format!(
             "{}: {} cells, {broken} with a broken invariant (red); lockstep, each repeated from its saved plan",
             scenarios.into_iter().collect::<Vec<_>>().join(", "),
             cells.len()
         ),
-        rows: vec![Row::of(80.0 + 19.0 * faults.len() as f64, [off_path, noticed])],
+        rows: vec![Row::of(80.0 + 19.0 * faults.len() as f64, [off_path, detected])],
         width: 1100.0,
         ..Page::default()
     }

@@ -8,7 +8,7 @@ use shared_types::fault::{Fault, Kind, Way};
 use shared_types::wire::Field;
 use shared_types::{Layout, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
 
-/// Mean time from one blow to the next; s.
+/// Mean time from one planned to the next; s.
 const MEAN_GAP_S: f64 = 1.4;
 
 /// A round is left in peace for so long at its beginning ...
@@ -50,7 +50,7 @@ pub enum Act {
 
 /// When what goes wrong.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Blow {
+pub struct Planned {
     /// Since the first tick; s.
     pub at_s: f64,
     pub act: Act,
@@ -161,11 +161,11 @@ impl Dealer {
     }
 
     /// What happens in the next round of so many seconds, in order.
-    pub fn round(&mut self, seconds: f64) -> Vec<Blow> {
+    pub fn round(&mut self, seconds: f64) -> Vec<Planned> {
         let calm = |s: f64| s.min(0.25 * seconds);
         let (from, to) = (calm(CALM_BEFORE_S), seconds - calm(CALM_AFTER_S));
         let is_disk = |act: &Act| matches!(act, Act::Fault(fault) if fault.kind == Kind::DiskFull);
-        let (mut blows, mut at_s) = (Vec::new(), from);
+        let (mut planned, mut at_s) = (Vec::new(), from);
         loop {
             at_s -= MEAN_GAP_S * (1.0 - self.dice.unit()).ln();
             if at_s >= to {
@@ -180,29 +180,29 @@ impl Dealer {
                 self.full.push_back(act);
             } else {
                 let act = self.detailed(act);
-                blows.push(Blow { at_s, act, is_fatal: false });
+                planned.push(Planned { at_s, act, is_fatal: false });
             }
         }
         if self.dice.below(FATAL_ONE_IN) == 0 {
-            self.end(&mut blows, to + 0.2 * (seconds - to));
+            self.end(&mut planned, to + 0.2 * (seconds - to));
         }
-        blows
+        planned
     }
 
     /// The end of a round: the plant's, or that of a budget.
-    fn end(&mut self, blows: &mut Vec<Blow>, at_s: f64) {
+    fn end(&mut self, planned: &mut Vec<Planned>, at_s: f64) {
         if self.dice.next().is_multiple_of(2)
             && let Some(act) = self.fatal.pop_front()
         {
             let act = self.detailed(act);
-            return blows.push(Blow { at_s, act, is_fatal: true });
+            return planned.push(Planned { at_s, act, is_fatal: true });
         }
         let mortal: Vec<_> = self.processes.iter().filter(|process| *process != "plant").cloned().collect();
         let process = mortal[self.dice.below(mortal.len() as u64) as usize].clone();
         for k in 0..SPENT {
             // Its pause is over by then, and its replacement at work.
             let act = Act::Signal(process.clone(), Signal::Kill);
-            blows.push(Blow { at_s: at_s + 0.35 * f64::from(k), act, is_fatal: true });
+            planned.push(Planned { at_s: at_s + 0.35 * f64::from(k), act, is_fatal: true });
         }
     }
 
@@ -309,8 +309,8 @@ mod tests {
         };
         assert_eq!(deal(7), deal(7));
         assert_ne!(deal(7), deal(8));
-        for blow in deal(7).concat() {
-            if let Act::Fault(fault) = &blow.act {
+        for planned in deal(7).concat() {
+            if let Act::Fault(fault) = &planned.act {
                 fault.schedule(0, 1000, 1).unwrap_or_else(|complaint| panic!("{fault}: {complaint}"));
             }
         }
@@ -322,15 +322,15 @@ mod tests {
         let processes = dealer.processes.clone();
         let rounds: Vec<_> = (0..30).map(|_| dealer.round(60.0)).collect();
         let name = |act: &Act| format!("{} {}", act.process(), act.name());
-        let dealt: BTreeSet<_> = rounds.iter().flatten().map(|blow| name(&blow.act)).collect();
+        let dealt: BTreeSet<_> = rounds.iter().flatten().map(|planned| name(&planned.act)).collect();
         let missing: Vec<_> =
             every(&processes).iter().filter(|act| !act.ends_world()).map(name).filter(|one| !dealt.contains(one)).collect();
         assert!(missing.is_empty(), "{missing:?}");
         for round in &rounds {
-            assert!(round.iter().all(|blow| !blow.act.ends_world() || blow.is_fatal && blow.at_s > 50.0));
-            assert!(round.len() > 15, "{} blows", round.len());
+            assert!(round.iter().all(|planned| !planned.act.ends_world() || planned.is_fatal && planned.at_s > 50.0));
+            assert!(round.len() > 15, "{} planned", round.len());
         }
-        let ended = rounds.iter().filter(|round| round.iter().any(|blow| blow.is_fatal)).count();
+        let ended = rounds.iter().filter(|round| round.iter().any(|planned| planned.is_fatal)).count();
         assert!((2..15).contains(&ended), "{ended} of 30 rounds end by design");
     }
 }

@@ -1,4 +1,4 @@
-//! What a round must keep, whatever struck it: the verdict on what was seen of it.
+//! What a round must keep, whatever injected it: the verdict on what was seen of it.
 
 use launcher::{End, Exit, Failure};
 
@@ -20,7 +20,7 @@ pub struct Death {
     pub what: String,
     /// Before the end of the run; s.
     pub before_end_s: f64,
-    pub is_noticed: bool,
+    pub is_detected: bool,
     pub is_restarted: bool,
 }
 
@@ -63,7 +63,7 @@ pub struct Files {
 #[derive(Clone, Debug)]
 pub struct Evidence {
     pub end: End,
-    /// The blow that was to end it, if there was one: who was struck, and whether it was struck.
+    /// The planned that was to end it, if there was one: who was injected, and whether it was injected.
     pub fatal: Option<(String, bool)>,
     pub goal_reached: bool,
     pub rate_hz: u32,
@@ -97,7 +97,7 @@ pub fn broken(seen: &Evidence) -> Vec<String> {
     broken
 }
 
-/// It ends at its goal or at rest, or as a fatal blow or a spent budget makes it end, with a sentence that names who died.
+/// It ends at its goal or at rest, or as a fatal planned or a spent budget makes it end, with a sentence that names who died.
 fn end(seen: &Evidence) -> Option<String> {
     let is_spent = |failure: &Failure| matches!(failure, Failure::Died { restarts: 1.., .. });
     // The record of how it ended goes with the volume; and an arm is where a drive that has just failed carries it.
@@ -110,18 +110,20 @@ fn end(seen: &Evidence) -> Option<String> {
         },
         End::Completed => Some("neither the goal nor rest at the end".to_owned()),
         End::Failed(failure) if is_spent(failure) => None,
-        End::Failed(Failure::Died { process, .. }) if seen.fatal.as_ref().is_some_and(|(who, struck)| *struck && who == process) => None,
+        End::Failed(Failure::Died { process, .. }) if seen.fatal.as_ref().is_some_and(|(who, injected)| *injected && who == process) => {
+            None
+        }
         End::Failed(failure) => Some(format!("the run failed: {}", failure.to_string().lines().next().unwrap_or_default())),
     }
 }
 
-/// Every death is noticed and mended, and nobody dies unasked.
+/// Every death is detected and recovered, and nobody dies unasked.
 fn lives(seen: &Evidence) -> Vec<String> {
     let mut broken = Vec::new();
-    for Death { process, what, before_end_s, is_noticed, is_restarted } in seen.deaths.iter().filter(|death| death.process != WORLD) {
+    for Death { process, what, before_end_s, is_detected, is_restarted } in seen.deaths.iter().filter(|death| death.process != WORLD) {
         let is_due = *before_end_s > TIME_TO_RETURN_S;
-        if is_due && !is_noticed {
-            broken.push(format!("nobody noticed {what} of the {process}"));
+        if is_due && !is_detected {
+            broken.push(format!("nobody detected {what} of the {process}"));
         }
         if is_due && !is_restarted {
             broken.push(format!("the {process} was not started again after {what}"));
@@ -158,7 +160,7 @@ fn record(seen: &Evidence) -> Vec<String> {
         }
         Some(_) => {}
     }
-    // The chunk in hand goes with the volume, and what has come of the next one when that is noticed.
+    // The chunk in hand goes with the volume, and what has come of the next one when that is detected.
     let in_hand = 1.5 * viz::Options::default().signal_chunk_s * f64::from(seen.rate_hz);
     let recorded = seen.full_at.map_or(seen.ticks, |full| full.saturating_sub(in_hand as u64).min(seen.ticks));
     if seen.files.rows + ticks_allowed + 1 < recorded {
@@ -209,8 +211,8 @@ mod tests {
         End::Failed(Failure::Died { process, pid: 1, exit, tick: 1, restarts, suspect: None, last_words })
     }
 
-    fn death(is_noticed: bool, is_restarted: bool, before_end_s: f64) -> Vec<Death> {
-        vec![Death { process: "analyzer".to_owned(), what: "SIGKILL".to_owned(), before_end_s, is_noticed, is_restarted }]
+    fn death(is_detected: bool, is_restarted: bool, before_end_s: f64) -> Vec<Death> {
+        vec![Death { process: "analyzer".to_owned(), what: "SIGKILL".to_owned(), before_end_s, is_detected, is_restarted }]
     }
 
     #[test]
@@ -243,7 +245,7 @@ mod tests {
             (seen.full_at, seen.recording_error, seen.files.rows) = (Some(5_000), "the disk is full".to_owned(), 4_550);
         });
         caught("left behind: armplane-0", &|seen| seen.left_over.push("armplane-0".to_owned()));
-        caught("nobody noticed SIGKILL of the analyzer", &|seen| seen.deaths = death(false, true, 9.0));
+        caught("nobody detected SIGKILL of the analyzer", &|seen| seen.deaths = death(false, true, 9.0));
         caught("the analyzer was not started again", &|seen| seen.deaths = death(true, false, 9.0));
         caught("ended by itself with exit code 1", &|seen| {
             seen.ended.push(Ended { process: "estimator".to_owned(), exit: Exit::Code(1), is_ours: false });

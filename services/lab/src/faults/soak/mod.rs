@@ -1,11 +1,11 @@
 //! The soak: real-time runs of the whole graph, one after the other, with every fault and signals from outside at random.
 
 mod draw;
+mod inject;
 mod judge;
 mod picture;
 mod round;
 mod rounds;
-mod strike;
 mod tally;
 
 pub use judge::Messages;

@@ -24,11 +24,11 @@ pub fn picture(soak: &Soak) -> Page {
     let mut from = 0.0;
     for (round, length) in soak.rounds.iter().zip(&lengths) {
         all.line("", Color { 3: 0.5, ..GREY }, &[(from, -0.5), (from, drives + 0.5)]);
-        for struck in &round.struck {
-            let row = processes.iter().position(|process| *process == struck.process).unwrap_or_default() as f64;
+        for injected in &round.injected {
+            let row = processes.iter().position(|process| *process == injected.process).unwrap_or_default() as f64;
             // Classes a little apart, so that the later do not hide the earlier.
-            let class = class_of(&struck.kind);
-            all.dots(colors()[class], 2.0, &[(from + struck.at_s, row + 0.13 * (class as f64 - 2.0))]);
+            let class = class_of(&injected.kind);
+            all.dots(colors()[class], 2.0, &[(from + injected.at_s, row + 0.13 * (class as f64 - 2.0))]);
         }
         for stop in &round.stops {
             let until = (stop.until as f64 / rate).max(stop.from as f64 / rate + 0.0005 * total);
@@ -36,21 +36,21 @@ pub fn picture(soak: &Soak) -> Page {
         }
         from += length;
     }
-    let busiest = soak.rounds.iter().filter(|round| round.end == "goal reached").max_by_key(|round| round.struck.len());
+    let busiest = soak.rounds.iter().filter(|round| round.end == "goal reached").max_by_key(|round| round.injected.len());
     let mut page_rows = vec![Row::of(270.0, [all])];
     if let Some(round) = busiest.or(soak.rounds.first()) {
         let seconds = (round.ticks as f64 / rate).max(1.0);
         let title = format!("round {} closely: how long each lasted; a dot where a process died", round.round);
         let mut one = Panel::new(&title, Axis::named("time, s").within(0.0..seconds), Axis::names(rows));
-        for struck in &round.struck {
-            let row = processes.iter().position(|process| *process == struck.process).unwrap_or_default() as f64;
-            let class = class_of(&struck.kind);
+        for injected in &round.injected {
+            let row = processes.iter().position(|process| *process == injected.process).unwrap_or_default() as f64;
+            let class = class_of(&injected.kind);
             let y = row + 0.13 * (class as f64 - 2.0);
             // Until the process was back, where it went.
-            let length_s = struck.mended_ms.map_or(struck.length_s, |ms| ms * 1e-3);
-            stroke(&mut one, colors()[class], struck.at_s, (struck.at_s + length_s.max(0.001 * seconds)).min(seconds), y);
-            if struck.deaths > 0 {
-                one.dots(colors()[class], 2.6, &[(struck.at_s, y)]);
+            let length_s = injected.recovered_ms.map_or(injected.length_s, |ms| ms * 1e-3);
+            stroke(&mut one, colors()[class], injected.at_s, (injected.at_s + length_s.max(0.001 * seconds)).min(seconds), y);
+            if injected.deaths > 0 {
+                one.dots(colors()[class], 2.6, &[(injected.at_s, y)]);
             }
         }
         for stop in &round.stops {
@@ -59,26 +59,26 @@ pub fn picture(soak: &Soak) -> Page {
         }
         page_rows.push(Row::of(270.0, [one]));
     }
-    let noticed: Vec<&Kind> = soak.kinds.iter().filter(|kind| kind.noticed_ms_p50.is_some()).collect();
+    let detected: Vec<&Kind> = soak.kinds.iter().filter(|kind| kind.detected_ms_p50.is_some()).collect();
     let mut panel = Panel::new(
-        "time until something noticed, ms: half of them, and the slowest",
+        "time until a fault is detected, ms: half of them, and the slowest",
         Axis::default().logarithmic().within(0.001..10_000.0),
-        Axis::names(noticed.iter().map(|kind| format!("{} ({})", kind.kind, kind.times))),
+        Axis::names(detected.iter().map(|kind| format!("{} ({})", kind.kind, kind.times))),
     );
-    for (row, kind) in noticed.iter().enumerate() {
-        let (half, most) = (kind.noticed_ms_p50.unwrap_or_default(), kind.noticed_ms_max.unwrap_or_default());
+    for (row, kind) in detected.iter().enumerate() {
+        let (half, most) = (kind.detected_ms_p50.unwrap_or_default(), kind.detected_ms_max.unwrap_or_default());
         let color = colors()[class_of(&kind.kind)];
         panel.line("", Color { 3: 0.4, ..color }, &[(half, row as f64), (most, row as f64)]);
         panel.dots(color, 3.0, &[(half, row as f64)]);
         panel.dots(color, 1.8, &[(most, row as f64)]);
     }
-    page_rows.push(Row::of(90.0 + 13.0 * noticed.len() as f64, [panel]));
+    page_rows.push(Row::of(90.0 + 13.0 * detected.len() as f64, [panel]));
     let totals = &soak.totals;
     Page {
         title: "The soak".to_owned(),
         subtitle: format!(
-            "{} faults in {:.0} s of real time at {} Hz, {} rounds: {} reached the goal, {} came to rest, {} ended by design, {} broke a promise",
-            totals.blows, total, soak.rate_hz, totals.rounds, totals.goal, totals.rest, totals.ended, totals.broken
+            "{} faults in {:.0} s of real time at {} Hz, {} rounds: {} reached the goal, {} came to rest, {} ended by design, {} broke a guarantee",
+            totals.planned, total, soak.rate_hz, totals.rounds, totals.goal, totals.rest, totals.ended, totals.broken
         ),
         rows: page_rows,
         width: 1100.0,

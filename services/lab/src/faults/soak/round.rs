@@ -1,4 +1,4 @@
-//! One round: a run in real time that is struck, and everything that was seen of it.
+//! One round: a run in real time that is injected, and everything that was seen of it.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;
@@ -20,9 +20,9 @@ use shared_types::topics::{self, COUNT, Each, Topic};
 use shared_types::{Message, PlantState, SensorSample};
 
 use super::super::motion::{Motion, Promise, SPEED_MARGIN_AT_FULL_TORQUE};
-use super::draw::{Act, Blow, Signal};
+use super::draw::{Act, Planned, Signal};
+use super::inject::{Done, Executed, Injector, state_and_parent};
 use super::judge::{Death, Ended, Evidence, Files, Messages, broken};
-use super::strike::{Done, Fallen, Striker, state_and_parent};
 
 /// A round may take so many times as long as planned, and a little more: whoever is stopped again and again is late at the goal.
 const LONGEST: f64 = 1.5;
@@ -30,15 +30,15 @@ const LONGEST: f64 = 1.5;
 /// The same for short rounds; s.
 const LONGEST_MORE_S: f64 = 10.0;
 
-/// A stop is put down to the latest blow that was in force, or had been so shortly before; s.
+/// A stop is put down to the latest planned that was in force, or had been so shortly before; s.
 const AFTERMATH_S: f64 = 0.15;
 
 /// Lines that processes wrote on their standard error, kept for a round with a broken promise.
 const LINES: usize = 500;
 
-/// What a blow was, and what came of it.
+/// What a planned was, and what came of it.
 #[derive(Clone, Debug, Serialize)]
-pub struct Struck {
+pub struct Injected {
     /// As in the table.
     pub kind: String,
     pub process: String,
@@ -49,12 +49,12 @@ pub struct Struck {
     pub tick: u64,
     /// How long it lasted; s.
     pub length_s: f64,
-    /// Wall-clock time until something noticed; ms.
-    pub noticed_ms: Option<f64>,
+    /// Wall-clock time until something detected; ms.
+    pub detected_ms: Option<f64>,
     /// Wall-clock time until the process worked again; ms.
-    pub mended_ms: Option<f64>,
+    pub recovered_ms: Option<f64>,
     /// How long the drives then did not follow the controller; ms.
-    pub stood_ms: f64,
+    pub stopped_ms: f64,
     pub deaths: u32,
 }
 
@@ -75,8 +75,8 @@ pub struct Round {
     /// `goal reached`, `rest`, `ended` or `interrupted`.
     pub end: &'static str,
     pub reason: String,
-    pub struck: Vec<Struck>,
-    /// Blows that were drawn and not struck, with the reason.
+    pub injected: Vec<Injected>,
+    /// Blows that were drawn and not injected, with the reason.
     pub left_out: BTreeMap<&'static str, u64>,
     pub stops: Vec<Stop>,
     pub restarts: BTreeMap<String, u32>,
@@ -156,7 +156,14 @@ impl Setting<'_> {
     }
 
     /// Runs and judges a round; its files stay in `out`.
-    pub fn round(&self, number: usize, seed: u64, blows: Vec<Blow>, out: &Path, progress: &mut dyn FnMut(u64)) -> Result<Round, Failure> {
+    pub fn round(
+        &self,
+        number: usize,
+        seed: u64,
+        planned: Vec<Planned>,
+        out: &Path,
+        progress: &mut dyn FnMut(u64),
+    ) -> Result<Round, Failure> {
         let job = self.job(out, seed)?;
         let processes: Vec<String> = job.graph.process.iter().map(|process| process.name.clone()).collect();
         let plan = session::plan(&job)?;
@@ -166,14 +173,14 @@ impl Setting<'_> {
         // Before the launch, for the kernel ends the children of a thread that ends.
         let (begun, begins) = channel::<ControlPage>();
         let (go, going) = channel();
-        let (processes_of_striker, mut go): (Vec<String>, Option<Sender<()>>) = (processes.clone(), Some(go));
+        let (processes_of_injector, mut go): (Vec<String>, Option<Sender<()>>) = (processes.clone(), Some(go));
         let mut name = String::new();
-        let (launched, struck) = std::thread::scope(|scope| {
-            let striker = scope.spawn(move || {
+        let (launched, injected) = std::thread::scope(|scope| {
+            let injector = scope.spawn(move || {
                 let Ok(control_page) = begins.recv() else { return (Vec::new(), None) };
-                let striker = Striker { control_page: &control_page, processes: &processes_of_striker, source, rate_hz, seed };
-                let fallen = striker.strike(blows, most_s, &going);
-                (fallen, Some(control_page))
+                let injector = Injector { control_page: &control_page, processes: &processes_of_injector, source, rate_hz, seed };
+                let executed = injector.inject(planned, most_s, &going);
+                (executed, Some(control_page))
             });
             let mut begin = |run: &RunDir| {
                 run.name().clone_into(&mut name);
@@ -190,18 +197,18 @@ impl Setting<'_> {
                 told.take(event);
             });
             (go, _) = (None, drop(begun));
-            (launched, striker.join())
+            (launched, injector.join())
         });
         let end_ns = now_ns();
         let (outcome, account) = launched?;
-        let (fallen, Some(control_page)) = struck.unwrap_or_default() else {
+        let (executed, Some(control_page)) = injected.unwrap_or_default() else {
             return Err(Failure::Work("the run was never begun".to_owned()));
         };
         let ledger = control_page.fault_table();
         let accounts: Vec<(usize, FaultRecord)> = ledger.records().collect();
         let summary = session::summarise(&job, &outcome, account);
         session::keep(out, &job, &summary)?;
-        let seen = Seen { processes, fallen, accounts, told, outcome, summary, end_ns, run: name };
+        let seen = Seen { processes, executed, accounts, told, outcome, summary, end_ns, run: name };
         let round = seen.judge(self, number, seed, &job, out)?;
         if !round.broken.is_empty() {
             let lines = seen.told.lines.iter().map(|line| format!("{line}\n")).collect::<String>();
@@ -214,7 +221,7 @@ impl Setting<'_> {
 /// All that is known of a round when it is over.
 struct Seen {
     processes: Vec<String>,
-    fallen: Vec<Fallen>,
+    executed: Vec<Executed>,
     accounts: Vec<(usize, FaultRecord)>,
     told: Told,
     outcome: Outcome,
@@ -226,12 +233,12 @@ struct Seen {
 impl Seen {
     fn judge(&self, setting: &Setting<'_>, number: usize, seed: u64, job: &Job, out: &Path) -> Result<Round, Failure> {
         let rate_hz = job.scenario.rate_hz;
-        let faults = self.summary.faults.iter().filter(|fault| fault.struck).filter_map(|fault| fault.fault.as_ref());
+        let faults = self.summary.faults.iter().filter(|fault| fault.injected).filter_map(|fault| fault.fault.as_ref());
         let (motion, stops, mut files, kept) =
             read(Motion::new(Promise::new(setting.robot, &job.scenario, SPEED_MARGIN_AT_FULL_TORQUE, faults)), &out.join(MESSAGES));
         self.read_recording(out, &mut files);
-        let mut struck: Vec<Struck> = self.fallen.iter().filter_map(|fallen| self.struck(fallen, rate_hz)).collect();
-        blame(&mut struck, &stops, rate_hz);
+        let mut injected: Vec<Injected> = self.executed.iter().filter_map(|executed| self.injected(executed, rate_hz)).collect();
+        blame(&mut injected, &stops, rate_hz);
         let recorder_counts = self.outcome.processes.iter().find(|process| process.name == "recorder").map(|one| one.counts);
         let (refused, fenced) = recorder_counts.map_or((0, 0), |counts| (counts.refused, counts.fenced));
         let sent = self.outcome.processes.iter().map(|process| process.counts.sent).sum::<u64>();
@@ -275,8 +282,8 @@ impl Seen {
             End::Completed => "ended",
         };
         let mut left_out = BTreeMap::new();
-        for fallen in &self.fallen {
-            if let Done::LeftOut(why) = fallen.done {
+        for executed in &self.executed {
+            if let Done::LeftOut(why) = executed.done {
                 *left_out.entry(why).or_default() += 1;
             }
         }
@@ -287,7 +294,7 @@ impl Seen {
             rate_hz,
             end,
             reason: self.summary.reason.clone(),
-            struck,
+            injected,
             left_out,
             stops,
             restarts: self.outcome.processes.iter().map(|process| (process.name.clone(), process.restarts)).collect(),
@@ -342,74 +349,74 @@ impl Seen {
         self.processes.iter().position(|known| known == process)
     }
 
-    fn account(&self, fallen: &Fallen) -> Option<&FaultRecord> {
-        let Done::Requested(place) = fallen.done else { return None };
+    fn account(&self, executed: &Executed) -> Option<&FaultRecord> {
+        let Done::Requested(place) = executed.done else { return None };
         self.accounts.iter().find(|(known, _)| *known == place).map(|(_, account)| account)
     }
 
-    /// The entry in which the launcher noticed what a signal did.
-    fn noticed(&self, fallen: &Fallen) -> Option<&FaultRecord> {
-        let index = self.index_of(fallen.blow.act.process())?;
-        let of_it = |account: &&FaultRecord| account.scheduled.process as usize == index && account.detected_ns > fallen.at_ns;
+    /// The entry in which the launcher detected what a signal did.
+    fn detected(&self, executed: &Executed) -> Option<&FaultRecord> {
+        let index = self.index_of(executed.planned.act.process())?;
+        let of_it = |account: &&FaultRecord| account.scheduled.process as usize == index && account.detected_ns > executed.at_ns;
         let takes_down = |account: &&FaultRecord| account.scheduled.kind().is_some_and(Kind::takes_down);
         self.accounts.iter().map(|(_, account)| account).filter(of_it).filter(takes_down).min_by_key(|account| account.detected_ns)
     }
 
-    /// What a blow was; `None` where it was left out, or the run was over before it could strike.
-    fn struck(&self, fallen: &Fallen, rate_hz: u32) -> Option<Struck> {
-        let act = &fallen.blow.act;
+    /// What a planned was; `None` where it was left out, or the run was over before it could strike.
+    fn injected(&self, executed: &Executed, rate_hz: u32) -> Option<Injected> {
+        let act = &executed.planned.act;
         let since_ms = |from: u64, to: u64| (to > from && from > 0).then(|| (to - from) as f64 * 1e-6);
-        let (what, tick, length_s, noticed_ms, mended_ms) = match (act, &fallen.done) {
+        let (what, tick, length_s, detected_ms, recovered_ms) = match (act, &executed.done) {
             (_, Done::LeftOut(_)) => return None,
             (Act::Fault(_), _) => {
-                let account = self.account(fallen).filter(|account| account.injected_ns > 0)?;
+                let account = self.account(executed).filter(|account| account.injected_ns > 0)?;
                 let fault = account.scheduled.fault(act.process())?;
                 let length_s = fault.for_ticks.map_or(0.0, |ticks| ticks as f64 / f64::from(rate_hz));
                 let FaultRecord { injected_ns, detected_ns, recovered_ns, .. } = *account;
                 (fault.to_string(), account.scheduled.at, length_s, since_ms(injected_ns, detected_ns), since_ms(injected_ns, recovered_ns))
             }
             (Act::Signal(process, signal), Done::Signalled) => {
-                let account = if act.deaths() > 0 { self.noticed(fallen) } else { None };
+                let account = if act.deaths() > 0 { self.detected(executed) } else { None };
                 let length_s = if let Signal::StopFor(ms) = signal { f64::from(*ms) * 1e-3 } else { 0.1 };
-                let since = |ns: Option<u64>| ns.and_then(|ns| since_ms(fallen.at_ns, ns));
-                let (noticed, mended) = (account.map(|one| one.detected_ns), account.map(|one| one.recovered_ns));
-                (format!("{signal:?} of the {process}"), fallen.tick, length_s, since(noticed), since(mended))
+                let since = |ns: Option<u64>| ns.and_then(|ns| since_ms(executed.at_ns, ns));
+                let (detected, recovered) = (account.map(|one| one.detected_ns), account.map(|one| one.recovered_ns));
+                (format!("{signal:?} of the {process}"), executed.tick, length_s, since(detected), since(recovered))
             }
             _ => return None,
         };
         let (kind, process) = (act.name(), act.process().to_owned());
-        Some(Struck {
+        Some(Injected {
             kind,
             process,
             what,
             at_s: tick as f64 / f64::from(rate_hz),
             tick,
             length_s,
-            noticed_ms,
-            mended_ms,
-            stood_ms: 0.0,
+            detected_ms,
+            recovered_ms,
+            stopped_ms: 0.0,
             deaths: act.deaths(),
         })
     }
 
-    fn has_struck(&self, fallen: &Fallen) -> bool {
-        match fallen.done {
-            Done::Requested(_) => self.account(fallen).is_some_and(|account| account.injected_ns > 0),
+    fn has_injected(&self, executed: &Executed) -> bool {
+        match executed.done {
+            Done::Requested(_) => self.account(executed).is_some_and(|account| account.injected_ns > 0),
             Done::Signalled => true,
             Done::LeftOut(_) => false,
         }
     }
 
-    /// The blow that was to end the run, and whether it fell.
+    /// The planned that was to end the run, and whether it fell.
     fn fatal(&self) -> Option<(String, bool)> {
         // A busy machine may have continued the plant too late.
         if let Some(stopped) = self.told.silenced.iter().find(|process| *process == "plant" && self.was_stopped(process)) {
             return Some((stopped.clone(), true));
         }
-        let mut fatal = self.fallen.iter().filter(|fallen| fallen.blow.is_fatal);
+        let mut fatal = self.executed.iter().filter(|executed| executed.planned.is_fatal);
         let first = fatal.next()?;
-        let has_struck = self.has_struck(first) || fatal.any(|fallen| self.has_struck(fallen));
-        Some((first.blow.act.process().to_owned(), has_struck))
+        let has_injected = self.has_injected(first) || fatal.any(|executed| self.has_injected(executed));
+        Some((first.planned.act.process().to_owned(), has_injected))
     }
 
     fn full_at(&self) -> Option<u64> {
@@ -422,27 +429,27 @@ impl Seen {
         let is_restarted = |process: &str, at_ns: u64| self.told.ended.iter().any(|(who, _, ns)| who == process && *ns > at_ns);
         let before_end_s = |at_ns: u64| self.end_ns.saturating_sub(at_ns) as f64 * 1e-9;
         let mut deaths = Vec::new();
-        for fallen in self.fallen.iter().filter(|fallen| fallen.blow.act.deaths() > 0 && self.has_struck(fallen)) {
-            let process = fallen.blow.act.process().to_owned();
-            let (at_ns, is_noticed) = match self.account(fallen) {
+        for executed in self.executed.iter().filter(|executed| executed.planned.act.deaths() > 0 && self.has_injected(executed)) {
+            let process = executed.planned.act.process().to_owned();
+            let (at_ns, is_detected) = match self.account(executed) {
                 Some(account) => (account.injected_ns, account.detected_ns > 0),
-                None => (fallen.at_ns, self.noticed(fallen).is_some() || self.is_explained(fallen)),
+                None => (executed.at_ns, self.detected(executed).is_some() || self.is_explained(executed)),
             };
             let is_restarted = is_restarted(&process, at_ns);
-            deaths.push(Death { what: fallen.blow.act.name(), before_end_s: before_end_s(at_ns), is_noticed, is_restarted, process });
+            deaths.push(Death { what: executed.planned.act.name(), before_end_s: before_end_s(at_ns), is_detected, is_restarted, process });
         }
         deaths
     }
 
     /// A death in the middle of a fault that had taken the process down is no entry of its own.
-    fn is_explained(&self, fallen: &Fallen) -> bool {
-        let index = self.index_of(fallen.blow.act.process());
+    fn is_explained(&self, executed: &Executed) -> bool {
+        let index = self.index_of(executed.planned.act.process());
         let explains = |account: &FaultRecord| {
             let is_its = Some(account.scheduled.process as usize) == index && account.scheduled.kind().is_some_and(Kind::takes_down);
             is_its
                 && account.injected_ns > 0
                 && account.detected_ns > 0
-                && (account.recovered_ns == 0 || account.recovered_ns > fallen.at_ns)
+                && (account.recovered_ns == 0 || account.recovered_ns > executed.at_ns)
         };
         self.accounts.iter().any(|(_, account)| explains(account))
     }
@@ -452,13 +459,13 @@ impl Seen {
         let mut ended: Vec<Ended> = Vec::new();
         for (process, exit, _) in &self.told.ended {
             let so_far = |exits: &dyn Fn(Exit) -> bool| ended.iter().filter(|one| one.process == *process && exits(one.exit)).count();
-            let struck = || self.fallen.iter().filter(|one| one.blow.act.process() == process && self.has_struck(one));
-            let crashes = struck().filter(|one| matches!(&one.blow.act, Act::Fault(fault) if fault.kind == Kind::Crash)).count();
-            let kills: usize = struck().map(|one| one.blow.act.deaths() as usize).sum::<usize>() - crashes;
-            // A stop that lasts too long ends with a kill; a stopped process killed by a second blow dies once.
+            let injected = || self.executed.iter().filter(|one| one.planned.act.process() == process && self.has_injected(one));
+            let crashes = injected().filter(|one| matches!(&one.planned.act, Act::Fault(fault) if fault.kind == Kind::Crash)).count();
+            let kills: usize = injected().map(|one| one.planned.act.deaths() as usize).sum::<usize>() - crashes;
+            // A stop that lasts too long ends with a kill; a stopped process killed by a second planned dies once.
             let silenced = self.told.silenced.iter().filter(|one| *one == process).count();
             // Numbers far out of range may end in one that is not finite; then a process stops rather than send it.
-            let is_spoilt = self.fallen.iter().any(|one| matches!(&one.blow.act, Act::Fault(fault) if fault.kind == Kind::Corrupt));
+            let is_spoilt = self.executed.iter().any(|one| matches!(&one.planned.act, Act::Fault(fault) if fault.kind == Kind::Corrupt));
             let refused = if is_spoilt { self.told.refused.iter().filter(|one| *one == process).count() } else { 0 };
             let is_ours = match exit {
                 Exit::Signal(9) => so_far(&|exit| exit == Exit::Signal(9)) < kills + silenced,
@@ -482,7 +489,9 @@ impl Seen {
             Act::Fault(fault) => fault.kind == Kind::Hang,
             Act::Signal(_, signal) => matches!(signal, Signal::Stop | Signal::StopFor(_)),
         };
-        self.fallen.iter().any(|fallen| fallen.blow.act.process() == process && stops(&fallen.blow.act) && self.has_struck(fallen))
+        self.executed
+            .iter()
+            .any(|executed| executed.planned.act.process() == process && stops(&executed.planned.act) && self.has_injected(executed))
     }
 }
 
@@ -527,14 +536,14 @@ fn each<M: Message>(messages: &Path, files: &mut Files, mut each: impl FnMut(&M)
     n
 }
 
-/// Puts each stop down to the latest blow that was in force when it began.
-fn blame(struck: &mut [Struck], stops: &[Stop], rate_hz: u32) {
+/// Puts each stop down to the latest planned that was in force when it began.
+fn blame(injected: &mut [Injected], stops: &[Stop], rate_hz: u32) {
     let rate = f64::from(rate_hz);
     for stop in stops {
-        let lasts = |blow: &Struck| blow.tick + ((blow.length_s + AFTERMATH_S) * rate) as u64;
-        let was_in_force = |blow: &&mut Struck| (blow.tick..=lasts(blow)).contains(&stop.from);
-        if let Some(blow) = struck.iter_mut().filter(was_in_force).max_by_key(|blow| blow.tick) {
-            blow.stood_ms += (stop.until - stop.from) as f64 * 1e3 / rate;
+        let lasts = |planned: &Injected| planned.tick + ((planned.length_s + AFTERMATH_S) * rate) as u64;
+        let was_in_force = |planned: &&mut Injected| (planned.tick..=lasts(planned)).contains(&stop.from);
+        if let Some(planned) = injected.iter_mut().filter(was_in_force).max_by_key(|planned| planned.tick) {
+            planned.stopped_ms += (stop.until - stop.from) as f64 * 1e3 / rate;
         }
     }
 }
@@ -564,22 +573,22 @@ mod tests {
 
     #[test]
     fn a_stop_is_put_down_to_the_latest_blow_that_was_in_force() {
-        let blow = |tick: u64, length_s: f64| Struck {
+        let planned = |tick: u64, length_s: f64| Injected {
             kind: String::new(),
             process: String::new(),
             what: String::new(),
             at_s: 0.0,
             tick,
             length_s,
-            noticed_ms: None,
-            mended_ms: None,
-            stood_ms: 0.0,
+            detected_ms: None,
+            recovered_ms: None,
+            stopped_ms: 0.0,
             deaths: 0,
         };
-        let mut struck = [blow(100, 0.5), blow(300, 0.1), blow(900, 0.1)];
+        let mut injected = [planned(100, 0.5), planned(300, 0.1), planned(900, 0.1)];
         let stops = [Stop { from: 350, until: 400 }, Stop { from: 600, until: 610 }, Stop { from: 800, until: 820 }];
-        blame(&mut struck, &stops, 1000);
-        assert_eq!(struck.map(|blow| blow.stood_ms), [10.0, 50.0, 0.0]);
+        blame(&mut injected, &stops, 1000);
+        assert_eq!(injected.map(|planned| planned.stopped_ms), [10.0, 50.0, 0.0]);
     }
 
     #[test]

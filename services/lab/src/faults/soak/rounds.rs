@@ -1,4 +1,4 @@
-//! The soak: real-time runs of the whole graph, one after the other, struck at random by every fault and by signals from outside; nothing lost
+//! The soak: real-time runs of the whole graph, one after the other, injected at random by every fault and by signals from outside; nothing lost
 //! that should not be, and nothing left over.
 
 use std::path::{Path, PathBuf};
@@ -108,11 +108,11 @@ pub fn soak(
         let setting = Setting { robot, scenario: &scenario, seconds: scenario.duration_s() };
         let out = folder.path().join(format!("round-{number:03}"));
         std::fs::create_dir_all(&out).map_err(|error| Failure::Work(format!("cannot make {}: {error}", out.display())))?;
-        let blows = dealer.round(setting.seconds);
+        let planned = dealer.round(setting.seconds);
         let broken = rounds.iter().filter(|round| !round.broken.is_empty()).count();
         observer(Progress::Title(&format!("round {number}{}", if broken > 0 { format!(", {broken} BROKEN") } else { String::new() })));
         let mut progress = |ticks: u64| observer(Progress::Position(done + ticks));
-        let round = setting.round(number, random(seed, number as u64) % 1_000_000_000, blows, &out, &mut progress);
+        let round = setting.round(number, random(seed, number as u64) % 1_000_000_000, planned, &out, &mut progress);
         interrupted = signals.pending();
         let round = match round {
             Ok(round) => round,

@@ -5,26 +5,26 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::judge::Messages;
-use super::round::{Round, Struck};
+use super::round::{Injected, Round};
 
 /// Everything of one kind, over all rounds and processes.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Kind {
     pub kind: String,
     pub times: u64,
-    /// How many of them something noticed.
-    pub noticed: u64,
-    pub noticed_ms_p50: Option<f64>,
-    pub noticed_ms_max: Option<f64>,
+    /// How many of them something detected.
+    pub detected: u64,
+    pub detected_ms_p50: Option<f64>,
+    pub detected_ms_max: Option<f64>,
     /// Deaths that it cost, each followed by a restart or the end of the run.
     pub deaths: u64,
-    pub mended_ms_p50: Option<f64>,
-    pub mended_ms_max: Option<f64>,
+    pub recovered_ms_p50: Option<f64>,
+    pub recovered_ms_max: Option<f64>,
     /// How often the drives had to stop the arm.
     pub stops: u64,
-    pub stood_ms_p50: Option<f64>,
-    pub stood_ms_max: Option<f64>,
-    /// How the rounds ended in which it struck.
+    pub stopped_ms_p50: Option<f64>,
+    pub stopped_ms_max: Option<f64>,
+    /// How the rounds ended in which it injected.
     pub goal: u64,
     pub rest: u64,
     pub ended: u64,
@@ -39,7 +39,7 @@ pub struct Totals {
     pub rest: u64,
     pub ended: u64,
     pub ticks: u64,
-    pub blows: u64,
+    pub planned: u64,
     pub left_out: BTreeMap<&'static str, u64>,
     pub restarts: BTreeMap<String, u64>,
     pub messages: Messages,
@@ -51,7 +51,7 @@ pub struct Totals {
     pub torque_step_max_ratio: f64,
     pub speed_max_ratio: f64,
     pub stale_ticks: u32,
-    pub stood_s: f64,
+    pub stopped_s: f64,
 }
 
 fn p50(mut values: Vec<f64>) -> (Option<f64>, Option<f64>) {
@@ -61,32 +61,32 @@ fn p50(mut values: Vec<f64>) -> (Option<f64>, Option<f64>) {
 
 /// A row for each kind, in the order of their names, signals first.
 pub fn kinds(rounds: &[Round]) -> Vec<Kind> {
-    let mut by_kind = BTreeMap::<&str, Vec<(&Round, &Struck)>>::new();
+    let mut by_kind = BTreeMap::<&str, Vec<(&Round, &Injected)>>::new();
     for round in rounds {
-        for struck in &round.struck {
-            by_kind.entry(struck.kind.as_str()).or_default().push((round, struck));
+        for injected in &round.injected {
+            by_kind.entry(injected.kind.as_str()).or_default().push((round, injected));
         }
     }
-    let row = |(kind, blows): (&str, Vec<(&Round, &Struck)>)| {
-        let of = |value: fn(&Struck) -> Option<f64>| blows.iter().filter_map(|(_, struck)| value(struck)).collect::<Vec<_>>();
-        let noticed = of(|struck| struck.noticed_ms);
-        let stood = of(|struck| (struck.stood_ms > 0.0).then_some(struck.stood_ms));
-        let ends = |end: &str| blows.iter().filter(|(round, _)| round.end == end).count() as u64;
-        let count = (noticed.len() as u64, stood.len() as u64);
-        let ((noticed_ms_p50, noticed_ms_max), (stood_ms_p50, stood_ms_max)) = (p50(noticed), p50(stood));
-        let (mended_ms_p50, mended_ms_max) = p50(of(|struck| struck.mended_ms));
+    let row = |(kind, planned): (&str, Vec<(&Round, &Injected)>)| {
+        let of = |value: fn(&Injected) -> Option<f64>| planned.iter().filter_map(|(_, injected)| value(injected)).collect::<Vec<_>>();
+        let detected = of(|injected| injected.detected_ms);
+        let stood = of(|injected| (injected.stopped_ms > 0.0).then_some(injected.stopped_ms));
+        let ends = |end: &str| planned.iter().filter(|(round, _)| round.end == end).count() as u64;
+        let count = (detected.len() as u64, stood.len() as u64);
+        let ((detected_ms_p50, detected_ms_max), (stopped_ms_p50, stopped_ms_max)) = (p50(detected), p50(stood));
+        let (recovered_ms_p50, recovered_ms_max) = p50(of(|injected| injected.recovered_ms));
         Kind {
             kind: kind.to_owned(),
-            times: blows.len() as u64,
-            noticed: count.0,
-            noticed_ms_p50,
-            noticed_ms_max,
-            deaths: blows.iter().map(|(_, struck)| u64::from(struck.deaths)).sum(),
-            mended_ms_p50,
-            mended_ms_max,
+            times: planned.len() as u64,
+            detected: count.0,
+            detected_ms_p50,
+            detected_ms_max,
+            deaths: planned.iter().map(|(_, injected)| u64::from(injected.deaths)).sum(),
+            recovered_ms_p50,
+            recovered_ms_max,
             stops: count.1,
-            stood_ms_p50,
-            stood_ms_max,
+            stopped_ms_p50,
+            stopped_ms_max,
             goal: ends("goal reached"),
             rest: ends("rest"),
             ended: ends("ended") + ends("interrupted"),
@@ -106,7 +106,7 @@ impl Totals {
                 _ => totals.ended += 1,
             }
             totals.ticks += round.ticks;
-            totals.blows += round.struck.len() as u64;
+            totals.planned += round.injected.len() as u64;
             for (why, count) in &round.left_out {
                 *totals.left_out.entry(why).or_default() += count;
             }
@@ -132,7 +132,7 @@ impl Totals {
             totals.torque_step_max_ratio = totals.torque_step_max_ratio.max(round.torque_step_max_ratio);
             totals.speed_max_ratio = totals.speed_max_ratio.max(round.speed_max_ratio);
             totals.stale_ticks = totals.stale_ticks.max(round.stale_ticks);
-            totals.stood_s += round.stops.iter().map(|stop| (stop.until - stop.from) as f64).sum::<f64>() / f64::from(round.rate_hz);
+            totals.stopped_s += round.stops.iter().map(|stop| (stop.until - stop.from) as f64).sum::<f64>() / f64::from(round.rate_hz);
         }
         let deaths = totals.restarts.get("recorder").copied().unwrap_or_default();
         totals.lost_per_death_of_recorder = totals.messages.lost as f64 / deaths.max(1) as f64;

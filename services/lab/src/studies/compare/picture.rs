@@ -16,12 +16,12 @@ type Metric = (&'static str, fn(&Score) -> f64, Option<f64>, bool);
 
 const METRICS: [[Metric; 3]; 3] = [
     [
-        ("error across ζ, mm", |score| score.across_max_mm, Some(1.0), true),
+        ("error orthogonal to ζ, mm", |score| score.orthogonal_max_mm, Some(1.0), true),
         ("error along ζ, mm", |score| score.along_max_mm, Some(10.0), true),
         ("error at the end, mm", |score| score.final_mm, Some(1.0), true),
     ],
     [
-        ("error across ζ, °", |score| score.across_max_deg, Some(3.0), true),
+        ("error orthogonal to ζ, °", |score| score.orthogonal_max_deg, Some(3.0), true),
         ("error along ζ, °", |score| score.along_max_deg, Some(5.0), true),
         ("error at the end, °", |score| score.final_deg, Some(0.5), true),
     ],

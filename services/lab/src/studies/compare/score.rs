@@ -28,8 +28,8 @@ pub struct Score {
     pub reason: String,
     pub along_max_mm: f64,
     pub along_max_deg: f64,
-    pub across_max_mm: f64,
-    pub across_max_deg: f64,
+    pub orthogonal_max_mm: f64,
+    pub orthogonal_max_deg: f64,
     pub final_mm: f64,
     pub final_deg: f64,
     pub speed_max_ratio: f64,
@@ -153,20 +153,20 @@ impl<const N: usize> Meter<N> {
         let (task, joints) = (&verdict.task, &verdict.joints);
         let saturated_s = joints.saturated_ticks as f64 * scenario.dt_s();
         let [along_mm, along_deg] = self.along;
-        let (across_mm, across_deg) = (task.orthogonal_max_mm, task.orthogonal_max_deg);
+        let (orthogonal_mm, orthogonal_deg) = (task.orthogonal_max_mm, task.orthogonal_max_deg);
         let missed: Vec<&'static str> = [
             ("stopped", !verdict.completed),
             ("joint stop", self.stopped_by_plant),
             ("end", !(within(task.final_position_mm, 1.0) && within(task.final_orientation_deg, 0.5))),
             ("speed", !within(joints.speed_max_ratio, 1.0)),
             ("torque", saturated_s > SATURATED_S + 1e-9),
-            ("across", !(within(across_mm, 1.0) && within(across_deg, 3.0))),
+            ("orthogonal", !(within(orthogonal_mm, 1.0) && within(orthogonal_deg, 3.0))),
             ("along", !(within(along_mm, 10.0) && within(along_deg, 5.0))),
         ]
         .into_iter()
         .filter_map(|(what, is_so)| is_so.then_some(what))
         .collect();
-        let clean = missed.iter().all(|what| ["across", "along"].contains(what));
+        let clean = missed.iter().all(|what| ["orthogonal", "along"].contains(what));
         Score {
             law: scenario.control.strategy.name().to_owned(),
             completed: verdict.completed,
@@ -174,8 +174,8 @@ impl<const N: usize> Meter<N> {
             reason: verdict.reason,
             along_max_mm: along_mm,
             along_max_deg: along_deg,
-            across_max_mm: across_mm,
-            across_max_deg: across_deg,
+            orthogonal_max_mm: orthogonal_mm,
+            orthogonal_max_deg: orthogonal_deg,
             final_mm: task.final_position_mm,
             final_deg: task.final_orientation_deg,
             speed_max_ratio: joints.speed_max_ratio,
@@ -187,7 +187,7 @@ impl<const N: usize> Meter<N> {
             jump_energy_j: self.jump_energy_j,
             time_stretch: task.time_stretch,
             stopped_by_plant: self.stopped_by_plant,
-            s1: clean && across_mm < 1.0 && across_deg < 0.5,
+            s1: clean && orthogonal_mm < 1.0 && orthogonal_deg < 0.5,
             s2: missed.is_empty(),
             missed,
         }

@@ -132,11 +132,11 @@ fn two_locks(trace: &Trace) -> Figure {
     let zeta = trace.zeta_at_start(0);
     // Seen from the side: the arm's own plane.
     let up = Vector3::z();
-    let across = (zeta - up * zeta.dot(&up)).try_normalize(1e-9).unwrap_or_else(Vector3::x);
-    let across = if trace.samples.first().is_some_and(|sample| sample.p.dot(&across) < 0.0) { -across } else { across };
+    let horizontal = (zeta - up * zeta.dot(&up)).try_normalize(1e-9).unwrap_or_else(Vector3::x);
+    let horizontal = if trace.samples.first().is_some_and(|sample| sample.p.dot(&horizontal) < 0.0) { -horizontal } else { horizontal };
     let mut arm = Panel::new("from the side, m (later is darker)", Axis::default(), Axis::default());
     arm.equal = true;
-    postures(&mut arm, trace, 0.0..=2.0, [across, up]);
+    postures(&mut arm, trace, 0.0..=2.0, [horizontal, up]);
 
     let start = trace.samples.first().map_or(Vector3::zeros(), |sample| sample.p);
     let mut along = Panel::new("way of the hand along ζ, mm", time(), Axis::default());
@@ -147,9 +147,9 @@ fn two_locks(trace: &Trace) -> Figure {
     let mut error = Panel::new("position error, mm", time(), Axis::default());
     // By ζ at the start, which stays the direction of the task.
     let along_zeta = |sample: &Sample| (sample.p_d - sample.p).dot(&zeta).abs() * 1e3;
-    let across_zeta = |sample: &Sample| (sample.p_d - sample.p - zeta * zeta.dot(&(sample.p_d - sample.p))).norm() * 1e3;
+    let orthogonal_zeta = |sample: &Sample| (sample.p_d - sample.p - zeta * zeta.dot(&(sample.p_d - sample.p))).norm() * 1e3;
     error.line("along ζ", RED, &over_time(trace, along_zeta));
-    error.line("across ζ", BLUE, &over_time(trace, across_zeta));
+    error.line("orthogonal to ζ", BLUE, &over_time(trace, orthogonal_zeta));
     let mut turn = Panel::new("orientation error, °", time(), Axis::default());
     turn.line("", BLUE, &over_time(trace, |sample| sample.error_deg[0]));
     let mut measures = Panel::new("singularity measures", time(), Axis::default());
@@ -158,7 +158,7 @@ fn two_locks(trace: &Trace) -> Figure {
         measures.line(name, color, &over_time(trace, |sample| sample.s[place]));
     }
     let angles = joint_angles(trace, "joint angles from the start, °", 0..6).shifted_to_start();
-    let (along_mm, across_mm) = (trace.largest(along_zeta), trace.largest(across_zeta));
+    let (along_mm, orthogonal_mm) = (trace.largest(along_zeta), trace.largest(orthogonal_zeta));
     let orientation = trace.largest(|sample| sample.error_deg[0]);
     let (end_mm, moved) = (trace.last(|sample| sample.error_mm[0]), trace.last(|sample| way(&sample.p)));
     Figure {
@@ -168,16 +168,16 @@ fn two_locks(trace: &Trace) -> Figure {
             subtitle: "PUMA 560, stretched: the hand moves along the direction that the elbow has lost, all else held".to_owned(),
             rows: vec![Row::of(280.0, [arm, along, error]), Row::of(250.0, [turn, measures, angles])],
             notes: vec![format!(
-                "Moved {} mm inwards along ζ; largest error along ζ {} mm, across ζ {} mm, orientation {}°; at the end {} mm.",
+                "Moved {} mm inwards along ζ; largest error along ζ {} mm, orthogonal to ζ {} mm, orientation {}°; at the end {} mm.",
                 digits(moved.abs()),
                 digits(along_mm),
-                digits(across_mm),
+                digits(orthogonal_mm),
                 digits(orientation),
                 digits(end_mm)
             )],
             width: 980.0,
         },
-        numbers: json!({"moved_mm": moved, "along_max_mm": along_mm, "across_max_mm": across_mm, "orientation_max_deg": orientation, "final_mm": end_mm}),
+        numbers: json!({"moved_mm": moved, "along_max_mm": along_mm, "orthogonal_max_mm": orthogonal_mm, "orientation_max_deg": orientation, "final_mm": end_mm}),
     }
 }
 
@@ -187,11 +187,11 @@ fn wrist_lock(trace: &Trace) -> Figure {
     let zeta = trace.zeta_at_start(place);
     // Seen along ζ at the start: the rotation that was impossible is in the plane of the page.
     let up = (Vector3::z() - zeta * zeta.z).try_normalize(1e-9).unwrap_or_else(Vector3::x);
-    let across = up.cross(&zeta);
-    let across = if trace.samples.first().is_some_and(|sample| sample.p.dot(&across) < 0.0) { -across } else { across };
+    let horizontal = up.cross(&zeta);
+    let horizontal = if trace.samples.first().is_some_and(|sample| sample.p.dot(&horizontal) < 0.0) { -horizontal } else { horizontal };
     let mut arm = Panel::new("seen along ζ, m (later is darker)", Axis::default(), Axis::default());
     arm.equal = true;
-    postures(&mut arm, trace, trace.phase_change()..=f64::INFINITY, [across, up]);
+    postures(&mut arm, trace, trace.phase_change()..=f64::INFINITY, [horizontal, up]);
 
     let turned = |sample: &Sample| sample.zeta[place].angle(&zeta).to_degrees();
     let rotated = |sample: &Sample| sample.turned_about(&zeta, trace.samples.first()).to_degrees();

@@ -25,7 +25,7 @@ pub struct Sample {
     pub p_d: Vector3<f64>,
     /// Its orientation.
     R: Matrix3<f64>,
-    /// Whole, across ζ, along ζ.
+    /// Whole, orthogonal to ζ, along ζ.
     pub error_mm: [f64; 3],
     pub error_deg: [f64; 3],
     /// Per singularity: measure and direction.

@@ -8,29 +8,29 @@ use std::time::{Duration, Instant};
 use runtime::{ControlPage, Stop, now_ns, random};
 use rustix::process::{Pid, PidfdFlags, Signal as Posix, pidfd_open, pidfd_send_signal};
 
-use super::draw::{Act, Blow, Signal};
+use super::draw::{Act, Planned, Signal};
 
-/// Restarts that a round's blows may cost a process: the budget is five, and a stop can turn into one more death.
+/// Restarts that a round's planned may cost a process: the budget is five, and a stop can turn into one more death.
 const MOST_RESTARTS: u32 = 4;
 
-/// Entries of the ledger for blows; the rest is for deaths that the launcher notices.
+/// Entries of the ledger for planned; the rest is for deaths that the launcher detects.
 const MOST_REQUESTS: usize = 48;
 
-/// What became of a blow.
+/// What became of a planned.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Done {
     /// Requested of the ledger, at this place of it.
     Requested(usize),
     /// The process got its signal.
     Signalled,
-    /// It would have ended the run before its time, or there was nobody to be struck.
+    /// It would have ended the run before its time, or there was nobody to be injected.
     LeftOut(&'static str),
 }
 
-/// A blow that has fallen.
+/// A planned that has executed.
 #[derive(Clone, Debug)]
-pub struct Fallen {
-    pub blow: Blow,
+pub struct Executed {
+    pub planned: Planned,
     /// On `CLOCK_MONOTONIC`.
     pub at_ns: u64,
     /// Ticks that had begun.
@@ -40,7 +40,7 @@ pub struct Fallen {
 
 /// What is to be done next.
 enum Todo {
-    ScheduledFault(Box<Blow>),
+    ScheduledFault(Box<Planned>),
     Continue(OwnedFd),
     KillAgain(usize),
     /// The round has lasted long enough.
@@ -48,7 +48,7 @@ enum Todo {
 }
 
 /// One run, seen by who strikes it.
-pub struct Striker<'a> {
+pub struct Injector<'a> {
     pub control_page: &'a ControlPage,
     /// As on the control_page.
     pub processes: &'a [String],
@@ -58,13 +58,13 @@ pub struct Striker<'a> {
     pub seed: u64,
 }
 
-impl Striker<'_> {
+impl Injector<'_> {
     /// Strikes from the first tick, which `going` tells by a word, to the end of the run, which it tells by closing; and stops the run after
     /// `most_s`.
-    pub fn strike(&self, blows: Vec<Blow>, most_s: f64, going: &Receiver<()>) -> Vec<Fallen> {
-        let mut fallen = Vec::new();
+    pub fn inject(&self, planned: Vec<Planned>, most_s: f64, going: &Receiver<()>) -> Vec<Executed> {
+        let mut executed = Vec::new();
         if going.recv().is_err() {
-            return fallen;
+            return executed;
         }
         let began = Instant::now();
         // In the order of their times; things of one time in the order in which they came.
@@ -73,8 +73,8 @@ impl Striker<'_> {
             count += 1;
             agenda.insert((at, count), todo);
         };
-        for blow in blows {
-            plan(&mut agenda, began + Duration::from_secs_f64(blow.at_s), Todo::ScheduledFault(Box::new(blow)));
+        for planned in planned {
+            plan(&mut agenda, began + Duration::from_secs_f64(planned.at_s), Todo::ScheduledFault(Box::new(planned)));
         }
         plan(&mut agenda, began + Duration::from_secs_f64(most_s), Todo::Stop);
         while let Some(((at, _), todo)) = agenda.pop_first() {
@@ -83,36 +83,36 @@ impl Striker<'_> {
                 Err(RecvTimeoutError::Disconnected) => break,
             }
             match todo {
-                Todo::ScheduledFault(blow) => {
+                Todo::ScheduledFault(planned) => {
                     let (at_ns, tick) = (now_ns(), self.control_page.process(self.source).ticks());
-                    let (done, next) = self.deliver(&blow, fallen.len() as u64);
+                    let (done, next) = self.deliver(&planned, executed.len() as u64);
                     if let Some((after, todo)) = next {
                         plan(&mut agenda, Instant::now() + after, todo);
                     }
-                    fallen.push(Fallen { blow: *blow, at_ns, tick, done });
+                    executed.push(Executed { planned: *planned, at_ns, tick, done });
                 }
                 Todo::Continue(process) => drop(pidfd_send_signal(process, Posix::CONT)),
                 Todo::KillAgain(index) => drop(self.send(index, Posix::KILL)),
                 Todo::Stop => self.control_page.request_stop(Stop::Chain),
             }
         }
-        fallen
+        executed
     }
 
-    fn deliver(&self, blow: &Blow, number: u64) -> (Done, Option<(Duration, Todo)>) {
-        let Some(index) = self.processes.iter().position(|process| process == blow.act.process()) else {
+    fn deliver(&self, planned: &Planned, number: u64) -> (Done, Option<(Duration, Todo)>) {
+        let Some(index) = self.processes.iter().position(|process| process == planned.act.process()) else {
             return (Done::LeftOut("no such process"), None);
         };
         let restarts = self.control_page.process(index).incarnation().saturating_sub(1);
-        if !blow.is_fatal && blow.act.deaths() > 0 && restarts + blow.act.deaths() > MOST_RESTARTS {
+        if !planned.is_fatal && planned.act.deaths() > 0 && restarts + planned.act.deaths() > MOST_RESTARTS {
             return (Done::LeftOut("its restarts are needed"), None);
         }
         let ms = |ms: u32| Duration::from_millis(u64::from(ms));
-        let signal = match &blow.act {
+        let signal = match &planned.act {
             Act::Fault(fault) => {
                 let ledger = self.control_page.fault_table();
                 let strike = fault.schedule(index as u32, self.rate_hz, random(self.seed, number));
-                let is_full = !blow.is_fatal && ledger.records().count() >= MOST_REQUESTS;
+                let is_full = !planned.is_fatal && ledger.records().count() >= MOST_REQUESTS;
                 let place = strike.ok().filter(|_| !is_full).and_then(|strike| ledger.request(&strike));
                 return (place.map_or(Done::LeftOut("the ledger is full"), Done::Requested), None);
             }

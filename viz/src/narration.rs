@@ -179,7 +179,7 @@ fn doing(mode: u32, angular: bool) -> &'static str {
         (MODE_BLEND, _) => "control along ζ passes smoothly between hand and null space",
         (MODE_TRACK, _) => "null-space motion follows the part of the path along ζ",
         (MODE_PASS, _) => "passing through with ζ held away from the direction of travel",
-        (MODE_HOLD, _) => "ζ is held; the hand moves across it only",
+        (MODE_HOLD, _) => "ζ is held; the hand moves orthogonal to it only",
         (MODE_REORIENT, true) => "null-space motion turns ζ while the hand stays",
         (MODE_REORIENT, false) => "null-space motion swings ζ while the hand stays",
         (MODE_SLIDE, _) => "the goal is beyond reach; the hand slides along the boundary",
