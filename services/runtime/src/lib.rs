@@ -8,22 +8,22 @@
 //! ```
 //!
 //! Data travels on iceoryx2 publish-subscribe services that any iceoryx2 tool can open; wake-ups travel over a futex per process on the
-//! control page, which costs a system call only when its owner sleeps. Every wait has a limit. This is the only crate that knows iceoryx2.
+//! control page, which costs a system call only when its owner sleeps. Every wait has a limit. Beside `lab`'s baseline transports, which measure
+//! iceoryx2 bare, this is the only crate that knows it.
 
 mod bus;
 mod checkpoint;
 mod clock;
 mod control_page;
+mod doorbell;
 mod fate;
 mod fault;
-pub mod floor;
 mod lockstep;
 mod manifest;
 mod memory;
 pub mod realtime;
 mod run_dir;
 mod shell;
-pub mod stock;
 mod tick_source;
 mod validation;
 
@@ -38,6 +38,7 @@ pub use checkpoint::CheckpointSlots;
 pub use clock::{now_ns, sleep_until};
 pub use control_page::live_statistics::{Distribution, LiveSingularity, LiveState};
 pub use control_page::{ControlPage, ControlPageError, Count, Counts, MAX_PROCESSES, Phase, ProcessEntry, State, Stop};
+pub use doorbell::Doorbell;
 pub use fault::table::{FaultRecord, FaultTable, MOST_FAULTS, Origin};
 pub use manifest::{Disturbance, Manifest, ManifestError, Mode, Process};
 pub use run_dir::{FoundRun, RunDir, RunDirError, SHM};

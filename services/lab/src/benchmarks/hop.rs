@@ -17,6 +17,15 @@ fn placements(count: usize) -> Vec<(&'static str, Vec<Option<usize>>)> {
     placements
 }
 
+/// Bytes of the blocks of a hop: only their headers are touched.
+const BLOCKS: [usize; 6] = [64, 1024, 4096, 16_384, 262_144, 4_194_304];
+
+/// Up to here blocks go through every way of waking a reader; bytes.
+const SMALL: usize = 4096;
+
+/// From here on a pipe needs so long for its copies that a tenth of the samples must do; bytes.
+const LARGE: usize = 65_536;
+
 /// Trips of a block: long enough to be in the steady state, short enough to see the same machine as the other mechanisms.
 const TRIPS: u64 = 500;
 
@@ -26,7 +35,7 @@ fn names(topics: &[&str]) -> Vec<String> {
 
 pub fn hop(samples: u64, observer: Observer<'_>) -> Result<Vec<Row>, Failure> {
     use shared_types::{PlantState, SensorSample, SingularityReport, TorqueCommand};
-    let mut rows = Vec::new();
+    let (mut rows, rounds) = (Vec::new(), samples.div_ceil(TRIPS));
     for (placement, cores) in placements(2) {
         // Two that spin on one core only wait for each other's time slice to end.
         let is_split = placement != "same core";
@@ -35,7 +44,7 @@ pub fn hop(samples: u64, observer: Observer<'_>) -> Result<Vec<Row>, Failure> {
             block_bytes,
             cores: cores.clone(),
             mechanisms,
-            rounds: samples.div_ceil(TRIPS),
+            rounds,
             trips: TRIPS,
             period_ns: None,
         };
@@ -44,18 +53,22 @@ pub fn hop(samples: u64, observer: Observer<'_>) -> Result<Vec<Row>, Failure> {
             rows.extend(against_floor("hop", placement, bytes, Mechanism::Futex, measured.collect()));
             Ok(())
         };
-        for bytes in [64, 1024, 4096] {
-            let mut mechanisms = vec![Mechanism::Futex, Mechanism::Doorbell, Mechanism::Listener, Mechanism::WaitSet, Mechanism::Pipe];
+        for bytes in BLOCKS {
+            let mut mechanisms = vec![Mechanism::Futex, Mechanism::Doorbell, Mechanism::Pipe];
+            if bytes <= SMALL {
+                mechanisms.extend([Mechanism::Listener, Mechanism::WaitSet]);
+            }
             if is_split {
                 mechanisms.extend([Mechanism::Spin, Mechanism::Poll]);
             }
-            measure(ring(&["sensor", "plant_state"], Some(bytes), mechanisms), bytes)?;
+            let rounds = if bytes > LARGE { (rounds / 10).max(2) } else { rounds };
+            measure(Ring { rounds, ..ring(&["sensor", "plant_state"], Some(bytes), mechanisms) }, bytes)?;
         }
         for (topics, bytes) in [
             (["sensor", "plant_state"], size_of::<SensorSample>().midpoint(size_of::<PlantState>())),
             (["singularity", "torque"], size_of::<SingularityReport>().midpoint(size_of::<TorqueCommand>())),
         ] {
-            measure(ring(&topics, None, vec![Mechanism::Futex, Mechanism::Topic]), bytes)?;
+            measure(ring(&topics, None, vec![Mechanism::Futex, Mechanism::Topic, Mechanism::Doorbell, Mechanism::Pipe]), bytes)?;
         }
     }
     Ok(rows)
@@ -71,7 +84,7 @@ fn cycle_bytes() -> usize {
 pub fn cycle(samples: u64, observer: Observer<'_>) -> Result<Vec<Row>, Failure> {
     let mut rows = Vec::new();
     for (placement, cores) in placements(4).into_iter().chain([("not pinned, no FIFO", vec![None; 4])]) {
-        let mechanisms = vec![Mechanism::Futex, Mechanism::Topic, Mechanism::Pipe];
+        let mechanisms = vec![Mechanism::Futex, Mechanism::Topic, Mechanism::Doorbell, Mechanism::Pipe];
         let ring = Ring {
             topics: names(&CYCLE),
             block_bytes: None,

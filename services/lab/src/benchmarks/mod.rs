@@ -9,8 +9,7 @@ pub mod realtime;
 mod record;
 mod ring;
 mod steps;
-
-use runtime::{floor, stock};
+mod transports;
 
 pub use distribution::{Distribution, Row};
 pub use hop::{cycle, hop, paced};

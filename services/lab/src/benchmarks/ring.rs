@@ -1,4 +1,4 @@
-//! Messages around a ring of processes: over topics, and over the floors, in turns within one run.
+//! Messages around a ring of processes: over topics, and over baseline transports, in turns within one run.
 
 use std::path::Path;
 use std::process::Command;
@@ -11,8 +11,7 @@ use shared_types::wire::HOPS;
 use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
 
 use super::distribution::{Distribution, histogram};
-use super::floor::{Floor, Wake};
-use super::stock::{Block, Notice, Stock};
+use super::transports::{Bare, Block, HEADER_BYTES, HEADER_WORDS, Iceoryx, IceoryxWake, Mailboxes, Wake, is_whole};
 
 const TASK: &str = "ring.json";
 const MEASURED: &str = "measured.json";
@@ -38,8 +37,8 @@ pub enum Mechanism {
 /// What a mechanism is made of.
 enum Means {
     Topic,
-    Floor(Wake),
-    Stock(Notice),
+    Machine(Wake),
+    Iceoryx(IceoryxWake),
     None,
 }
 
@@ -47,9 +46,9 @@ impl Mechanism {
     pub fn name(self) -> &'static str {
         match self {
             Self::Topic => "topic + doorbell",
-            Self::Futex => "futex + copy",
+            Self::Futex => "futex",
             Self::Pipe => "pipe",
-            Self::Spin => "spin + copy",
+            Self::Spin => "spin",
             Self::Doorbell => "iceoryx2 + doorbell",
             Self::Listener => "iceoryx2 Listener",
             Self::WaitSet => "iceoryx2 WaitSet",
@@ -61,13 +60,13 @@ impl Mechanism {
     fn means(self) -> Means {
         match self {
             Self::Topic => Means::Topic,
-            Self::Futex => Means::Floor(Wake::Futex),
-            Self::Pipe => Means::Floor(Wake::Pipe),
-            Self::Spin => Means::Floor(Wake::Spin),
-            Self::Doorbell => Means::Stock(Notice::Doorbell),
-            Self::Listener => Means::Stock(Notice::Listener),
-            Self::WaitSet => Means::Stock(Notice::WaitSet),
-            Self::Poll => Means::Stock(Notice::Poll),
+            Self::Futex => Means::Machine(Wake::Futex),
+            Self::Pipe => Means::Machine(Wake::Pipe),
+            Self::Spin => Means::Machine(Wake::Spin),
+            Self::Doorbell => Means::Iceoryx(IceoryxWake::Doorbell),
+            Self::Listener => Means::Iceoryx(IceoryxWake::Listener),
+            Self::WaitSet => Means::Iceoryx(IceoryxWake::WaitSet),
+            Self::Poll => Means::Iceoryx(IceoryxWake::Poll),
             Self::Nothing => Means::None,
         }
     }
@@ -126,7 +125,7 @@ impl Ring {
         let launcher = Launcher::prepare(plan).map_err(Failure::work)?;
         let folder = launcher.run_dir().to_owned();
         let task = serde_json::to_vec(self).map_err(Failure::work)?;
-        std::fs::write(folder.join(TASK), task).and_then(|()| Floor::create(&folder, count)).map_err(Failure::work)?;
+        std::fs::write(folder.join(TASK), task).and_then(|()| Mailboxes::create(&folder, count)).map_err(Failure::work)?;
         let mut measured = None;
         let command = |process: &str, run: &Path| {
             let mut command = Command::new(std::env::current_exe()?);
@@ -155,9 +154,12 @@ pub fn peer(name: &str, run: &Path) -> Result<(), ProcessError> {
     let count = ring.topics.len();
     let (reads, writes) = (ring.topics[(index + count - 1) % count].as_str(), ring.topics[index].as_str());
     match (ring.block_bytes, reads, writes) {
-        (Some(64), ..) => go(&ring, index, run, Blocks::<8>::open),
-        (Some(1024), ..) => go(&ring, index, run, Blocks::<128>::open),
-        (Some(4096), ..) => go(&ring, index, run, Blocks::<512>::open),
+        (Some(64), ..) => go(&ring, index, run, Blocks::<{ words(64) }>::open),
+        (Some(1024), ..) => go(&ring, index, run, Blocks::<{ words(1024) }>::open),
+        (Some(4096), ..) => go(&ring, index, run, Blocks::<{ words(4096) }>::open),
+        (Some(16_384), ..) => go(&ring, index, run, Blocks::<{ words(16_384) }>::open),
+        (Some(262_144), ..) => go(&ring, index, run, Blocks::<{ words(262_144) }>::open),
+        (Some(4_194_304), ..) => go(&ring, index, run, Blocks::<{ words(4_194_304) }>::open),
         (None, "plant_state", "sensor") => go(&ring, index, run, Messages::<PlantState, SensorSample>::open),
         (None, "sensor", "plant_state") => go(&ring, index, run, Messages::<SensorSample, PlantState>::open),
         (None, "torque", "singularity") => go(&ring, index, run, Messages::<TorqueCommand, SingularityReport>::open),
@@ -187,33 +189,38 @@ fn foreign(mechanism: Mechanism) -> ProcessError {
     ProcessError::setup(format!("{} cannot carry this payload", mechanism.name()))
 }
 
-/// Messages, by topic and by floor.
+/// Messages: by topic, bare on iceoryx2, and by the machine's own means.
 struct Messages<In: Message, Out: Message> {
     reader: Reader<In>,
     writer: Writer<Out>,
-    floor: Floor,
+    iceoryx: Iceoryx<Bare<In>, Bare<Out>>,
+    mailboxes: Mailboxes,
     place: Place,
     /// Messages sent on the topic: their ticks follow each other.
     sent: u64,
 }
 
 impl<In: Message + Default, Out: Message + Default> Messages<In, Out> {
-    fn open(shell: &Shell, floor: Floor, place: Place) -> Result<Self, ProcessError> {
-        Ok(Self { reader: shell.reader()?, writer: shell.writer()?, floor, place, sent: 0 })
+    fn open(shell: &Shell, mailboxes: Mailboxes, place: Place) -> Result<Self, ProcessError> {
+        let iceoryx = Iceoryx::open(shell, place.from, place.me, place.to)?;
+        Ok(Self { reader: shell.reader()?, writer: shell.writer()?, iceoryx, mailboxes, place, sent: 0 })
     }
 }
 
 impl<In: Message + Default, Out: Message + Default> Ends for Messages<In, Out> {
     fn send(&mut self, mechanism: Mechanism) -> Result<(), ProcessError> {
-        let mut message = Out::default();
         match mechanism.means() {
             Means::Topic => {
-                message.header_mut().tick = self.sent;
+                let loan = self.writer.loan(self.sent)?;
                 self.sent += 1;
-                Ok(self.writer.send(message)?)
+                Ok(loan.send()?)
             }
-            Means::Floor(wake) => self.floor.send(wake, self.place.me, &message).map_err(ProcessError::setup),
-            Means::Stock(_) => Err(foreign(mechanism)),
+            // SAFETY: the whole message is written: zeros, as a topic's loan has them.
+            Means::Iceoryx(wake) => unsafe { self.iceoryx.send(wake, |payload| payload.write_bytes(0, 1)) },
+            Means::Machine(wake) => {
+                let message = std::hint::black_box(Out::default());
+                self.mailboxes.send(wake, self.place.me, &message).map_err(ProcessError::setup)
+            }
             Means::None => Ok(()),
         }
     }
@@ -224,72 +231,73 @@ impl<In: Message + Default, Out: Message + Default> Ends for Messages<In, Out> {
                 let message = self.reader.next()?.ok_or_else(|| ProcessError::setup("stopped before the end"))?;
                 std::hint::black_box(message);
             }
-            Means::Floor(wake) => {
-                std::hint::black_box(self.floor.receive::<In>(wake, self.place.from).map_err(ProcessError::setup)?);
+            Means::Iceoryx(wake) => {
+                self.iceoryx.receive(wake, |message| {
+                    std::hint::black_box(message);
+                })?;
             }
-            Means::Stock(_) => return Err(foreign(mechanism)),
+            Means::Machine(wake) => {
+                std::hint::black_box(self.mailboxes.receive::<In>(wake, self.place.from).map_err(ProcessError::setup)?);
+            }
             Means::None => {}
         }
         Ok(())
     }
 }
 
-/// Blocks of `N` words, by floor and by iceoryx2 as it comes.
+/// Blocks of a header and `N` words that nobody touches: bare on iceoryx2, and by the machine's own means.
 struct Blocks<const N: usize> {
-    stock: Stock<N>,
-    floor: Floor,
+    iceoryx: Iceoryx<Block<N>, Block<N>>,
+    mailboxes: Mailboxes,
     place: Place,
     sent: u64,
 }
 
 impl<const N: usize> Blocks<N> {
-    fn open(shell: &Shell, floor: Floor, place: Place) -> Result<Self, ProcessError> {
-        Ok(Self { stock: Stock::open(shell, place.from, place.me, place.to)?, floor, place, sent: 0 })
+    fn open(shell: &Shell, mailboxes: Mailboxes, place: Place) -> Result<Self, ProcessError> {
+        Ok(Self { iceoryx: Iceoryx::open(shell, place.from, place.me, place.to)?, mailboxes, place, sent: 0 })
     }
 }
 
 impl<const N: usize> Ends for Blocks<N> {
     fn send(&mut self, mechanism: Mechanism) -> Result<(), ProcessError> {
         self.sent += 1;
-        let block = std::hint::black_box(Block([self.sent; N]));
+        let header = [self.sent; HEADER_WORDS];
         match mechanism.means() {
-            Means::Floor(wake) => self.floor.send(wake, self.place.me, &block).map_err(ProcessError::setup),
-            Means::Stock(notice) => self.stock.send(notice, &block),
+            // SAFETY: the header is written, and the words behind it may be anything.
+            Means::Iceoryx(wake) => unsafe { self.iceoryx.send(wake, |block| (&raw mut (*block).header).write(header)) },
+            Means::Machine(wake) => self.mailboxes.send_block(wake, self.place.me, &header).map_err(ProcessError::setup),
             Means::Topic => Err(foreign(mechanism)),
             Means::None => Ok(()),
         }
     }
 
     fn receive(&mut self, mechanism: Mechanism) -> Result<(), ProcessError> {
-        let from_floor;
-        let block = match mechanism.means() {
-            Means::Floor(wake) => {
-                from_floor = self.floor.receive::<Block<N>>(wake, self.place.from).map_err(ProcessError::setup)?;
-                &from_floor
-            }
-            Means::Stock(notice) => self.stock.receive(notice)?,
+        let header = match mechanism.means() {
+            Means::Iceoryx(wake) => self.iceoryx.receive(wake, |block| block.header)?,
+            Means::Machine(wake) => self.mailboxes.receive_block(wake, self.place.from).map_err(ProcessError::setup)?,
             Means::Topic => return Err(foreign(mechanism)),
             Means::None => return Ok(()),
         };
-        // Read in full, and nothing torn: all words of a block are the same.
-        let first = block.0[0];
-        match block.0.iter().fold(0, |odd, word| odd | (word ^ first)) {
-            0 => Ok(()),
-            _ => Err(ProcessError::setup(format!("{} handed over a torn block", mechanism.name()))),
-        }
+        if is_whole(&header) { Ok(()) } else { Err(ProcessError::setup(format!("{} handed over a torn header", mechanism.name()))) }
     }
+}
+
+/// Words of a block of so many bytes behind its header.
+const fn words(bytes: usize) -> usize {
+    (bytes - HEADER_BYTES) / size_of::<u64>()
 }
 
 fn go<E: Ends>(
     ring: &Ring,
     me: usize,
     run: &Path,
-    open: impl FnOnce(&Shell, Floor, Place) -> Result<E, ProcessError>,
+    open: impl FnOnce(&Shell, Mailboxes, Place) -> Result<E, ProcessError>,
 ) -> Result<(), ProcessError> {
     let count = ring.topics.len();
     let shell = Shell::open(run, HOPS[me])?;
-    let floor = Floor::open(run, count).map_err(ProcessError::setup)?;
-    let mut ends = open(&shell, floor, Place { from: (me + count - 1) % count, me, to: (me + 1) % count })?;
+    let mailboxes = Mailboxes::open(run, count, ring.block_bytes.unwrap_or(0)).map_err(ProcessError::setup)?;
+    let mut ends = open(&shell, mailboxes, Place { from: (me + count - 1) % count, me, to: (me + 1) % count })?;
     if ring.cores[me].is_some() {
         realtime::enter(Some(PRIORITY)).iter().for_each(|right| eprintln!("measured without {right}"));
     }

@@ -1,7 +1,7 @@
-//! What the machine itself charges for handing a message to another process: the floors that `armplane bench` measures topics against.
+//! Baseline transports of the machine itself: a futex, a pipe and a spinning reader, without names, checks, clocks or recovery.
 //!
-//! One-message mailboxes in shared memory, one per hop, without names, checks, clocks or recovery: nothing that a run needs and nothing
-//! more than a hand-over costs.
+//! One mailbox in shared memory per hop, and one pipe. A message is copied in and out; of a block a mailbox takes the header only, a pipe all
+//! bytes, because it cannot do with less.
 
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Write};
@@ -14,7 +14,9 @@ use rustix::fs::{CWD, Mode};
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use rustix::thread::futex;
 
-/// Most bytes of a message.
+use super::block::{HEADER_BYTES, HEADER_WORDS};
+
+/// Most bytes of a message that goes through a mailbox.
 const LARGEST: usize = 4096;
 
 /// How the reader learns of a message.
@@ -36,38 +38,40 @@ struct Mailbox {
 }
 
 /// One process's mapping of all mailboxes of a ring of processes. A mailbox has one writer and one reader, in turns.
-pub struct Floor {
+pub struct Mailboxes {
     boxes: NonNull<Mailbox>,
     count: usize,
     pipes: Vec<File>,
+    /// The bytes of a block behind its header, on their way through a pipe.
+    rest: Vec<u8>,
 }
 
-impl Floor {
+impl Mailboxes {
     /// Makes `count` empty mailboxes in a run's directory, to be opened by each process.
     ///
     /// # Errors
     /// When a file or pipe cannot be made.
     pub fn create(run: &Path, count: usize) -> std::io::Result<()> {
-        std::fs::write(run.join("floor"), vec![0; count * size_of::<Mailbox>()])?;
+        std::fs::write(run.join("mailboxes"), vec![0; count * size_of::<Mailbox>()])?;
         (0..count).try_for_each(|index| rustix::fs::mkfifoat(CWD, run.join(format!("pipe-{index}")), Mode::RWXU).map_err(Into::into))
     }
 
-    /// Maps what [`Floor::create`] made.
+    /// Maps what [`Mailboxes::create`] made; blocks of `block_bytes` go through its pipes.
     ///
     /// # Errors
     /// When it is not there.
-    pub fn open(run: &Path, count: usize) -> std::io::Result<Self> {
+    pub fn open(run: &Path, count: usize, block_bytes: usize) -> std::io::Result<Self> {
         let open = |name: String| OpenOptions::new().read(true).write(true).open(run.join(name));
-        let file = open("floor".to_owned())?;
+        let file = open("mailboxes".to_owned())?;
         let size = count * size_of::<Mailbox>();
         if file.metadata()?.len() != size as u64 {
-            return Err(std::io::Error::other(format!("the floor has not {count} mailboxes")));
+            return Err(std::io::Error::other(format!("there are not {count} mailboxes")));
         }
         let pipes = (0..count).map(|index| open(format!("pipe-{index}"))).collect::<Result<_, _>>()?;
         // SAFETY: a fresh shared mapping of a file of this size; unmapped when dropped.
         let address = unsafe { mmap(std::ptr::null_mut(), size, ProtFlags::READ | ProtFlags::WRITE, MapFlags::SHARED, file, 0)? };
         let boxes = NonNull::new(address.cast()).ok_or_else(|| std::io::Error::other("mapped at address 0"))?;
-        Ok(Self { boxes, count, pipes })
+        Ok(Self { boxes, count, pipes, rest: vec![0; block_bytes.saturating_sub(HEADER_BYTES)] })
     }
 
     fn mailbox(&self, index: usize) -> *mut Mailbox {
@@ -122,9 +126,30 @@ impl Floor {
             Ok((&raw const (*mailbox).bytes).cast::<M>().read_unaligned())
         }
     }
+
+    /// Sends a block's header; through a pipe also the bytes behind it.
+    ///
+    /// # Errors
+    /// When the pipe fails.
+    pub fn send_block(&mut self, wake: Wake, index: usize, header: &[u64; HEADER_WORDS]) -> std::io::Result<()> {
+        self.send(wake, index, header)?;
+        if wake == Wake::Pipe { self.pipes[index].write_all(&self.rest) } else { Ok(()) }
+    }
+
+    /// Waits for a block and gives its header.
+    ///
+    /// # Errors
+    /// When the pipe fails.
+    pub fn receive_block(&mut self, wake: Wake, index: usize) -> std::io::Result<[u64; HEADER_WORDS]> {
+        let header = self.receive(wake, index)?;
+        if wake == Wake::Pipe {
+            self.pipes[index].read_exact(&mut self.rest)?;
+        }
+        Ok(header)
+    }
 }
 
-impl Drop for Floor {
+impl Drop for Mailboxes {
     fn drop(&mut self) {
         // SAFETY: mapped by `open` with this size; nothing refers to it any more.
         let _ = unsafe { munmap(self.boxes.as_ptr().cast(), self.count * size_of::<Mailbox>()) };
@@ -134,30 +159,34 @@ impl Drop for Floor {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::RunDir;
+    use runtime::RunDir;
     use shared_types::{PlantState, SensorSample};
 
     #[test]
-    fn every_floor_hands_over_whole_messages_both_ways() {
+    fn every_transport_hands_over_whole_messages_both_ways() {
         let run = RunDir::create().unwrap();
-        Floor::create(run.path(), 2).unwrap();
-        let open = || Floor::open(run.path(), 2).unwrap();
+        Mailboxes::create(run.path(), 2).unwrap();
+        let open = || Mailboxes::open(run.path(), 2, 300_000).unwrap();
         for wake in [Wake::Futex, Wake::Pipe, Wake::Spin] {
             std::thread::scope(|scope| {
                 scope.spawn(|| {
-                    let mut floor = open();
-                    for _ in 0..100 {
-                        let sample: SensorSample = floor.receive(wake, 0).unwrap();
+                    let mut ends = open();
+                    for trip in 0..100 {
+                        let sample: SensorSample = ends.receive(wake, 0).unwrap();
                         let state = PlantState { energy_j: sample.q_encoder[7] + 1.0, ..PlantState::default() };
-                        floor.send(wake, 1, &state).unwrap();
+                        ends.send(wake, 1, &state).unwrap();
+                        assert_eq!(ends.receive_block(wake, 0).unwrap(), [trip; HEADER_WORDS]);
+                        ends.send_block(wake, 1, &[trip; HEADER_WORDS]).unwrap();
                     }
                 });
-                let mut floor = open();
-                for trip in 0..100 {
+                let mut ends = open();
+                for trip in 0..100_u32 {
                     let sample = SensorSample { q_encoder: [f64::from(trip); 8], ..SensorSample::default() };
-                    floor.send(wake, 0, &sample).unwrap();
-                    let state: PlantState = floor.receive(wake, 1).unwrap();
+                    ends.send(wake, 0, &sample).unwrap();
+                    let state: PlantState = ends.receive(wake, 1).unwrap();
                     assert_eq!(state.energy_j, f64::from(trip) + 1.0, "{wake:?}");
+                    ends.send_block(wake, 0, &[u64::from(trip); HEADER_WORDS]).unwrap();
+                    assert_eq!(ends.receive_block(wake, 1).unwrap(), [u64::from(trip); HEADER_WORDS]);
                 }
             });
         }

@@ -1,0 +1,55 @@
+//! A process's doorbell and node, for a transport that brings its own ports.
+
+use std::fmt::Display;
+use std::rc::Rc;
+
+use iceoryx2::node::Node;
+use iceoryx2::service::ipc;
+
+use crate::shell::{Interrupted, Shared, Shell, Wait, Waited};
+
+/// The doorbell's bit: above those of topics, below those of the control page.
+const BIT: u32 = 1 << 29;
+
+/// The wake-up that topics use, without a topic.
+pub struct Doorbell {
+    shared: Rc<Shared>,
+}
+
+impl Doorbell {
+    /// The doorbell of the process that a shell belongs to.
+    #[must_use]
+    pub fn of(shell: &Shell) -> Self {
+        Self { shared: shell.shared() }
+    }
+
+    /// The process's iceoryx2 node; its services live in the run's directory.
+    #[must_use]
+    pub fn node(&self) -> &Node<ipc::Service> {
+        &self.shared.node
+    }
+
+    /// Wakes the process at this place of the manifest if it waits.
+    pub fn ring(&self, process: usize) {
+        self.shared.control_page.process(process).bell().ring(BIT);
+    }
+
+    /// Sleeps until `look` finds something; it is called again each time this process's doorbell has been rung. `None` when the run stops.
+    ///
+    /// # Errors
+    /// [`Interrupted`] when nothing is found within the run's limit, or `look` fails.
+    pub fn wait<T, E: Display>(&self, mut look: impl FnMut() -> Result<Option<T>, E>) -> Result<Option<T>, Interrupted> {
+        let describe = || Wait { what: "a sample".to_owned(), from: "its writer".to_owned() };
+        let look = || look().map_err(|error| self.shared.port_failed("doorbell", error));
+        match self.shared.wait(BIT, None, describe, look)? {
+            Waited::Ready(found) => Ok(Some(found)),
+            Waited::Late | Waited::Stopped => Ok(None),
+        }
+    }
+
+    /// Whether the run is to stop.
+    #[must_use]
+    pub fn is_stopping(&self) -> bool {
+        self.shared.is_stopping()
+    }
+}
