@@ -1,6 +1,6 @@
 //! The hybrid plant: an exact integrator carries the state, rapier3d says what constraints do to it.
 
-use crate::PlantError;
+use crate::error::PlantError;
 use crate::smooth::{Smooth, State};
 use crate::solids::reach;
 use crate::world::{PREDICTION, World};

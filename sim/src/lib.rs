@@ -13,6 +13,7 @@
 
 mod drive;
 mod encoder;
+mod error;
 mod hybrid;
 mod noise;
 mod plant;
@@ -25,7 +26,8 @@ mod world;
 
 pub use drive::{Applied, Drive};
 pub use encoder::Encoders;
+pub use error::PlantError;
 pub use hybrid::Touch;
 pub use noise::gaussian;
-pub use plant::{Diverged, Plant, PlantError};
+pub use plant::{Diverged, Plant};
 pub use smooth::State;

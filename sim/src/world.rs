@@ -6,7 +6,7 @@
 //! opposite torques on its two links; `num_solver_iterations` counts sub-steps, not iterations; user-set multibody
 //! coordinates reach the colliders only through `set_position`.
 
-use crate::PlantError;
+use crate::error::PlantError;
 use crate::smooth::State;
 use crate::solids::{Solid, distance, placed, solids, to_rapier};
 use model::{JointKind, Pose, Robot};

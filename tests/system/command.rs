@@ -1,7 +1,10 @@
 //! Running `armplane` in a folder of its own, and looking at what it leaves.
 
+use std::fmt::Display;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
@@ -108,4 +111,13 @@ pub(crate) fn until(what: &str, mut so: impl FnMut() -> bool) {
         assert!(began.elapsed() < Duration::from_secs(60), "waited a minute for {what}");
         std::thread::sleep(Duration::from_millis(5));
     }
+}
+
+/// Reports that a test, or a part of it, cannot run on this machine, and counts it: on standard error itself, because the test harness
+/// discards what a passing test prints.
+pub(crate) fn skipped(why: impl Display) {
+    static COUNT: AtomicUsize = AtomicUsize::new(0);
+    let count = COUNT.fetch_add(1, Ordering::Relaxed) + 1;
+    let test = std::thread::current().name().unwrap_or("a test").to_owned();
+    writeln!(std::io::stderr(), "\nskipped: {why} ({test}; {count} skipped so far)").expect("standard error takes a line");
 }

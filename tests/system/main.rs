@@ -1,4 +1,4 @@
-//! The whole thing on real processes and real shared memory, as a person would use it; and the rules that hold the house up.
+//! The whole thing on real processes and real shared memory, as a person would use it.
 
 mod bad_input;
 mod bench;
@@ -10,12 +10,10 @@ mod faults;
 mod hostile;
 mod inspect;
 mod life;
-mod paper;
 mod properties;
 mod recording;
 mod replay;
 mod run;
 mod steady;
-mod structure;
 mod top;
 mod verify;

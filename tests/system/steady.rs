@@ -5,7 +5,7 @@ use std::path::Path;
 
 use runtime::{ControlPage, Manifest, RunDir};
 
-use crate::command::{Desk, assert_nothing_left, children_of_run, finish, in_shared_memory, until};
+use crate::command::{Desk, assert_nothing_left, children_of_run, finish, in_shared_memory, skipped, until};
 
 /// Ticks over which calls are counted.
 const TICKS: u64 = 300;
@@ -102,7 +102,7 @@ fn in_the_steady_state(mode: &str, judge: impl Fn(&str, &BTreeMap<u64, u64>)) {
         let pid = children.iter().find(|(name, _)| name == process).unwrap().1;
         match calls(pid, || ticks(process)) {
             Some(calls) => judge(process, &calls),
-            None => eprintln!("not counted: this machine does not allow ptrace"),
+            None => skipped(format!("this machine does not allow ptrace: the system calls of the {process} are not counted")),
         }
     }
     // SAFETY: a plain signal to a child of ours.

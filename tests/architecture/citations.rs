@@ -1,0 +1,191 @@
+//! Each equation of the paper is computed where it is cited and checked where it is computed.
+//!
+//! The documentation of a function or a type cites: `[CK95 Eq. 4]`. A comment above a test ties the citation to a numeric check:
+//! `// covers: CK95 Eq. 4 (new)` names the cited functions, and the test calls each of them, at most four calls down, and
+//! asserts. A figure is cited by the scenario that
+//! reproduces it (`Chang & Khatib 1995, Figure 5.`) and covered by a test that names this scenario: `// covers: CK95 Figure 5`.
+
+use std::collections::BTreeSet;
+
+use proc_macro2::TokenTree;
+
+use crate::claims;
+use crate::source::{self, File, Function, documentation, functions, items, name_of, paths, root, walk};
+
+/// What Chang & Khatib 1995 states and shows.
+const EQUATIONS: [&str; 5] = ["Eq. 1", "Eq. 2", "Eq. 3", "Eq. 4", "Eq. 5"];
+const FIGURES: [&str; 4] = ["Figure 1", "Figure 2", "Figure 4", "Figure 5"];
+
+/// An item of the paper and the name of the function, type or scenario that stands for it.
+type Tie = (String, String);
+
+/// The equations in `[CK95 Eq. 3, Eq. 5]` and `[CK95 Eq. 3 to 5]`; sections (`[CK95 §4]`) are no equations.
+fn equations(text: &str) -> BTreeSet<String> {
+    let mut found = BTreeSet::new();
+    // A citation between backticks is an example of the form.
+    let text: String = text.split('`').step_by(2).collect();
+    for citation in text.split("[CK95 ").skip(1).filter_map(|rest| rest.split(']').next()) {
+        for (at, _) in citation.match_indices("Eq. ") {
+            let rest = citation[at + 4..].split([',', '§']).next().unwrap_or_default();
+            let numbers: Vec<u32> = rest.split(|c: char| !c.is_ascii_digit()).filter_map(|number| number.parse().ok()).collect();
+            let last = if rest.contains(" to ") { numbers.get(1) } else { None };
+            if let Some(first) = numbers.first() {
+                found.extend((*first..=*last.unwrap_or(first)).map(|number| format!("Eq. {number}")));
+            }
+        }
+    }
+    found
+}
+
+/// The citations of a file, tied to the item that each documents; an error for each at a place that computes nothing.
+fn citations(file: &File, tokens: &[TokenTree], found: &mut BTreeSet<Tie>, wrong: &mut Vec<String>) {
+    for item in items(tokens) {
+        for equation in equations(&documentation(&item.attributes)) {
+            match name_of(&item).filter(|_| !item.inner) {
+                Some(name) => drop(found.insert((equation, name))),
+                None => wrong.push(format!(
+                    "{}: [CK95 {equation}] stands at a whole file, not at the function that computes it",
+                    file.path.display()
+                )),
+            }
+        }
+        for token in item.body {
+            if let TokenTree::Group(group) = token {
+                citations(file, &group.stream().into_iter().collect::<Vec<_>>(), found, wrong);
+            }
+        }
+    }
+}
+
+/// `Eq. 4 (new, at)` as ties; `Figures 1 and 2` as ties to the scenarios that cite them.
+fn named(text: &str, scenarios: &BTreeSet<Tie>) -> Option<Vec<Tie>> {
+    if let Some(numbers) = text.strip_prefix("Figure") {
+        let numbers = numbers.split(|c: char| !c.is_ascii_digit()).filter(|number| !number.is_empty());
+        let figures: Vec<String> = numbers.map(|number| format!("Figure {number}")).collect();
+        return Some(scenarios.iter().filter(|(figure, _)| figures.contains(figure)).cloned().collect());
+    }
+    let (item, rest) = text.split_once(" (")?;
+    let names = rest.split_once(')')?.0;
+    Some(names.split(", ").map(|name| (item.to_owned(), name.to_owned())).collect())
+}
+
+/// Calls from a test to the function that computes the equation, at most.
+const CALLS: usize = 4;
+
+/// Whether a body names something, itself or through functions of its target that it calls.
+fn mentions(body: &[TokenTree], all: &[Function], name: &str) -> bool {
+    let literal = format!("\"{name}\"");
+    let mut seen = BTreeSet::new();
+    let mut bodies = vec![body];
+    for _ in 0..=CALLS {
+        let mut next = Vec::new();
+        for body in bodies {
+            let words: BTreeSet<String> = paths(body).into_iter().flatten().collect();
+            let mut found = words.contains(name);
+            walk(body, &mut |tokens| {
+                found |= tokens.iter().any(|token| matches!(token, TokenTree::Literal(value) if value.to_string() == literal))
+            });
+            if found {
+                return true;
+            }
+            let called = all.iter().filter(|function| words.contains(&function.name) && !function.is_test());
+            next.extend(called.filter(|function| seen.insert(function.name.clone())).map(|function| function.body.as_slice()));
+        }
+        bodies = next;
+    }
+    false
+}
+
+/// The ties of the `// covers:` comments of a file.
+fn coverage(file: &File, target: &[Function], scenarios: &BTreeSet<Tie>, found: &mut BTreeSet<Tie>, wrong: &mut Vec<String>) {
+    let all = functions(&file.tokens);
+    for (at, line) in file.text.lines().enumerate() {
+        let Some(text) = line.trim_start().strip_prefix("// covers: CK95 ") else { continue };
+        let place = format!("{}:{}", file.path.display(), at + 1);
+        let Some(ties) = named(text, scenarios) else {
+            wrong.push(format!("{place}: no name in parentheses: {text}"));
+            continue;
+        };
+        let below: Vec<&str> = file.text.lines().skip(at + 1).take(6).map(str::trim_start).collect();
+        let name = below.iter().find_map(|line| line.strip_prefix("fn ")).and_then(|rest| rest.split(['(', '<']).next());
+        let Some(test) = all.iter().find(|function| function.is_test() && Some(function.name.as_str()) == name) else {
+            wrong.push(format!("{place}: no test follows"));
+            continue;
+        };
+        if !claims::asserts(&test.body, target) {
+            wrong.push(format!("{place}: {} asserts nothing", test.name));
+        }
+        for (item, name) in ties {
+            if mentions(&test.body, target, &name) {
+                found.insert((item, name));
+            } else {
+                wrong.push(format!("{place}: {} does not use {name}", test.name));
+            }
+        }
+    }
+}
+
+/// The figures that each scenario of the program reproduces.
+fn figures() -> BTreeSet<Tie> {
+    let mut found = BTreeSet::new();
+    for entry in std::fs::read_dir(root().join("sim/scenarios")).unwrap().flatten() {
+        let text = std::fs::read_to_string(entry.path()).unwrap();
+        let name = entry.path().file_stem().unwrap().to_string_lossy().into_owned();
+        let shown = FIGURES.iter().filter(|figure| text.contains(&format!("Chang & Khatib 1995, {figure}.")));
+        found.extend(shown.map(|figure| ((*figure).to_owned(), name.clone())));
+    }
+    found
+}
+
+#[test]
+fn every_citation_is_tied_to_a_numeric_check() {
+    let scenarios = figures();
+    let (mut cited, mut covered, mut wrong) = (scenarios.clone(), BTreeSet::new(), Vec::new());
+    for package in source::workspace() {
+        for target in package.targets.iter().filter(|target| target.name != "architecture") {
+            let all: Vec<Function> = target.files.iter().flat_map(|file| functions(&file.tokens)).collect();
+            for file in &target.files {
+                citations(file, &file.code, &mut cited, &mut wrong);
+                coverage(file, &all, &scenarios, &mut covered, &mut wrong);
+            }
+        }
+    }
+    for item in EQUATIONS.iter().chain(&FIGURES) {
+        if !cited.iter().any(|(cited, _)| cited == item) {
+            wrong.push(format!("nothing cites {item}"));
+        }
+    }
+    wrong.extend(cited.difference(&covered).map(|(item, name)| format!("{name} cites {item}, and no test covers it")));
+    wrong
+        .extend(covered.difference(&cited).map(|(item, name)| format!("a test covers {item} ({name}), and nothing of that name cites it")));
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn the_check_sees_what_is_missing() {
+    let set = |list: &[&str]| list.iter().map(ToString::to_string).collect::<BTreeSet<_>>();
+    assert_eq!(equations("x [CK95 Eq. 3 to 5, §4]"), set(&["Eq. 3", "Eq. 4", "Eq. 5"]));
+    assert_eq!(equations("x [CK95 Eq. 3, Eq. 5]"), set(&["Eq. 3", "Eq. 5"]));
+    assert_eq!(equations("x [CK95 §4] Eq. 1"), set(&[]));
+    let folder = tempfile::tempdir().unwrap();
+    let wrong_in = |text: &str| {
+        let path = folder.path().join("lib.rs");
+        std::fs::write(&path, text).unwrap();
+        let file = &source::files_of(&path, false)[0];
+        let (mut cited, mut covered, mut wrong) = (BTreeSet::new(), BTreeSet::new(), Vec::new());
+        citations(file, &file.code, &mut cited, &mut wrong);
+        coverage(file, &functions(&file.tokens), &BTreeSet::new(), &mut covered, &mut wrong);
+        wrong.len() + cited.symmetric_difference(&covered).count()
+    };
+    let code = "/// x = y [CK95 Eq. 4]\nfn inverse() {}\n";
+    assert_eq!(wrong_in(&format!("{code}// covers: CK95 Eq. 4 (inverse)\n#[test]\nfn t() {{ assert!(inverse() == ()); }}")), 0);
+    assert_eq!(wrong_in(code), 1, "no test");
+    assert_eq!(wrong_in(&format!("{code}// covers: CK95 Eq. 4 (inverse)\nfn t() {{ assert!(inverse() == ()); }}")), 2, "not a test");
+    assert_eq!(wrong_in(&format!("{code}// covers: CK95 Eq. 4 (inverse)\n#[test]\nfn t() {{ assert!(true); }}")), 2, "not called");
+    assert_eq!(
+        wrong_in(&format!("{code}// covers: CK95 Eq. 3 (inverse)\n#[test]\nfn t() {{ assert!(inverse() == ()); }}")),
+        2,
+        "another equation"
+    );
+    assert_eq!(wrong_in("//! x = y [CK95 Eq. 4]\n"), 1, "at a file");
+}

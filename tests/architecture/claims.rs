@@ -1,0 +1,130 @@
+//! A test claims something: it asserts, it does not end early in silence, and it is not ignored without a reason.
+
+use std::collections::BTreeSet;
+
+use proc_macro2::{Delimiter, TokenTree};
+
+use crate::source::{self, Function, functions, is, paths, walk};
+
+/// Macros that fail a test.
+const ASSERTIONS: [&str; 10] = [
+    "assert",
+    "assert_eq",
+    "assert_ne",
+    "assert_matches",
+    "panic",
+    "unreachable",
+    "prop_assert",
+    "prop_assert_eq",
+    "prop_assert_ne",
+    "compile_fail",
+];
+/// Methods that fail a test where a value is not the one that was expected. `unwrap` alone claims only that nothing went wrong.
+const EXPECTATIONS: [&str; 3] = ["expect", "expect_err", "unwrap_err"];
+
+/// Whether the tokens assert something by themselves.
+fn asserts_itself(body: &[TokenTree]) -> bool {
+    let mut found = false;
+    walk(body, &mut |tokens| {
+        found |= tokens.windows(2).any(|pair| ASSERTIONS.iter().any(|name| is(&pair[0], name)) && is(&pair[1], "!"));
+        found |= tokens.windows(2).any(|pair| is(&pair[0], ".") && EXPECTATIONS.iter().any(|name| is(&pair[1], name)));
+    });
+    found
+}
+
+/// Whether a body asserts something, itself or through functions of the list that it calls.
+pub(crate) fn asserts(body: &[TokenTree], all: &[Function]) -> bool {
+    let mut seen = BTreeSet::new();
+    let mut waiting: Vec<&[TokenTree]> = vec![body];
+    while let Some(body) = waiting.pop() {
+        if asserts_itself(body) {
+            return true;
+        }
+        for word in paths(body).into_iter().filter_map(|path| path.last().cloned()) {
+            if seen.insert(word.clone()) {
+                waiting.extend(
+                    all.iter().filter(|function| function.name == word && !function.is_test()).map(|function| function.body.as_slice()),
+                );
+            }
+        }
+    }
+    false
+}
+
+/// Early ends of a test that do not say so: a `return` outside closures and inner functions that is not `return skipped(…)`.
+fn silent_ends(body: &[TokenTree]) -> usize {
+    let mut found = 0;
+    let mut at = 0;
+    while at < body.len() {
+        match &body[at] {
+            TokenTree::Ident(word) if *word == "return" => found += usize::from(!body.get(at + 1).is_some_and(|next| is(next, "skipped"))),
+            // What is inside parentheses may be a closure; what is inside braces after `|…|` or `fn` is one.
+            TokenTree::Group(group) if group.delimiter() == Delimiter::Brace => {
+                let before: Vec<&TokenTree> = body[..at].iter().rev().take_while(|token| !is(token, ";") && !is(token, "=")).collect();
+                let is_function = before.iter().any(|token| is(token, "fn")) || before.first().is_some_and(|token| is(token, "|"));
+                if !is_function {
+                    found += silent_ends(&group.stream().into_iter().collect::<Vec<_>>());
+                }
+            }
+            _ => {}
+        }
+        at += 1;
+    }
+    found
+}
+
+#[test]
+fn every_test_claims_something_and_none_ends_in_silence() {
+    let workspace = source::workspace();
+    let (mut tests, mut wrong) = (0, Vec::new());
+    for package in &workspace {
+        for target in &package.targets {
+            // A test may assert through a helper of another file of its target.
+            let all: Vec<Function> = target.files.iter().flat_map(|file| functions(&file.tokens)).collect();
+            for file in &target.files {
+                for function in functions(&file.tokens).iter().filter(|function| function.is_test()) {
+                    tests += 1;
+                    let place = format!("{}: {}", file.path.display(), function.name);
+                    let should_panic =
+                        function.attributes.iter().any(|attribute| attribute.first().is_some_and(|name| is(name, "should_panic")));
+                    if !should_panic && !asserts(&function.body, &all) {
+                        wrong.push(format!("{place} asserts nothing"));
+                    }
+                    if silent_ends(&function.body) > 0 {
+                        wrong.push(format!("{place} returns early without `return skipped(why)`"));
+                    }
+                    let bare = function.attributes.iter().any(|attribute| attribute.len() == 1 && is(&attribute[0], "ignore"));
+                    if bare {
+                        wrong.push(format!("{place} is ignored without a reason"));
+                    }
+                }
+            }
+        }
+    }
+    // A line that a passing test prints is discarded: what could not run is reported by `skipped`.
+    for file in workspace.iter().flat_map(source::Package::files).filter(|file| file.path.starts_with("tests/system")) {
+        walk(&file.tokens, &mut |tokens| {
+            if tokens.windows(2).any(|pair| (is(&pair[0], "eprintln") || is(&pair[0], "println")) && is(&pair[1], "!")) {
+                wrong.push(format!("{} prints instead of reporting `skipped(why)`", file.path.display()));
+            }
+        });
+    }
+    assert!(tests > 300, "only {tests} tests: the check looks in the wrong place");
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn the_check_sees_a_test_without_a_claim() {
+    let of = |text: &str| functions(&text.parse::<proc_macro2::TokenStream>().unwrap().into_iter().collect::<Vec<_>>());
+    let claims = |text: &str| {
+        let all = of(text);
+        asserts(&all[0].body, &all)
+    };
+    assert!(claims("#[test] fn t() { assert_eq!(1, f()); }"));
+    assert!(claims("#[test] fn t() { check(3); } fn check(n: u32) { assert!(n > 2); }"), "through a helper");
+    assert!(!claims("#[test] fn t() { f().unwrap(); }") && !claims("#[test] fn t() { check(3); } fn check(_: u32) {}"));
+    let ends = |text: &str| silent_ends(&of(text)[0].body);
+    assert_eq!(ends("#[test] fn t() { let Some(x) = f() else { return }; assert!(x); }"), 1);
+    assert_eq!(ends("#[test] fn t() { let Some(x) = f() else { return skipped(\"no ptrace\") }; assert!(x); }"), 0);
+    assert_eq!(ends("#[test] fn t() { let f = |x| { return x; }; assert!(f(true)); }"), 0, "a closure returns for itself");
+}

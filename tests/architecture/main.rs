@@ -1,0 +1,8 @@
+//! The rules of the house, checked on the source itself: what a crate may import, what pure code may touch, circles of files, citations, and
+//! that each test claims something.
+
+mod circles;
+mod citations;
+mod claims;
+mod rules;
+mod source;

@@ -1,0 +1,401 @@
+//! The workspace as data: its packages as cargo reports them, and each source file as tokens with its unit tests marked.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::str::FromStr;
+
+use proc_macro2::{Delimiter, Spacing, TokenStream, TokenTree};
+use serde_json::Value;
+
+/// A package of the workspace.
+pub(crate) struct Package {
+    pub(crate) name: String,
+    /// Dependencies: package name and kind (`normal`, `dev` or `build`).
+    pub(crate) dependencies: Vec<(String, String)>,
+    /// Its library, binaries, examples, benchmarks and integration tests.
+    pub(crate) targets: Vec<Target>,
+}
+
+/// What cargo builds from one root file.
+pub(crate) struct Target {
+    pub(crate) name: String,
+    /// `lib`, `bin`, `test`, `example`, `bench` or `custom-build`.
+    pub(crate) kind: String,
+    pub(crate) files: Vec<File>,
+}
+
+/// One source file of a target.
+pub(crate) struct File {
+    /// Relative to the workspace.
+    pub(crate) path: PathBuf,
+    /// Its module path below the root of the target; empty for the root file.
+    pub(crate) module: Vec<String>,
+    pub(crate) text: String,
+    /// All of it is compiled for unit tests only.
+    pub(crate) test_only: bool,
+    /// Everything, tests included; comments are not tokens, documentation is a `doc` attribute.
+    pub(crate) tokens: Vec<TokenTree>,
+    /// The same without the items that are compiled for unit tests only.
+    pub(crate) code: Vec<TokenTree>,
+}
+
+impl File {
+    /// Lines of the file that do not belong to unit tests. The text is formatted: an item ends with its closing brace at the indentation of
+    /// its attribute, or with its first semicolon.
+    pub(crate) fn lines_of_code(&self) -> usize {
+        let mut lines = self.text.lines();
+        let mut count = 0;
+        while let Some(line) = lines.next() {
+            let word = line.trim_start();
+            if word != "#[cfg(test)]" {
+                count += 1;
+                continue;
+            }
+            let end = format!("{}}}", &line[..line.len() - word.len()]);
+            let mut is_block = false;
+            for line in lines.by_ref() {
+                is_block |= line.ends_with('{');
+                if line == end || !is_block && line.ends_with(';') {
+                    break;
+                }
+            }
+        }
+        count
+    }
+}
+
+impl Package {
+    /// Packages that the code itself depends on; test and build dependencies left out.
+    pub(crate) fn imports(&self) -> impl Iterator<Item = &str> {
+        self.dependencies.iter().filter(|(_, kind)| kind == "normal").map(|(name, _)| name.as_str())
+    }
+
+    /// Files of the library and of the binaries that are not compiled for unit tests only.
+    pub(crate) fn code(&self) -> impl Iterator<Item = &File> {
+        let targets = self.targets.iter().filter(|target| ["lib", "bin"].contains(&target.kind.as_str()));
+        targets.flat_map(|target| &target.files).filter(|file| !file.test_only)
+    }
+
+    /// Every file of every target.
+    pub(crate) fn files(&self) -> impl Iterator<Item = &File> {
+        self.targets.iter().flat_map(|target| &target.files)
+    }
+}
+
+pub(crate) fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// The packages of the workspace with all their sources, as `cargo metadata` lists them.
+pub(crate) fn workspace() -> Vec<Package> {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let arguments = ["metadata", "--no-deps", "--offline", "--format-version", "1"];
+    let output = Command::new(cargo).args(arguments).current_dir(root()).output().expect("cargo metadata starts");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let metadata: Value = serde_json::from_slice(&output.stdout).expect("cargo metadata prints JSON");
+    metadata["packages"].as_array().expect("packages").iter().map(package).collect()
+}
+
+fn package(entry: &Value) -> Package {
+    let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
+    let kind = |value: &Value| if value.is_null() { "normal".to_owned() } else { text(value) };
+    let list = |value: &Value| value.as_array().cloned().unwrap_or_default();
+    let targets = list(&entry["targets"]).into_iter().map(|target| {
+        let kind = text(&target["kind"][0]);
+        let files = files_of(Path::new(&text(&target["src_path"])), kind == "test");
+        Target { name: text(&target["name"]), kind, files }
+    });
+    Package {
+        name: text(&entry["name"]),
+        dependencies: list(&entry["dependencies"]).iter().map(|one| (text(&one["name"]), kind(&one["kind"]))).collect(),
+        targets: targets.collect(),
+    }
+}
+
+/// A root file and every file that its `mod` declarations lead to.
+pub(crate) fn files_of(src: &Path, test_only: bool) -> Vec<File> {
+    let mut found = Vec::new();
+    add(src, src.parent().expect("a file lies in a folder"), Vec::new(), test_only, &mut found);
+    found
+}
+
+fn add(path: &Path, children: &Path, module: Vec<String>, test_only: bool, found: &mut Vec<File>) {
+    let text = std::fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let tokens: Vec<TokenTree> =
+        TokenStream::from_str(&text).unwrap_or_else(|error| panic!("{}: {error}", path.display())).into_iter().collect();
+    let code = without_tests(&tokens);
+    let mut declared = Vec::new();
+    declarations(&tokens, path.parent().expect("a file lies in a folder"), children, &module, test_only, &mut declared);
+    let path = path.strip_prefix(root()).unwrap_or(path).to_owned();
+    found.push(File { path, module, text, test_only, tokens, code });
+    for (path, module, test_only) in declared {
+        let is_mod_rs = path.ends_with("mod.rs");
+        let folder = path.parent().expect("a file lies in a folder");
+        let children = if is_mod_rs { folder.to_owned() } else { path.with_extension("") };
+        add(&path, &children, module, test_only, found);
+    }
+}
+
+/// The files that `mod name;` declarations name: path, module, and whether it is for unit tests only.
+fn declarations(
+    tokens: &[TokenTree],
+    folder: &Path,
+    children: &Path,
+    module: &[String],
+    test_only: bool,
+    found: &mut Vec<(PathBuf, Vec<String>, bool)>,
+) {
+    for item in items(tokens) {
+        let Some(at) = item.body.iter().position(|token| is(token, "mod")) else { continue };
+        let (Some(TokenTree::Ident(name)), Some(after)) = (item.body.get(at + 1), item.body.get(at + 2)) else { continue };
+        if at > 2 {
+            continue; // a visibility has at most two tokens: this is no module
+        }
+        let name = name.to_string();
+        let inside: Vec<String> = module.iter().cloned().chain([name.clone()]).collect();
+        let test_only = test_only || item.for_tests;
+        if let TokenTree::Group(group) = after {
+            let tokens: Vec<TokenTree> = group.stream().into_iter().collect();
+            declarations(&tokens, folder, &children.join(&name), &inside, test_only, found);
+            continue;
+        }
+        let named = item.attributes.iter().find_map(|attribute| path_attribute(attribute)).map(|path| folder.join(path));
+        let candidates = [named, Some(children.join(format!("{name}.rs"))), Some(children.join(&name).join("mod.rs"))];
+        let file = candidates.into_iter().flatten().find(|path| path.exists());
+        found.push((file.unwrap_or_else(|| panic!("no file for `mod {name};` below {}", children.display())), inside, test_only));
+    }
+}
+
+/// The value of `#[path = "…"]`.
+fn path_attribute(attribute: &[TokenTree]) -> Option<String> {
+    match attribute {
+        [name, _, TokenTree::Literal(value)] if is(name, "path") => Some(value.to_string().trim_matches('"').to_owned()),
+        _ => None,
+    }
+}
+
+/// One item, field or statement with its attributes.
+pub(crate) struct Item<'a> {
+    /// The inside of each `#[…]`, documentation included.
+    pub(crate) attributes: Vec<Vec<TokenTree>>,
+    /// From its visibility to its last token.
+    pub(crate) body: &'a [TokenTree],
+    /// It is compiled for unit tests only.
+    pub(crate) for_tests: bool,
+    /// The attributes are those of the file or block around it (`#![…]`, `//!`); the body is empty.
+    pub(crate) inner: bool,
+    all: &'a [TokenTree],
+}
+
+/// The items at the top of a token stream. An item ends with a block or a semicolon; inner attributes (`#![…]`) are items of their own.
+pub(crate) fn items(tokens: &[TokenTree]) -> Vec<Item<'_>> {
+    let mut found = Vec::new();
+    let mut at = 0;
+    while at < tokens.len() {
+        let begin = at;
+        let inner = is_inner(&tokens[at..]);
+        let mut attributes = Vec::new();
+        while let Some((attribute, length)) = attribute(&tokens[at..]).filter(|_| is_inner(&tokens[at..]) == inner) {
+            attributes.push(attribute);
+            at += length;
+        }
+        let end = if inner { at } else { at + length_of_item(&tokens[at..]) };
+        let for_tests = !inner && attributes.iter().any(|attribute| is_for_tests(attribute));
+        found.push(Item { attributes, body: &tokens[at..end], for_tests, inner, all: &tokens[begin..end] });
+        at = end.max(begin + 1);
+    }
+    found
+}
+
+fn is_inner(tokens: &[TokenTree]) -> bool {
+    matches!(tokens, [hash, not, TokenTree::Group(_), ..] if is(hash, "#") && is(not, "!"))
+}
+
+/// The inside of the attribute that the tokens begin with, and how many tokens it takes.
+fn attribute(tokens: &[TokenTree]) -> Option<(Vec<TokenTree>, usize)> {
+    tokens.first().filter(|token| is(token, "#"))?;
+    let inner = usize::from(is_inner(tokens));
+    match tokens.get(1 + inner) {
+        Some(TokenTree::Group(group)) if group.delimiter() == Delimiter::Bracket => Some((group.stream().into_iter().collect(), 2 + inner)),
+        _ => None,
+    }
+}
+
+fn length_of_item(tokens: &[TokenTree]) -> usize {
+    let words: Vec<String> = tokens.iter().take(8).filter(|token| !is_group(token)).map(ToString::to_string).collect();
+    let mut words = words.iter().map(String::as_str).skip_while(|word| *word == "pub");
+    // `const fn` has a body; a constant ends with its semicolon, whatever blocks its value has.
+    let to_semicolon = match words.next() {
+        Some("use" | "static" | "type" | "let") => true,
+        Some("const") => !matches!(words.next(), Some("fn" | "unsafe" | "async" | "extern")),
+        _ => false,
+    };
+    for (at, token) in tokens.iter().enumerate() {
+        let is_block = matches!(token, TokenTree::Group(group) if group.delimiter() == Delimiter::Brace);
+        if is(token, ";") || is_block && !to_semicolon {
+            let trailing = usize::from(is_block && tokens.get(at + 1).is_some_and(|next| is(next, ";")));
+            return at + 1 + trailing;
+        }
+    }
+    tokens.len()
+}
+
+/// `#[test]`, `#[cfg(test)]` and `#[cfg(all(test, …))]`.
+fn is_for_tests(attribute: &[TokenTree]) -> bool {
+    fn needs_test(tokens: &[TokenTree]) -> bool {
+        match tokens {
+            [word] => is(word, "test"),
+            [word, TokenTree::Group(group)] if is(word, "all") => {
+                let inside: Vec<TokenTree> = group.stream().into_iter().collect();
+                inside.split(|token| is(token, ",")).any(needs_test)
+            }
+            _ => false,
+        }
+    }
+    match attribute {
+        [name, TokenTree::Group(group)] if is(name, "cfg") => needs_test(&group.stream().into_iter().collect::<Vec<_>>()),
+        _ => needs_test(attribute),
+    }
+}
+
+/// The tokens without what is compiled for unit tests only, at every depth.
+fn without_tests(tokens: &[TokenTree]) -> Vec<TokenTree> {
+    let mut kept = Vec::new();
+    for item in items(tokens) {
+        if item.for_tests {
+            continue;
+        }
+        for token in item.all {
+            kept.push(match token {
+                TokenTree::Group(group) => {
+                    let inside: Vec<TokenTree> = group.stream().into_iter().collect();
+                    let inside = if group.delimiter() == Delimiter::Brace { without_tests(&inside) } else { inside };
+                    TokenTree::Group(proc_macro2::Group::new(group.delimiter(), inside.into_iter().collect()))
+                }
+                other => other.clone(),
+            });
+        }
+    }
+    kept
+}
+
+/// Whether a token is this word or this punctuation mark.
+pub(crate) fn is(token: &TokenTree, text: &str) -> bool {
+    match token {
+        TokenTree::Ident(ident) => *ident == text,
+        TokenTree::Punct(punct) => text.len() == 1 && text.starts_with(punct.as_char()),
+        _ => false,
+    }
+}
+
+fn is_group(token: &TokenTree) -> bool {
+    matches!(token, TokenTree::Group(_))
+}
+
+/// The inside of the documentation lines among the attributes of an item.
+pub(crate) fn documentation(attributes: &[Vec<TokenTree>]) -> String {
+    let lines = attributes.iter().filter_map(|attribute| match attribute.as_slice() {
+        [name, _, TokenTree::Literal(value)] if is(name, "doc") => Some(value.to_string()),
+        _ => None,
+    });
+    lines.collect::<Vec<_>>().join("\n")
+}
+
+/// The word after `fn`, `struct` and the like: the name of an item.
+pub(crate) fn name_of(item: &Item<'_>) -> Option<String> {
+    let kinds = ["fn", "struct", "enum", "union", "trait", "mod", "type", "const", "static", "macro_rules"];
+    let at = item.body.iter().position(|token| kinds.iter().any(|kind| is(token, kind)))?;
+    item.body[at + 1..].iter().find_map(|token| match token {
+        TokenTree::Ident(ident) if !["fn", "unsafe", "async", "extern", "mut"].iter().any(|word| *ident == word) => Some(ident.to_string()),
+        _ => None,
+    })
+}
+
+/// A function with everything that a check of tests asks about.
+pub(crate) struct Function {
+    pub(crate) name: String,
+    /// The inside of each `#[…]`.
+    pub(crate) attributes: Vec<Vec<TokenTree>>,
+    pub(crate) body: Vec<TokenTree>,
+}
+
+impl Function {
+    /// `#[test]`, also inside `proptest! { … }`.
+    pub(crate) fn is_test(&self) -> bool {
+        self.attributes.iter().any(|attribute| matches!(attribute.as_slice(), [word] if is(word, "test")))
+    }
+}
+
+/// Every function at every depth, those inside macros included.
+pub(crate) fn functions(tokens: &[TokenTree]) -> Vec<Function> {
+    let mut found = Vec::new();
+    for item in items(tokens) {
+        let is_function = item.body.iter().take(6).any(|token| is(token, "fn"));
+        if let (true, Some(name), Some(TokenTree::Group(block))) = (is_function, name_of(&item), item.body.last()) {
+            let body = block.stream().into_iter().collect();
+            found.push(Function { name, attributes: item.attributes.clone(), body });
+        }
+        for token in item.body {
+            if let TokenTree::Group(group) = token
+                && group.delimiter() == Delimiter::Brace
+            {
+                found.extend(functions(&group.stream().into_iter().collect::<Vec<_>>()));
+            }
+        }
+    }
+    found
+}
+
+/// The tokens and those inside each of their groups, in reading order.
+pub(crate) fn walk(tokens: &[TokenTree], visit: &mut dyn FnMut(&[TokenTree])) {
+    visit(tokens);
+    for token in tokens {
+        if let TokenTree::Group(group) = token {
+            walk(&group.stream().into_iter().collect::<Vec<_>>(), visit);
+        }
+    }
+}
+
+/// Whether the tokens at this place are `::`.
+pub(crate) fn is_path_separator(tokens: &[TokenTree]) -> bool {
+    matches!(tokens, [TokenTree::Punct(first), TokenTree::Punct(second), ..]
+        if first.as_char() == ':' && first.spacing() == Spacing::Joint && second.as_char() == ':')
+}
+
+/// Every path of at least one segment (`a`, `a::b`, `crate::a::b`), as its segments; documentation and attributes left out.
+pub(crate) fn paths(tokens: &[TokenTree]) -> Vec<Vec<String>> {
+    let mut found = Vec::new();
+    collect_paths(tokens, &mut found);
+    found
+}
+
+fn collect_paths(tokens: &[TokenTree], found: &mut Vec<Vec<String>>) {
+    let mut at = 0;
+    while at < tokens.len() {
+        if let Some((attribute, length)) = attribute(&tokens[at..]) {
+            // A derive or a serde attribute may name an item of the crate; documentation may not.
+            if !attribute.first().is_some_and(|name| is(name, "doc")) {
+                collect_paths(&attribute, found);
+            }
+            at += length;
+            continue;
+        }
+        match &tokens[at] {
+            TokenTree::Ident(first) => {
+                let mut path = vec![first.to_string()];
+                at += 1;
+                while is_path_separator(&tokens[at..]) {
+                    let Some(TokenTree::Ident(next)) = tokens.get(at + 2) else { break };
+                    path.push(next.to_string());
+                    at += 3;
+                }
+                found.push(path);
+            }
+            TokenTree::Group(group) => {
+                collect_paths(&group.stream().into_iter().collect::<Vec<_>>(), found);
+                at += 1;
+            }
+            _ => at += 1,
+        }
+    }
+}
