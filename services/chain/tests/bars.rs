@@ -15,9 +15,9 @@ mod lines;
 /// What one run came to.
 #[derive(Clone, Debug, Default)]
 struct Figures {
-    /// Largest errors along the engaged singular directions and across them: mm, degrees.
+    /// Largest errors along the engaged singular directions and orthogonal to them: mm, degrees.
     along: [f64; 2],
-    across: [f64; 2],
+    orthogonal: [f64; 2],
     /// At the end.
     end: [f64; 2],
     /// Largest shares of the limits.
@@ -44,11 +44,11 @@ fn run(robot: &Robot, scenario: &Scenario) -> Figures {
     let (mut ticks, mut phase) = (0_u32, 0);
     let n = robot.dof();
     let each = |tick: &Tick| {
-        let (along, across) = split(tick);
+        let (along, orthogonal) = split(tick);
         for k in 0..2 {
             out.along[k] = out.along[k].max(along[k]);
-            out.across[k] = out.across[k].max(across[k]);
-            out.end[k] = (along[k] * along[k] + across[k] * across[k]).sqrt();
+            out.orthogonal[k] = out.orthogonal[k].max(orthogonal[k]);
+            out.end[k] = (along[k] * along[k] + orthogonal[k] * orthogonal[k]).sqrt();
         }
         let mut step = 0.0_f64;
         let mut jump = 0.0;
@@ -81,7 +81,7 @@ fn run(robot: &Robot, scenario: &Scenario) -> Figures {
     out
 }
 
-/// Error along the engaged singular directions, and across them: (mm, degrees) each.
+/// Error along the engaged singular directions, and orthogonal to them: (mm, degrees) each.
 fn split(tick: &Tick) -> ([f64; 2], [f64; 2]) {
     let (truth, command) = (&tick.plant_state, &tick.torque);
     let matrix = |R: &[f64; 9]| Matrix3::from_column_slice(R);
@@ -108,11 +108,11 @@ fn built_in(name: &str, settings: &[&str]) -> (Robot, Scenario) {
 
 fn print(name: &str, f: &Figures) {
     println!(
-        "{name:38} along {:8.4} mm {:7.4}°  across {:7.4} mm {:7.4}°  end {:6.4} mm {:6.4}°  step p95 {:.4}  {:2} switches {:.4} J  speed {:.2} torque {:.2}  stretch {:.2}{}",
+        "{name:38} along {:8.4} mm {:7.4}°  orthogonal {:7.4} mm {:7.4}°  end {:6.4} mm {:6.4}°  step p95 {:.4}  {:2} switches {:.4} J  speed {:.2} torque {:.2}  stretch {:.2}{}",
         f.along[0],
         f.along[1],
-        f.across[0],
-        f.across[1],
+        f.orthogonal[0],
+        f.orthogonal[1],
         f.end[0],
         f.end[1],
         f.step_p95,
@@ -128,7 +128,7 @@ fn print(name: &str, f: &Figures) {
 #[test]
 #[ignore = "minutes: every built-in scenario against five times its bar"]
 fn scenarios_with_noise() {
-    // Along: mm, degrees; across: mm, degrees; five times the exact plant's bars. Where the specification has none, the position bar of the others.
+    // Along: mm, degrees; orthogonal: mm, degrees; five times the exact plant's bars. Where the specification has none, the position bar of the others.
     let bars = [
         ("fig5-wrist-rotation", [0.05, 0.1, 0.05, 0.1]),
         ("fig4-elbow-and-wrist", [2.0, 0.5, 0.05, 0.5]),
@@ -147,7 +147,7 @@ fn scenarios_with_noise() {
         let (robot, scenario) = built_in(name, &[]);
         let f = run(&robot, &scenario);
         print(name, &f);
-        let within = [f.along[0], f.along[1], f.across[0], f.across[1]].iter().zip(bar).all(|(value, bar)| *value <= bar);
+        let within = [f.along[0], f.along[1], f.orthogonal[0], f.orthogonal[1]].iter().zip(bar).all(|(value, bar)| *value <= bar);
         if !(within && f.end[0] < 0.1 && f.clean && f.step_p95 < 0.5 && f.switch_j < 2.5) {
             missed.push(name);
         }
@@ -167,8 +167,8 @@ fn sweep(seed: u64, count: usize, speed: f64, settings: &[&str]) -> [usize; 3] {
         let f = run(&robot, &line.scenario);
         let ends = f.end[0] < 1.0 && f.end[1] < 0.5;
         let clean = ends && f.clean && f.speed <= 1.0 && f.saturated_ticks <= 10;
-        let s1 = clean && f.across[0] < 1.0 && f.across[1] < 0.5;
-        let s2 = clean && f.across[0] < 1.0 && f.across[1] < 3.0 && f.along[0] < 10.0 && f.along[1] < 5.0;
+        let s1 = clean && f.orthogonal[0] < 1.0 && f.orthogonal[1] < 0.5;
+        let s2 = clean && f.orthogonal[0] < 1.0 && f.orthogonal[1] < 3.0 && f.along[0] < 10.0 && f.along[1] < 5.0;
         for (count, yes) in counts.iter_mut().zip([s1, s2, ends]) {
             *count += usize::from(yes);
         }
@@ -231,7 +231,7 @@ fn a_wrong_mass_on_the_hybrid_plant() {
                 let f = run(&robot, &scenario);
                 let label = format!("{name} {} {}", &mass[18..], if observer { "observer" } else { "" });
                 print(&label, &f);
-                let worst = f.along[0].max(f.across[0]);
+                let worst = f.along[0].max(f.orthogonal[0]);
                 // 2.5 and 0.5 mm with an exact plant; with noise five times that.
                 if worst > if observer { 2.5 } else { 12.5 } || !f.clean {
                     missed.push(label);
@@ -258,7 +258,7 @@ fn unmodelled_friction_on_the_hybrid_plant() {
                 &format!("overhead-pass, {} {}", if coulomb { "all friction" } else { "viscous" }, if observer { "observer" } else { "" }),
                 &f,
             );
-            assert!(!observer || coulomb || f.across[0] < 2.5, "across {} mm", f.across[0]);
+            assert!(!observer || coulomb || f.orthogonal[0] < 2.5, "orthogonal {} mm", f.orthogonal[0]);
         }
     }
 }

@@ -5,7 +5,7 @@ use crate::arm_family::choice::Family;
 use crate::arm_family::family::Situation;
 use crate::baselines::hold_and_blend;
 use crate::baselines::resolved_rate::{self, Inverse, JointMemory};
-use crate::centre::{AtCentre, PoseMotion};
+use crate::centre::AtCentre;
 use crate::continuous::auxiliary::{Gains, Loop};
 use crate::continuous::blended;
 use crate::continuous::foresight::{FORESEEN_STEP_S, Foreseen, Foresight};
@@ -20,10 +20,11 @@ use crate::paper::{chang_khatib, null_space, type_1, type_2};
 use crate::setup::{SetupError, posture_goals};
 use crate::state::State;
 use crate::telemetry::Telemetry;
-use crate::trajectory::{Leg, Path, Progress};
+use crate::tick::{Auxiliary, Inputs, Motion};
+use crate::trajectory::{Path, Progress};
 use crate::types::{Class, Command, Kind, Mode, Phase, Plan, Refusal, Report, Singularity};
 use model::{Model, Robot, Terms};
-use nalgebra::{SVector, Vector3, Vector6};
+use nalgebra::{SVector, Vector6};
 use shared_types::MAX_SINGULARITIES;
 use shared_types::scenario::{Control, Scenario, Strategy};
 
@@ -48,50 +49,6 @@ pub struct Controller<const N: usize> {
     /// Posture goal of each leg.
     postures: Vec<SVector<f64, N>>,
     state: State<N>,
-}
-
-/// The inputs of one tick.
-#[derive(Clone, Copy, Debug)]
-struct Inputs<'a, const N: usize> {
-    q: &'a SVector<f64, N>,
-    qdot: &'a SVector<f64, N>,
-    tau_disturbance: &'a SVector<f64, N>,
-    report: &'a Report<N>,
-    terms: &'a Terms<N>,
-    /// Kinematics at C.
-    at: &'a AtCentre<N>,
-    /// C in the end-effector's axes, m.
-    p_EC: &'a Vector3<f64>,
-}
-
-/// Step 1's result: the desired motion and the acceleration that follows it.
-#[derive(Clone, Copy, Debug)]
-struct Motion {
-    /// The leg of the path, while it lasts.
-    leg: Option<Leg>,
-    /// Speed of the path's clock.
-    clock: f64,
-    /// Desired motion of E.
-    desired_E: PoseMotion,
-    /// Desired motion of C.
-    desired: PoseMotion,
-    /// Twist of C at full clock speed.
-    V_nominal: Vector6<f64>,
-    /// Acceleration of C at the clock's present speed.
-    a_feed: Vector6<f64>,
-    /// Pose error at C.
-    error: Vector6<f64>,
-    /// Operational acceleration a* at C.
-    a: Vector6<f64>,
-}
-
-/// Step 2's result: the singularities that take part in the solve, and the telemetry of each.
-#[derive(Clone, Copy, Debug)]
-struct Auxiliary<const N: usize> {
-    actives: Actives<N>,
-    telemetry: Telemetry,
-    /// Largest share of an auxiliary rate at full clock speed.
-    load: f64,
 }
 
 impl<const N: usize> Controller<N> {
@@ -127,8 +84,9 @@ impl<const N: usize> Controller<N> {
     /// One tick: the torque for this state.
     ///
     /// `tau_disturbance` is the torque on the joints that the model does not explain; it is compensated where the scenario says so.
-    /// Requires `report` to be the analysis of this very state. Ensures finite torques within the limits for any data: where the law has no answer
-    /// it refuses, and the torque brings the arm to rest from then on. Cost about 3 µs for six joints, no allocation.
+    /// Shapes N · Units rad, rad/s, N·m · Requires `report` to be the analysis of this very state · Ensures finite torques within the limits for any
+    /// data: where the law's equations are singular it refuses, and the torque brings the arm to rest from then on · Errors none: a refusal is in the
+    /// command · Cost about 3 µs for six joints, no allocation
     pub fn step(
         &mut self,
         q: &SVector<f64, N>,

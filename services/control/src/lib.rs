@@ -39,6 +39,7 @@ pub mod paper;
 mod setup;
 mod state;
 mod telemetry;
+mod tick;
 pub mod trajectory;
 mod types;
 pub mod wire;

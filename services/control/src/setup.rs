@@ -27,7 +27,7 @@ pub enum SetupError {
     },
 }
 
-/// The start posture of a scenario, rad.
+/// The start posture of a scenario. Shape N; rad.
 ///
 /// # Errors
 /// [`SetupError::Start`] if it does not fit the robot or lies outside its limits.

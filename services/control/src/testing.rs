@@ -74,7 +74,7 @@ pub(crate) struct Tick<const N: usize> {
 }
 
 impl<const N: usize> Tick<N> {
-    /// Error along the engaged singular directions, and across them: (mm, deg) each.
+    /// Error along the engaged singular directions, and orthogonal to them: (mm, deg) each.
     pub(crate) fn split(&self) -> ([f64; 2], [f64; 2]) {
         let (mut linear, mut angular) = (crate::linear::linear(&self.error), crate::linear::angular(&self.error));
         let (e, w) = (linear, angular);
@@ -99,8 +99,8 @@ impl<const N: usize> Tick<N> {
 pub(crate) struct Figures {
     pub(crate) along_mm: f64,
     pub(crate) along_deg: f64,
-    pub(crate) across_mm: f64,
-    pub(crate) across_deg: f64,
+    pub(crate) orthogonal_mm: f64,
+    pub(crate) orthogonal_deg: f64,
     pub(crate) final_mm: f64,
     pub(crate) final_deg: f64,
     pub(crate) speed: f64,
@@ -152,11 +152,11 @@ pub(crate) fn run<const N: usize>(scenario: &Scenario, plant: Plant, mut each: i
         let tick = Tick { q, report, command, error };
         each(k, &tick);
 
-        let (along, across) = tick.split();
+        let (along, orthogonal) = tick.split();
         out.along_mm = out.along_mm.max(along[0]);
         out.along_deg = out.along_deg.max(along[1]);
-        out.across_mm = out.across_mm.max(across[0]);
-        out.across_deg = out.across_deg.max(across[1]);
+        out.orthogonal_mm = out.orthogonal_mm.max(orthogonal[0]);
+        out.orthogonal_deg = out.orthogonal_deg.max(orthogonal[1]);
         out.final_mm = crate::linear::linear(&error).norm() * 1e3;
         out.final_deg = crate::linear::angular(&error).norm().to_degrees();
         out.saturated_ticks += usize::from(command.saturation_mask != 0);

@@ -45,7 +45,9 @@ pub struct Verdict {
 /// κ₁ = max|eig(V₀ᵀ(u·H)V₀)| with H = ∂J/∂q, κ₂ = |ζ'| along the null motion. Type 1: κ₁ > 0.05 and κ₁ > 0.5 κ₂ and of one sign. Type 2:
 /// κ₁ ≤ 0.05 and the arm, moved along the null space, stays singular with C in place. Mixed: whatever is neither.
 ///
-/// Cost bounded, about 50 µs for six joints: not for every tick. No allocation.
+/// Shapes `screws` 6×N at C · Units `length_m` m; κ₁, κ₂ per rad², per rad, on unit-scaled rows · Frame base axes · Requires a posture near σ_i = 0 ·
+/// Ensures [`Class::Unknown`] where Newton's method reaches no singular posture · Errors none · Cost bounded, about 50 µs for six joints: not for
+/// every tick; no allocation
 #[must_use]
 pub fn classify<const N: usize>(screws: &Screws<N>, block: &Block<N>, i: usize, length_m: f64, task: &[bool; 6]) -> Verdict {
     let (mut screws, mut block) = (*screws, *block);

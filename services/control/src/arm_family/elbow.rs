@@ -43,7 +43,11 @@ pub(super) fn cosine(S: &Vector3<f64>, desired: &PoseMotion, lengths: [f64; 2], 
     [cos_d, 2.0 * p_d.dot(&linear(&desired.V)) / twice]
 }
 
+/// The elbow's fold.
+///
 /// |θ_d| = acos(c_d), its rate −ċ_d·s_d/(s_d² + μ²), s_d = sin |θ_d|, with c_d the cosine that the desired pose needs.
+///
+/// Units rad, rad/s · Ensures |θ_d| in [0, π], and `clipped` where |c_d| > 1 · Errors none
 pub(super) fn fold(theta: f64, [cos_d, cos_rate]: [f64; 2]) -> Fold {
     // Rounding at the boundary itself is not a goal beyond it: 1e-7 is 0.02 µm.
     let clipped = cos_d.abs() > 1.0 + 1e-7;

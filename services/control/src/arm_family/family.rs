@@ -59,23 +59,27 @@ pub struct Situation<'a, const N: usize> {
 /// Ensures that each singularity keeps its place for the whole run, that ζ_i, s_i and `aux` are continuous in q, and that nothing is allocated.
 /// `inside` and the thresholds are the analyzer's.
 pub trait ArmFamily<const N: usize> {
-    /// The point C of the end-effector link at which singularities are analysed, in B, m.
+    /// The point C of the end-effector link at which singularities are analysed. Shape 3; m; frame B.
     fn centre(&self, terms: &Terms<N>) -> Vector3<f64>;
 
-    /// Fills the singularities of a posture and returns how many there are.
+    /// Fills the singularities of a posture and returns how many there are, at most [`MAX_SINGULARITIES`].
+    ///
+    /// Requires finite numbers of one posture · Ensures what [`Singularity`] states · Cost bounded, no
+    /// allocation.
     fn measure(&mut self, posture: &Posture<'_, N>, out: &mut [Singularity<N>; MAX_SINGULARITIES]) -> usize;
 
-    /// The coordinate of a Type 1 singularity as the desired pose needs it; `None`: ζ is held.
+    /// The coordinate of a Type 1 singularity as the desired pose needs it; `None`: ζ is held. Called for Type 1 only.
     fn fold(&self, _s: &Singularity<N>, _at: &Situation<'_, N>) -> Option<Fold> {
         None
     }
 
-    /// The direction of ζ that the desired motion needs at a singularity of Type 2, or mixed; `None`: ζ is held.
+    /// The direction of ζ that the desired motion needs; `None`: ζ is held. Called for Type 2 and mixed only.
     fn direction(&self, _s: &Singularity<N>, _at: &Situation<'_, N>, _memory: &mut Memory) -> Option<Direction> {
         None
     }
 
-    /// Joint motion that turns ζ by `angle` (rad) while the end-effector rests, rad; `None` where there is none.
+    /// Joint motion that turns ζ by `angle` (rad) about the second axis of its frame while the end-effector rests. Shape N; rad; `None` where there is
+    /// none. Requires a posture at the singularity.
     fn turning(&self, _s: &Singularity<N>, _terms: &Terms<N>, _p_BC: &Vector3<f64>, _angle: f64) -> Option<SVector<f64, N>> {
         None
     }

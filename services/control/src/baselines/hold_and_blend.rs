@@ -171,7 +171,7 @@ mod tests {
         let text = include_str!("../../../../sim/scenarios/fig5-wrist-rotation.toml");
         let f = run::<6>(&scenario(text, &PUBLISHED), Plant::default(), |_, _| {});
         println!("{f:?}");
-        assert!((80.0..250.0).contains(&f.across_mm) && f.final_mm < 1.0, "{f:?}");
+        assert!((80.0..250.0).contains(&f.orthogonal_mm) && f.final_mm < 1.0, "{f:?}");
     }
 
     #[test]

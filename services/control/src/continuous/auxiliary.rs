@@ -92,8 +92,10 @@ impl Loop {
     /// One tick.
     ///
     /// β = smoothstep((|s| − η_in)/(η_out − η_in)) · (1 − smoothstep((|e| − 0.02)/0.08)), the second factor limited in rate so that β never jumps.
-    /// `clock` is the speed of the path's clock, in which `target.rate` already is.
     /// rate_cmd = slew(sat(rate + K·e)); acceleration = k_v(rate_cmd − rate) + low-passed change of rate_cmd.
+    ///
+    /// Units rad, rad/s, `dt` s · Requires `clock` > 0, the speed of the path's clock, in which `target.rate` already is · Ensures 0 ≤ β ≤ 1, β = 0 for
+    /// |s| ≤ η_in, and [`Demand::none`] outside · Errors none · Cost O(1), no allocation
     pub fn step<const N: usize>(&mut self, s: &Singularity<N>, target: &Target, gains: &Gains, clock: f64, dt: f64) -> Demand {
         let neighborhood = Neighborhood { eta_in: s.eta_in, eta_out: s.eta_out };
         let error = target.error * target.weight;

@@ -100,6 +100,11 @@ impl<const N: usize> Augmented<N> {
 
 /// Torques by the blended law; without actives this is plain operational-space control.
 ///
+/// Γ = A·M⁻¹·r with M the augmented matrix and r its right-hand side; gravity and Coriolis are added by the caller.
+///
+/// Shapes M N×N · Units N·m · Frame base axes at C · Requires every singularity within η_out to be active · Ensures the paper's torque where β = 0 and
+/// operational-space control where β = 1, both exactly · Cost O(N³), no allocation
+///
 /// # Errors
 /// [`LawError`] if the augmented matrix is singular: σ_min > 0.03 wherever every singularity within η_out is engaged.
 pub fn torques<const N: usize>(wanted: &Wanted<'_, N>, actives: &[Active<N>]) -> Result<Torques<N>, LawError> {

@@ -22,6 +22,9 @@ impl std::ops::Deref for Kept {
 /// The singular frame of the paper with its first axes dropped: which basis of the complement is chosen does not matter, for the torque does not
 /// depend on it. A metre is never mixed with a radian.
 ///
+/// Shapes each row 6, [linear; angular] · Frame base axes at C · Requires each ζ a unit vector in one half · Ensures rows orthonormal within each half
+/// and orthogonal to every ζ · Source CK95 §4 · Cost O(6³), no allocation
+///
 /// # Errors
 /// [`LawError::TooManyRows`] where kept and singular rows together outnumber the joints.
 pub fn kept_rows<const N: usize>(task: &[bool; 6], actives: &[Active<N>]) -> Result<Kept, LawError> {

@@ -25,6 +25,8 @@ pub struct Direction {
 }
 
 /// ζ_i driven to the direction that the desired motion needs; held where there is none.
+///
+/// Units rad, rad/s · Ensures zero error and zero rate where `direction` is `None` · Errors none · Source CK95 §4, Type 2 · Cost O(1)
 #[must_use]
 pub fn target(direction: Option<Direction>) -> Target {
     let Some(Direction { error, rate, weight, passing, holding, clipped }) = direction else {
@@ -59,7 +61,10 @@ impl<const N: usize> Turn<N> {
         Self { from: Vector3::zeros(), angle: 0.0, by: SVector::zeros(), duration_s: 0.0 }
     }
 
-    /// The target that turns ζ_i to ζ_id, `share` of the way with rate `share_rate` (1/s).
+    /// The target that turns ζ_i to ζ_id.
+    ///
+    /// `share` of the way, 0 to 1, and its rate `share_rate`, 1/s of the path's clock, whose speed is `clock`. Requires the singularity's κ₂ to be the
+    /// turning rate of ζ per auxiliary coordinate; |κ₂| ≤ 0.05 counts as one. Ensures an error in (−π, π]/κ₂ · Errors none · Cost O(1)
     #[must_use]
     pub fn target(&self, s: &Singularity<N>, share: f64, share_rate: f64, clock: f64) -> Target {
         let turned = turned(s, &self.from);

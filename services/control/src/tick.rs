@@ -1,0 +1,53 @@
+//! The inputs and intermediate results of one tick of the controller.
+
+use crate::centre::{AtCentre, PoseMotion};
+use crate::law::Actives;
+use crate::telemetry::Telemetry;
+use crate::trajectory::Leg;
+use crate::types::Report;
+use model::Terms;
+use nalgebra::{SVector, Vector3, Vector6};
+
+/// The inputs of one tick.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Inputs<'a, const N: usize> {
+    pub(crate) q: &'a SVector<f64, N>,
+    pub(crate) qdot: &'a SVector<f64, N>,
+    pub(crate) tau_disturbance: &'a SVector<f64, N>,
+    pub(crate) report: &'a Report<N>,
+    pub(crate) terms: &'a Terms<N>,
+    /// Kinematics at C.
+    pub(crate) at: &'a AtCentre<N>,
+    /// C in the end-effector's axes, m.
+    pub(crate) p_EC: &'a Vector3<f64>,
+}
+
+/// Step 1's result: the desired motion and the acceleration that follows it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Motion {
+    /// The leg of the path, while it lasts.
+    pub(crate) leg: Option<Leg>,
+    /// Speed of the path's clock.
+    pub(crate) clock: f64,
+    /// Desired motion of E.
+    pub(crate) desired_E: PoseMotion,
+    /// Desired motion of C.
+    pub(crate) desired: PoseMotion,
+    /// Twist of C at full clock speed.
+    pub(crate) V_nominal: Vector6<f64>,
+    /// Acceleration of C at the clock's present speed.
+    pub(crate) a_feed: Vector6<f64>,
+    /// Pose error at C.
+    pub(crate) error: Vector6<f64>,
+    /// Operational acceleration a* at C.
+    pub(crate) a: Vector6<f64>,
+}
+
+/// Step 2's result: the singularities that take part in the solve, and the telemetry of each.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Auxiliary<const N: usize> {
+    pub(crate) actives: Actives<N>,
+    pub(crate) telemetry: Telemetry,
+    /// Largest share of an auxiliary rate at full clock speed.
+    pub(crate) load: f64,
+}
