@@ -7,7 +7,16 @@ use re_log_encoding::DecoderApp;
 use re_log_types::{LogMsg, StoreKind};
 
 use super::*;
+use crate::arm::Figure;
+use crate::entity;
+use crate::signals::{Limits, Signal, TickRow, sample};
+use crate::sink::{RecordError, Storage};
 use crate::synthetic::{Messages, Run, SCENARIO};
+use model::{Model, Robot};
+use nalgebra::SVector;
+use re_chunk::{Chunk, EntityPath};
+use shared_types::scenario::Scenario;
+use std::path::Path;
 
 /// A volume with so much room, which fills up in the middle of a write as real ones do.
 #[derive(Clone)]

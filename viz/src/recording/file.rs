@@ -1,0 +1,292 @@
+//! A recording from its first tick to its end: parts, ticks, events.
+
+use model::Model;
+use nalgebra::SVector;
+use re_log_types::StoreId;
+use re_sdk_types::archetypes::TextLog;
+use re_sdk_types::components::TextLogLevel;
+use shared_types::scenario::Layout;
+use std::path::Path;
+
+use super::columns::{Picture, Table};
+use super::parts::{create, part_name};
+use super::pieces::application;
+use super::state::{Lanes, Level, Options, Recording, RunInfo, Title, Written};
+use crate::arm::{Figure, placement};
+use crate::blueprint::Subject;
+use crate::scene::NullMotion;
+use crate::signals::{Limits, TickRow, sample};
+use crate::sink::{FileInfo, RecordError, Sink, Storage};
+use crate::{blueprint, entity};
+
+impl<const N: usize> Recording<N> {
+    /// Creates the first part in `folder` and writes what never changes: the run's properties, the arm's figure, styles.
+    ///
+    /// # Errors
+    /// [`RecordError`] where the file cannot be made or written, or the robot does not have N joints.
+    pub fn create(folder: &Path, run: &RunInfo) -> Result<Self, RecordError> {
+        Self::create_part(folder, 0, run, Options::default())
+    }
+
+    /// Creates part `part` of the recording of this run: the next one ([`parts_in`]) after the recorder before was killed.
+    ///
+    /// # Errors
+    /// As [`create`](Self::create).
+    pub fn create_part(folder: &Path, part: u32, run: &RunInfo, options: Options) -> Result<Self, RecordError> {
+        Self::with_storage(create(&folder.join(part_name(part)))?, part, run, options)
+    }
+
+    /// Ends the present part and goes on in the next one, which repeats what a part needs to be opened alone.
+    ///
+    /// # Errors
+    /// As [`create`](Self::create); the recording has then ended, its parts are whole.
+    pub fn next_part(&mut self, folder: &Path) -> Result<(), RecordError> {
+        let file = create(&folder.join(part_name(self.before.parts + 1)))?;
+        self.turn_over(file)
+    }
+}
+
+/// Writes a layout for a run as a `.rbl` file, to be opened beside its recording; `first` names the singularities and places the eye.
+///
+/// # Errors
+/// [`RecordError`] where the file cannot be made or written, or the robot does not have N joints.
+pub fn save_blueprint<const N: usize>(path: &Path, run: &RunInfo, first: &TickRow, layout: Layout) -> Result<(), RecordError> {
+    let mut recording = Recording::<N, Nowhere>::with_storage(Nowhere, 0, run, Options::default())?;
+    recording.tick(first)?;
+    recording.save_blueprint(path, layout)
+}
+
+/// Takes everything, keeps nothing.
+struct Nowhere;
+
+impl std::io::Write for Nowhere {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Storage for Nowhere {
+    fn cut(&mut self, _: u64) -> std::io::Result<()> {
+        Ok(())
+    }
+
+    fn sync(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+impl<const N: usize, W: Storage> Recording<N, W> {
+    /// [`create_part`](Recording::create_part) for any storage.
+    ///
+    /// # Errors
+    /// As [`create`](Recording::create).
+    pub fn with_storage(storage: W, part: u32, run: &RunInfo, options: Options) -> Result<Self, RecordError> {
+        let RunInfo { scenario, robot, .. } = *run;
+        let frame = Some(scenario.frame.as_str()).filter(|frame| !frame.is_empty());
+        let arm =
+            Model::<N>::new(robot, frame).map_err(|error| RecordError::Arm { robot: robot.name.clone(), reason: error.to_string() })?;
+        let floor_m = scenario.plant.floor_m.map_or(0.0, |height| height as f32);
+        let figure = Figure::new(robot, floor_m);
+        let rate = f64::from(scenario.rate_hz);
+        let every = |seconds: f64| (seconds * rate).round().max(1.0);
+        let unlimited = |limits: fn(&model::Joint) -> f64| robot.joints.iter().any(|joint| !limits(joint).is_finite());
+        let subject = Subject {
+            joints: robot.joints.len(),
+            floor_m,
+            unlimited_torque: unlimited(|joint| joint.effort),
+            unlimited_speed: unlimited(|joint| joint.velocity),
+            ..Subject::default()
+        };
+        let mut recording = Self {
+            sink: Sink::new(storage)?,
+            store: StoreId::recording(application(robot), run.run),
+            title: Title::new(run),
+            before: FileInfo { parts: part, ..FileInfo::default() },
+            part_ticks: 0,
+            arm,
+            figure,
+            planar: !robot.task.0[2],
+            limits: Limits::new(robot),
+            subject,
+            layout: scenario.view.layout,
+            rate_hz: scenario.rate_hz.max(1),
+            blueprint_sent: false,
+            last: None,
+            written: Written::default(),
+            signals: Table::default(),
+            signal_rows: every(options.signal_chunk_s) as usize,
+            picture: Picture::default(),
+            picture_every: every(1.0 / options.picture_hz) as u64,
+            picture_rows: (options.picture_chunk_s * options.picture_hz).round().max(1.0) as usize,
+            thresholds: Vec::new(),
+            guides_due: 0,
+            marks: Default::default(),
+            drawn: Default::default(),
+            fans: Default::default(),
+            motion: NullMotion::new(robot.length_m),
+            ghosts: [0; N],
+            situation: None,
+            unheard: 0,
+            lanes: Lanes::default(),
+            incarnations: Default::default(),
+        };
+        recording.open()?;
+        Ok(recording)
+    }
+
+    /// What every part begins with.
+    fn open(&mut self) -> Result<(), RecordError> {
+        self.sink.announce(&self.store);
+        self.write_properties();
+        self.write_figure();
+        self.sink.check()
+    }
+
+    /// Ends the present part and goes on in another storage.
+    ///
+    /// # Errors
+    /// As [`create`](Recording::create).
+    pub fn turn_over(&mut self, storage: W) -> Result<(), RecordError> {
+        self.flush();
+        let (chunks, ended) = (self.sink.chunks(), std::mem::replace(&mut self.sink, Sink::new(storage)?));
+        let bytes = ended.finish().inspect_err(|_| self.sink.abandon())?;
+        let FileInfo { parts, .. } = self.before;
+        self.before = FileInfo {
+            bytes: self.before.bytes + bytes,
+            chunks: self.before.chunks + chunks,
+            ticks: self.before.ticks + self.part_ticks,
+            parts: parts + 1,
+        };
+        // What is told when it changes is told again.
+        self.part_ticks = 0;
+        self.blueprint_sent = false;
+        self.guides_due = 0;
+        self.marks = Default::default();
+        self.drawn = Default::default();
+        self.fans = Default::default();
+        self.situation = None;
+        self.lanes = Lanes::default();
+        self.open()
+    }
+
+    /// Takes a tick in. Ticks must come in order; a tick that was lost leaves a gap.
+    ///
+    /// # Errors
+    /// [`RecordError`] when it ends the recording, once; ticks after it are not recorded.
+    pub fn tick(&mut self, row: &TickRow) -> Result<(), RecordError> {
+        if self.sink.is_closed() {
+            return Ok(());
+        }
+        if self.part_ticks == 0 {
+            self.write_ghosts(row.tick, true);
+            if let (Some(q), Some(turned)) = (row.q(), self.motion.turned(true)) {
+                let links = self.arm.link_poses(&SVector::from_column_slice(&q[..N])).map(|X| placement(&X));
+                self.write_turned(row.tick, &links, &turned);
+            }
+        }
+        self.part_ticks += 1;
+        self.last = Some(row.tick);
+        if !self.blueprint_sent && row.singularity.is_some() {
+            self.introduce(row);
+        }
+        // What an earlier part has is not written again.
+        if row.tick >= self.written.signals {
+            self.signals.push(row.tick, |put| sample(row, &self.limits, put));
+        }
+        if self.signals.rows() >= self.signal_rows {
+            self.write_signals();
+        }
+        if row.tick >= self.written.changes {
+            self.write_changes(row);
+            self.written.changes = row.tick + 1;
+        }
+        if row.tick.is_multiple_of(self.picture_every) && row.tick >= self.written.picture {
+            self.see(row);
+            if self.picture.rows() >= self.picture_rows {
+                self.write_picture();
+            }
+        }
+        if row.tick >= self.guides_due {
+            self.guides_due = row.tick + 2 * u64::from(self.rate_hz);
+            self.write_guides(row.tick);
+        }
+        self.sink.check()
+    }
+
+    /// How far it has come.
+    pub fn written(&self) -> Written {
+        self.written
+    }
+
+    /// Goes on where an earlier part had come to, which a recorder that was killed has left: ticks that come again are not written again.
+    pub fn go_on_after(&mut self, written: Written) {
+        self.written = written;
+    }
+
+    /// Notes an event.
+    pub fn event(&mut self, tick: u64, level: Level, text: &str) {
+        let level = match level {
+            Level::Info => TextLogLevel::INFO,
+            Level::Warning => TextLogLevel::WARN,
+            Level::Error => TextLogLevel::ERROR,
+        };
+        self.log(tick, entity::LOG, &TextLog::new(text).with_level(level));
+    }
+
+    /// Writes out what is being gathered.
+    pub fn flush(&mut self) {
+        self.write_signals();
+        self.write_picture();
+    }
+
+    /// Size of all parts so far; bytes.
+    pub fn bytes(&self) -> u64 {
+        self.before.bytes + self.sink.bytes()
+    }
+
+    /// Size of the present part; bytes.
+    pub fn part_bytes(&self) -> u64 {
+        self.sink.bytes()
+    }
+
+    /// Ticks in the present part.
+    pub fn part_ticks(&self) -> u64 {
+        self.part_ticks
+    }
+
+    /// Number of the present part, from 0.
+    pub fn part(&self) -> u32 {
+        self.before.parts
+    }
+
+    /// Ends the recording: everything gathered, the footer, and `sync`.
+    ///
+    /// # Errors
+    /// [`RecordError`] where one ended the recording and has not been answered yet; the file is readable nevertheless.
+    pub fn finish(mut self) -> Result<FileInfo, RecordError> {
+        if !self.blueprint_sent {
+            self.introduce(&TickRow::default());
+        }
+        self.flush();
+        if let Some(last) = self.last {
+            self.write_guides(last);
+        }
+        let (before, chunks) = (self.before, self.before.chunks + self.sink.chunks());
+        let ticks = before.ticks + self.part_ticks;
+        Ok(FileInfo { bytes: before.bytes + self.sink.finish()?, chunks, ticks, parts: before.parts + 1 })
+    }
+
+    /// Writes a layout as a `.rbl` file, to be opened beside any recording of the same robot; after the first tick.
+    ///
+    /// # Errors
+    /// [`RecordError`] where the file cannot be made or written.
+    pub fn save_blueprint(&self, path: &Path, layout: Layout) -> Result<(), RecordError> {
+        let mut sink = Sink::new(create(path)?)?;
+        blueprint::send(&mut sink, &self.blueprint(), &self.subject, layout);
+        sink.finish().map(drop)
+    }
+}

@@ -1,0 +1,31 @@
+//! The files of a recording.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+use crate::sink::RecordError;
+
+/// Name of a part of a recording in its folder: `run.rrd`, then `run-001.rrd`, `run-002.rrd` and so on.
+#[must_use]
+pub fn part_name(part: u32) -> String {
+    if part == 0 { "run.rrd".to_owned() } else { format!("run-{part:03}.rrd") }
+}
+
+/// The parts of a recording that a folder holds, in order; without one that whoever began it did not live to write anything into.
+#[must_use]
+pub fn parts_in(folder: &Path) -> Vec<PathBuf> {
+    let parts = (0..).map(|part| folder.join(part_name(part))).take_while(|path| path.exists());
+    parts.filter(|path| !is_blank(path)).collect()
+}
+
+/// Whether a file is empty, or no more than the head of a recording.
+pub(super) fn is_blank(path: &Path) -> bool {
+    const HEAD: usize = 64;
+    let mut head = Vec::new();
+    let read = File::open(path).and_then(|file| std::io::Read::read_to_end(&mut std::io::Read::take(file, HEAD as u64), &mut head));
+    read.is_ok() && head.len() < HEAD && (head.is_empty() || head.starts_with(b"RRF"))
+}
+
+pub(super) fn create(path: &Path) -> Result<File, RecordError> {
+    File::create(path).map_err(|source| RecordError::Create { path: path.display().to_string(), source })
+}

@@ -1,0 +1,74 @@
+//! Poses, meshes and the eye, as Rerun takes them.
+
+use glam::Vec3;
+use model::Robot;
+use re_log_types::ApplicationId;
+use re_sdk_types::ComponentDescriptor;
+use re_sdk_types::archetypes::Mesh3D;
+use re_sdk_types::components::{AlbedoFactor, Color};
+use re_sdk_types::datatypes::Quaternion;
+
+use crate::blueprint::{Eye, Subject};
+use crate::scene::rotation;
+use crate::solid::{Mesh, Placement, Rgba};
+
+/// Recordings of one robot share their blueprint.
+pub(super) fn application(robot: &Robot) -> ApplicationId {
+    ApplicationId::new_or_unknown(format!("armplane-{}", robot.name))
+}
+
+/// A component of ours.
+pub(super) fn custom(name: &'static str, archetype: Option<&'static str>) -> ComponentDescriptor {
+    let descriptor = ComponentDescriptor::partial(name);
+    archetype.map_or(descriptor.clone(), |archetype| descriptor.with_archetype(archetype.into()))
+}
+
+pub(super) fn pose(p: &[f64; 3], R: &[f64; 9]) -> Placement {
+    let R = R.map(|x| x as f32);
+    Placement { R: glam::Mat3::from_cols_array(&R), p: Vec3::new(p[0] as f32, p[1] as f32, p[2] as f32) }
+}
+
+pub(super) fn quaternion(at: &Placement) -> Quaternion {
+    Quaternion::from_xyzw(rotation(at).to_array())
+}
+
+pub(super) fn mesh3d(mesh: &Mesh, tint: Option<Rgba>) -> Mesh3D {
+    let colours = mesh.colours.iter().map(|[r, g, b, a]| Color::from_unmultiplied_rgba(*r, *g, *b, *a));
+    let made = Mesh3D::new(mesh.positions.iter().copied())
+        .with_vertex_normals(mesh.normals.iter().copied())
+        .with_vertex_colors(colours)
+        .with_triangle_indices(mesh.triangles.iter().copied());
+    match tint {
+        Some(tint) => made.with_albedo_factor(albedo(tint)),
+        None => made,
+    }
+}
+
+/// Another tint for a mesh that has been written.
+pub(super) fn tinted(tint: Rgba) -> Mesh3D {
+    Mesh3D::update_fields().with_albedo_factor(albedo(tint))
+}
+
+pub(super) fn albedo([r, g, b, a]: Rgba) -> AlbedoFactor {
+    AlbedoFactor(re_sdk_types::datatypes::Rgba32::from_unmultiplied_rgba(r, g, b, a))
+}
+
+/// An eye that sees the arm from floor to hand, with room for a mark of that size at the hand: off to the side of the plane in which the arm
+/// reaches out, a little above; a planar arm from above.
+pub(super) fn eye(places: &[Vec3], mark: f32, subject: &Subject, planar: bool) -> Eye {
+    // Half of Rerun's field of view; the sphere is roomier than the arm in it.
+    let distance = |radius: f32| 0.88 * radius / 27.5f32.to_radians().sin();
+    let hand = places.last().copied().unwrap_or(Vec3::X);
+    let foot = if planar { Vec3::ZERO } else { Vec3::Z * subject.floor_m.min(0.0) };
+    // Above the mark are its words.
+    let room = [hand + Vec3::splat(mark), hand - Vec3::splat(mark), hand + Vec3::Z * (1.5 * mark), foot];
+    let (low, high) = places.iter().chain(&room).fold((Vec3::ZERO, Vec3::ZERO), |(low, high), p| (low.min(*p), high.max(*p)));
+    let (look_at, radius) = ((low + high) / 2.0, (high - low).length() / 2.0);
+    if planar {
+        return Eye { position: look_at + Vec3::new(0.0, -0.25, 1.0).normalize() * distance(radius), look_at, up: Vec3::Y };
+    }
+    let heading = hand.with_z(0.0).normalize_or(Vec3::X);
+    let side = Vec3::new(heading.y, -heading.x, 0.0);
+    let position = look_at + (heading * 0.7 + side + Vec3::Z * 0.38).normalize() * distance(radius);
+    Eye { position, look_at, up: Vec3::Z }
+}

@@ -1,0 +1,196 @@
+//! The state of a recording in the making, and how a piece of it becomes a chunk.
+
+use glam::Vec3;
+use model::{Model, Robot};
+use re_chunk::external::arrow::buffer::ScalarBuffer;
+use re_chunk::{Chunk, ChunkComponents, ChunkId, EntityPath, RowId, TimeColumn, TimePoint, Timeline};
+use re_log_types::{StoreId, TimeCell};
+use re_sdk_types::{AsComponents, SerializedComponentColumn};
+use shared_types::MAX_SINGULARITIES;
+use shared_types::scenario::{Layout, Scenario};
+use std::fs::File;
+
+use super::columns::{Picture, Table};
+use crate::arm::Figure;
+use crate::blueprint::Subject;
+use crate::narration::Situation;
+use crate::scene::{Look, NullMotion};
+use crate::signals::Limits;
+use crate::sink::{FileInfo, Sink, Storage};
+
+/// Which run a recording is of.
+#[derive(Clone, Copy, Debug)]
+pub struct RunInfo<'a> {
+    /// What was asked for.
+    pub scenario: &'a Scenario,
+    /// The arm.
+    pub robot: &'a Robot,
+    /// Identifies the run, and its recording; unique.
+    pub run: &'a str,
+    /// Version of armplane that made it.
+    pub version: &'a str,
+    /// Seed of every random number.
+    pub seed: u64,
+}
+
+/// How much is recorded, and how often it is written.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// Numbers are written every so many seconds of the run: what a killed process leaves unwritten.
+    pub signal_chunk_s: f64,
+    /// The picture is written every so many seconds.
+    pub picture_chunk_s: f64,
+    /// Pictures per second.
+    pub picture_hz: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { signal_chunk_s: 0.25, picture_chunk_s: 1.0, picture_hz: 50.0 }
+    }
+}
+
+/// How far a recording has come: of every tick before these, it is on file what there is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Written {
+    /// Numbers.
+    pub signals: u64,
+    /// The picture.
+    pub picture: u64,
+    /// Modes, states and words.
+    pub changes: u64,
+}
+
+/// How serious an event is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {
+    /// As planned.
+    Info,
+    /// A fault that is being dealt with.
+    Warning,
+    /// Something failed.
+    Error,
+}
+
+/// A recording in the making: ticks in, an `.rrd` out.
+///
+/// It may be spread over several files, its parts: each opens alone, all of them together as one recording, because they carry the same
+/// recording id. [`next_part`](Self::next_part) turns to a fresh file within a run; [`create_part`](Self::create_part) lets another
+/// process take up where one was killed.
+///
+/// Ensures: nothing blocks but the storage; the first error ends the file at its last whole message and is answered once, by
+/// [`tick`](Self::tick) or [`finish`](Self::finish). A killed process leaves a file readable up to its last chunk.
+pub struct Recording<const N: usize, W: Storage = File> {
+    pub(super) sink: Sink<W>,
+    pub(super) store: StoreId,
+    pub(super) title: Title,
+    /// What the parts before this one hold.
+    pub(super) before: FileInfo,
+    /// Ticks of this part.
+    pub(super) part_ticks: u64,
+    pub(super) arm: Model<N>,
+    pub(super) figure: Figure,
+    /// Whether the arm moves in the base's plane only.
+    pub(super) planar: bool,
+    pub(super) limits: Limits,
+    pub(super) subject: Subject,
+    pub(super) layout: Layout,
+    pub(super) rate_hz: u32,
+    /// The blueprint waits for the first report, which names the singularities.
+    pub(super) blueprint_sent: bool,
+    pub(super) last: Option<u64>,
+    pub(super) written: Written,
+    pub(super) signals: Table,
+    pub(super) signal_rows: usize,
+    pub(super) picture: Picture,
+    pub(super) picture_every: u64,
+    pub(super) picture_rows: usize,
+    pub(super) thresholds: Vec<(f64, f64)>,
+    pub(super) guides_due: u64,
+    pub(super) marks: [Look; MAX_SINGULARITIES],
+    /// Class of each singularity whose mark's meshes this part has, and whether it turns.
+    pub(super) drawn: [Option<(u32, bool)>; MAX_SINGULARITIES],
+    /// ζ and C of each singularity as last drawn into its fan.
+    pub(super) fans: [Option<Vec3>; MAX_SINGULARITIES],
+    pub(super) motion: NullMotion,
+    /// How many ghosts each link has.
+    pub(super) ghosts: [usize; N],
+    pub(super) situation: Option<Situation>,
+    /// Ticks since the last command.
+    pub(super) unheard: u64,
+    pub(super) lanes: Lanes,
+    pub(super) incarnations: [u32; PROCESSES.len()],
+}
+
+/// What a recording says of its run.
+pub(super) struct Title {
+    pub(super) name: String,
+    pub(super) properties: [(&'static str, String); 6],
+}
+
+/// Writers of the five messages.
+pub(super) const PROCESSES: [&str; 4] = ["plant", "estimator", "analyzer", "controller"];
+
+/// What each lane of the state timeline says.
+#[derive(Debug, Default)]
+pub(super) struct Lanes {
+    pub(super) modes: [Option<u32>; MAX_SINGULARITIES],
+    pub(super) drive: Option<u32>,
+    pub(super) phase: Option<u32>,
+    pub(super) life: [Option<&'static str>; PROCESSES.len()],
+}
+
+impl<const N: usize, W: Storage> Recording<N, W> {
+    /// A tick's place on both time lines.
+    pub(super) fn at(&self, tick: u64) -> TimePoint {
+        TimePoint::from([("tick", TimeCell::from_sequence(tick as i64)), ("t", TimeCell::from_duration_nanos(self.nanoseconds(tick)))])
+    }
+
+    pub(super) fn nanoseconds(&self, tick: u64) -> i64 {
+        (u128::from(tick) * 1_000_000_000 / u128::from(self.rate_hz)) as i64
+    }
+
+    pub(super) fn log(&mut self, tick: u64, path: impl Into<EntityPath>, archetype: &dyn AsComponents) {
+        let chunk = Chunk::builder(path).with_archetype(RowId::new(), self.at(tick), archetype).build();
+        self.sink.chunk(&self.store, chunk);
+    }
+
+    pub(super) fn log_static(&mut self, path: impl Into<EntityPath>, archetype: &dyn AsComponents) {
+        let chunk = Chunk::builder(path).with_archetype(RowId::new(), TimePoint::default(), archetype).build();
+        self.sink.chunk(&self.store, chunk);
+    }
+
+    pub(super) fn chunk_of(
+        &self,
+        path: &str,
+        ticks: &[u64],
+        components: impl IntoIterator<Item = SerializedComponentColumn>,
+    ) -> re_chunk::ChunkResult<Chunk> {
+        let first = RowId::new();
+        let rows: Vec<RowId> = (0..ticks.len()).map(|k| first.incremented_by(k as u64)).collect();
+        let column =
+            |timeline: Timeline, times: Vec<i64>| (*timeline.name(), TimeColumn::new(Some(true), timeline, ScalarBuffer::from(times)));
+        let timelines = [
+            column(Timeline::new_sequence("tick"), ticks.iter().map(|tick| *tick as i64).collect()),
+            column(Timeline::new_duration("t"), ticks.iter().map(|tick| self.nanoseconds(*tick)).collect()),
+        ];
+        let components: ChunkComponents = components.into_iter().collect();
+        Chunk::from_native_row_ids(ChunkId::new(), path.into(), Some(true), &rows, timelines.into_iter().collect(), components)
+    }
+}
+
+impl Title {
+    pub(super) fn new(run: &RunInfo) -> Self {
+        let RunInfo { scenario, robot, .. } = *run;
+        let name = if scenario.title.is_empty() { &scenario.name } else { &scenario.title };
+        let properties = [
+            ("scenario", scenario.name.clone()),
+            ("robot", robot.name.clone()),
+            ("run", run.run.to_owned()),
+            ("seed", run.seed.to_string()),
+            ("rate_hz", scenario.rate_hz.to_string()),
+            ("armplane", run.version.to_owned()),
+        ];
+        Self { name: name.clone(), properties }
+    }
+}
