@@ -21,13 +21,14 @@ pub struct Encoders<const N: usize> {
 impl<const N: usize> Encoders<N> {
     /// Encoders of `bits` per turn with noise of standard deviation `noise_counts`.
     ///
-    /// Requires robot.dof() = N and bits < 53.
+    /// Requires robot.dof() ≤ N and bits < 53; the places of absent joints are ideal.
     #[must_use]
     pub fn new(robot: &Robot, bits: u32, noise_counts: f64, seed: u64) -> Self {
-        let resolution = SVector::from_fn(|i, _| match robot.joints[i].kind {
+        let resolution = SVector::from_fn(|i, _| match robot.joints.get(i).map(|joint| joint.kind) {
             _ if bits == 0 => 0.0,
-            JointKind::Prismatic => 1.0 / (1u64 << bits) as f64,
-            JointKind::Revolute | JointKind::Continuous => std::f64::consts::TAU / (1u64 << bits) as f64,
+            None => 0.0,
+            Some(JointKind::Prismatic) => 1.0 / (1u64 << bits) as f64,
+            Some(JointKind::Revolute | JointKind::Continuous) => std::f64::consts::TAU / (1u64 << bits) as f64,
         });
         Self { resolution, noise_counts, seed }
     }

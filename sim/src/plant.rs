@@ -35,7 +35,7 @@ pub struct Plant<const N: usize> {
 }
 
 impl<const N: usize> Plant<N> {
-    /// The arm `robot` at rest at `q_start`, seen at `frame` (its default frame where empty), `rate_hz` ticks a second.
+    /// The arm `robot` at rest at `q_start` (zero at absent joints), seen at `frame` (its default frame where empty), `rate_hz` ticks a second.
     ///
     /// `options.mass_factor` scales the links' masses and inertias; the armature is the drives', and stays.
     ///
@@ -55,7 +55,7 @@ impl<const N: usize> Plant<N> {
             joint.inertia *= factor;
         }
         let model = Model::new(&robot, (!frame.is_empty()).then_some(frame))?;
-        robot.check_posture(q_start.as_slice())?;
+        robot.check_posture(&q_start.as_slice()[..robot.dof()])?;
         if model.mass_matrix(q_start).cholesky().is_none() {
             return Err(PlantError::SingularMass { robot: robot.name });
         }

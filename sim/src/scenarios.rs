@@ -19,11 +19,10 @@ mod tests {
     use super::*;
     use crate::{Plant, PlantError};
     use model::Robot;
-    use nalgebra::SVector;
     use shared_types::scenario::Scenario;
 
     fn starts<const N: usize>(robot: &Robot, scenario: &Scenario, q: &[f64]) -> Result<(), PlantError> {
-        let q = SVector::<f64, N>::from_column_slice(q);
+        let q = model::embedded::<N>(q);
         Plant::<N>::new(robot, &scenario.frame, &scenario.plant, scenario.rate_hz, &q).map(|_| ())
     }
 

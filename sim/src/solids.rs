@@ -106,7 +106,7 @@ pub(crate) fn reach<const N: usize>(robot: &Robot, solids: &[Solid]) -> SVector<
     let own = |i: usize| solids.iter().filter(|s| s.link == Some(i)).map(|s| s.reach).fold(0.0, f64::max);
     let mut reach = SVector::zeros();
     let mut beyond = 0.0;
-    for i in (0..N).rev() {
+    for i in (0..robot.dof()).rev() {
         beyond = own(i).max(beyond);
         reach[i] = if robot.joints[i].kind == model::JointKind::Prismatic { 1.0 } else { beyond };
         beyond += robot.joints[i].X_PJ.p.norm() + slide(i);

@@ -68,6 +68,9 @@ pub(crate) struct World<const N: usize> {
     soft_bodies: SoftBodySet,
     ccd_solver: CCDSolver,
     arm: MultibodyJointHandle,
+    /// The arm's own joints; the places beyond are absent joints, which rapier does not see.
+    joints: usize,
+    /// The base at the places of absent joints.
     links: [RigidBodyHandle; N],
     /// Joint axes, link axes.
     axes: [math::Vector; N],
@@ -102,8 +105,7 @@ impl<const N: usize> World<N> {
         let mut links = [base; N];
         let mut axes = [math::Vector::ZERO; N];
         let mut arm = None;
-        for i in 0..N {
-            let joint = &robot.joints[i];
+        for (i, joint) in robot.joints.iter().enumerate() {
             let mass = mass_properties(joint)?;
             links[i] = bodies.insert(RigidBodyBuilder::dynamic().can_sleep(false).additional_mass_properties(mass));
             let axis = joint.axis;
@@ -126,9 +128,9 @@ impl<const N: usize> World<N> {
         let (multibody, _) = multibody_joints.get_mut(arm).ok_or(PlantError::NoJoints)?;
         multibody.forward_kinematics(&bodies, true);
         multibody.damping_mut().fill(0.0);
-        for i in 0..N {
-            multibody.armature_mut()[i] = robot.joints[i].armature;
-            multibody.frictions_mut()[i] = if dry_friction { robot.joints[i].coulomb_friction } else { 0.0 };
+        for (i, joint) in robot.joints.iter().enumerate() {
+            multibody.armature_mut()[i] = joint.armature;
+            multibody.frictions_mut()[i] = if dry_friction { joint.coulomb_friction } else { 0.0 };
         }
 
         let mut moving = Vec::new();
@@ -187,7 +189,8 @@ impl<const N: usize> World<N> {
             arm,
             links,
             axes,
-            sliding: std::array::from_fn(|i| robot.joints[i].kind == JointKind::Prismatic),
+            joints: robot.dof(),
+            sliding: std::array::from_fn(|i| robot.joints.get(i).is_some_and(|joint| joint.kind == JointKind::Prismatic)),
             solids,
             pairs,
             floor,
@@ -240,9 +243,11 @@ impl<const N: usize> World<N> {
         let Some((multibody, _)) = self.multibody_joints.get(self.arm) else { unreachable!("the arm is never removed from the world") };
         let velocity = multibody.generalized_velocity();
         let acceleration = multibody.generalized_acceleration();
-        let state =
-            State { q: SVector::from_fn(|i, _| coordinate(multibody, i, self.sliding[i])), qdot: SVector::from_fn(|i, _| velocity[i]) };
-        let free = SVector::from_fn(|i, _| x.qdot[i] + self.parameters.dt * acceleration[i]);
+        let (mut state, mut free) = (*x, x.qdot);
+        for i in 0..self.joints {
+            (state.q[i], state.qdot[i]) = (coordinate(multibody, i, self.sliding[i]), velocity[i]);
+            free[i] = x.qdot[i] + self.parameters.dt * acceleration[i];
+        }
         Response { state, free, contacts, candidates, impulse }
     }
 
@@ -252,15 +257,18 @@ impl<const N: usize> World<N> {
         // Coordinates can only be displaced. A displacement rounds, but less each time: a − b is exact for a ≈ b
         // (Sterbenz), so that the second or third one lands exactly.
         for _ in 0..4 {
-            let displacement: [f64; N] = std::array::from_fn(|i| x.q[i] - coordinate(multibody, i, self.sliding[i]));
+            let mut displacement = [0.0; N];
+            for (i, d) in displacement[..self.joints].iter_mut().enumerate() {
+                *d = x.q[i] - coordinate(multibody, i, self.sliding[i]);
+            }
             if displacement.iter().all(|d| *d == 0.0) {
                 break;
             }
-            multibody.apply_displacements(&displacement);
+            multibody.apply_displacements(&displacement[..self.joints]);
         }
-        multibody.generalized_velocity_mut().copy_from_slice(x.qdot.as_slice());
+        multibody.generalized_velocity_mut().copy_from_slice(&x.qdot.as_slice()[..self.joints]);
         multibody.forward_kinematics(&self.bodies, false);
-        for (i, link) in self.links.iter().enumerate() {
+        for (i, link) in self.links[..self.joints].iter().enumerate() {
             if let (Some(body), Some(at)) = (self.bodies.get_mut(*link), multibody.link(i + 1)) {
                 body.set_position(*at.local_to_world(), false);
             }
@@ -269,11 +277,11 @@ impl<const N: usize> World<N> {
 
     /// Applies joint torques as equal and opposite torques (forces, for a sliding joint) on the links they join.
     fn push(&mut self, tau: &SVector<f64, N>) {
-        for link in self.links {
-            self.bodies[link].reset_forces(false);
-            self.bodies[link].reset_torques(false);
+        for link in &self.links[..self.joints] {
+            self.bodies[*link].reset_forces(false);
+            self.bodies[*link].reset_torques(false);
         }
-        for i in 0..N {
+        for i in 0..self.joints {
             let child = &mut self.bodies[self.links[i]];
             let effort = *child.rotation() * self.axes[i] * tau[i];
             let at = child.center_of_mass();

@@ -8,6 +8,9 @@ const URDF_WITHOUT_INERTIA: &str = r#"<robot name="bare"><link name="base"/><lin
 <joint name="j1" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
 <limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"#;
 
+const INERTIA_WITHOUT_MASS: &str = r#"<link name="arm"><inertial><mass value="0"/>
+<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>"#;
+
 #[test]
 fn every_wrong_input_is_refused_with_its_reason() {
     let desk = Desk::new();
@@ -24,7 +27,10 @@ fn every_wrong_input_is_refused_with_its_reason() {
     desk.file("bare.urdf", URDF_WITHOUT_INERTIA);
     scenario("bare.toml", "puma560", "bare.urdf");
 
-    let cases: [(&[&str], &str); 14] = [
+    desk.file("macro.urdf", &URDF_WITHOUT_INERTIA.replace("</robot>", "<xacro:arm/></robot>"));
+    desk.file("hand.urdf", &URDF_WITHOUT_INERTIA.replace("<link name=\"arm\"/>", INERTIA_WITHOUT_MASS));
+
+    let cases: [(&[&str], &str); 16] = [
         (&["run", "fig5-wrist-rotatoin"], "did you mean `fig5-wrist-rotation`?"),
         (&["run", "missing.toml"], "cannot read missing.toml"),
         (&["run", "typo.toml"], "typo.toml:6: unknown field `duration` (did you mean `duration_s`?)"),
@@ -37,6 +43,8 @@ fn every_wrong_input_is_refused_with_its_reason() {
         (&["run", "good.toml", "--set", "rate_hz=7"], "rate 7 Hz is out of range"),
         (&["run", "good.toml", "--out", "/proc/nowhere"], "choose another folder with --out"),
         (&["run", "good.toml", "--graph", "typo.toml"], "typo.toml"),
+        (&["inspect", "--robot", "macro.urdf"], "<xacro:arm> is a macro: expand the file first"),
+        (&["inspect", "--robot", "hand.urdf"], "moving link 'arm' has no inertia"),
         (&["inspect", "--robot", "r2d2", "--q", "0"], "there is no robot 'r2d2'"),
         (&["inspect", "--q", "0,0,0"], "joint"),
     ];

@@ -73,3 +73,28 @@ fn list_and_graph_speak_json_and_drawings() {
     let graph: Value = serde_json::from_str(&desk.armplane(&["graph", "--json"]).out).unwrap();
     assert_eq!(graph["process"].as_array().unwrap().len(), 5);
 }
+
+/// Arms of 2, 5 and 8 joints, without `--q`: the middle of each range, and matrices of the arm's own size.
+#[test]
+fn arms_of_any_size_are_inspected_in_the_middle_of_their_ranges() {
+    let desk = Desk::new();
+    for joints in [2, 5, 8] {
+        let axes = ["0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "0 0 1", "1 0 0", "0 1 0"];
+        let body = r#"<inertial><origin xyz="0.1 0 0.1"/><mass value="1"/><inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial>"#;
+        let mut urdf = r#"<robot name="arm"><link name="l0"/><drake:ignored><deep/></drake:ignored>"#.to_owned();
+        for (i, axis) in axes[..joints].iter().enumerate() {
+            let (parent, child) = (i, i + 1);
+            urdf += &format!(
+                r#"<link name="l{child}">{body}</link><joint name="j{child}" type="revolute"><parent link="l{parent}"/><child link="l{child}"/>
+                <origin xyz="0.1 0 0.2"/><axis xyz="{axis}"/><limit lower="-1" upper="1.5" effort="10" velocity="2"/></joint>"#
+            );
+        }
+        desk.file("arm.urdf", &(urdf + "</robot>"));
+        let said = desk.armplane(&["inspect", "--robot", "arm.urdf", "--json"]);
+        assert_eq!(said.code, 0, "{}", said.err);
+        let found: Value = serde_json::from_str(&said.out).unwrap();
+        assert_eq!(numbers(&found["q"]), vec![0.25; joints]);
+        assert_eq!((numbers(&found["A"]).len(), numbers(&found["J"]).len()), (joints * joints, 6 * joints));
+        assert_eq!(found["rank"], joints.min(6));
+    }
+}

@@ -25,8 +25,12 @@ impl Ellipsoid {
     /// {J q̇ : |q̇_i| bounded in the ellipsoidal norm of the joints' speed limits}: half axes √λ(J diag(q̇_max²) Jᵀ). Where a joint has no limit,
     /// all count as equally fast.
     pub(crate) fn velocity<const N: usize>(J: &SMatrix<f64, 6, N>, qdot_max: &SVector<f64, N>, half: Half) -> Self {
-        let limited = qdot_max.iter().all(|limit| limit.is_finite());
-        let scaled = SMatrix::<f64, 6, N>::from_fn(|row, column| J[(row, column)] * if limited { qdot_max[column] } else { 1.0 });
+        // A joint that does not move the frame, an absent one among them, has no say.
+        let limited = qdot_max.iter().enumerate().all(|(i, limit)| limit.is_finite() || J.column(i).iter().all(|x| *x == 0.0));
+        let scaled = SMatrix::<f64, 6, N>::from_fn(|row, column| {
+            let limit = qdot_max[column];
+            J[(row, column)] * if limited && limit.is_finite() { limit } else { 1.0 }
+        });
         Self::of(&block(&(scaled * scaled.transpose()), half), f64::sqrt)
     }
 

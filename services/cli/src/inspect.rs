@@ -3,8 +3,8 @@
 use std::process::ExitCode;
 
 use clap::Args;
-use model::{Model, Refused, Robot, with_dof};
-use nalgebra::{DMatrix, SVector};
+use model::{Model, Refused, Robot, embedded, with_dof};
+use nalgebra::DMatrix;
 use serde_json::{Value, json};
 use session::{Failure, load};
 use shared_types::scenario::{Scenario, Segment, Start};
@@ -21,8 +21,8 @@ pub(crate) struct InspectArgs {
     /// End-effector frame [default: the robot's].
     #[arg(long, value_name = "LINK")]
     frame: Option<String>,
-    /// Joint positions in rad, separated by commas, or a posture's name.
-    #[arg(long, value_name = "Q", allow_hyphen_values = true, required_unless_present = "q_deg", conflicts_with = "q_deg")]
+    /// Joint positions in rad, separated by commas, or a posture's name [default: the middle of the joints' ranges].
+    #[arg(long, value_name = "Q", allow_hyphen_values = true, conflicts_with = "q_deg")]
     q: Option<String>,
     /// Joint positions in degrees, separated by commas.
     #[arg(long, value_name = "Q", allow_hyphen_values = true, value_delimiter = ',')]
@@ -57,7 +57,7 @@ fn posture(args: &InspectArgs, robot: &Robot) -> Result<Vec<f64>, Failure> {
             Ok(radians) => Start { q_rad: Some(radians), ..Start::default() },
             Err(_) => Start { posture: Some(text.clone()), ..Start::default() },
         },
-        (None, None) => Start::default(),
+        (None, None) => Start { q_rad: Some(robot.middle()), ..Start::default() },
     };
     robot.start_posture(&start).map_err(Failure::input)
 }
@@ -104,15 +104,15 @@ struct Numbers {
 
 fn evaluate<const N: usize>(robot: &Robot, frame: Option<&str>, q: &[f64], qdot: &[f64]) -> Result<Numbers, Failure> {
     let model = Model::<N>::new(robot, frame).map_err(Failure::input)?;
-    let (q_vector, qdot_vector) = (SVector::<f64, N>::from_column_slice(q), SVector::<f64, N>::from_column_slice(qdot));
+    let (n, q_vector, qdot_vector) = (robot.dof(), embedded::<N>(q), embedded::<N>(qdot));
     let terms = model.evaluate(&q_vector, &qdot_vector);
     let start = Start { q_rad: Some(q.to_vec()), ..Start::default() };
     let mut analyzer = analyzer::cycle(robot, &start_only(robot, frame, start)).map_err(Failure::input)?;
     let mut estimate = StateEstimate::default();
-    estimate.q[..N].copy_from_slice(q);
-    estimate.qdot[..N].copy_from_slice(qdot);
+    estimate.q[..n].copy_from_slice(q);
+    estimate.qdot[..n].copy_from_slice(qdot);
     let report = analyzer.step(&estimate);
-    let J = DMatrix::from_fn(6, N, |row, column| terms.J[(row, column)]);
+    let J = DMatrix::from_fn(6, n, |row, column| terms.J[(row, column)]);
     let (R, p) = (terms.X_BE.R, terms.X_BE.p);
     let mut singular_values: Vec<f64> = J.clone().svd(false, false).singular_values.iter().copied().collect();
     singular_values.sort_by(|a, b| b.total_cmp(a));
@@ -126,11 +126,11 @@ fn evaluate<const N: usize>(robot: &Robot, frame: Option<&str>, q: &[f64], qdot:
             [R[(2, 0)], R[(2, 1)], R[(2, 2)], p.z],
             [0.0, 0.0, 0.0, 1.0],
         ],
-        det: (N == 6).then(|| J.determinant()),
+        det: (n == 6).then(|| J.determinant()),
         J,
-        A: DMatrix::from_fn(N, N, |row, column| terms.A[(row, column)]),
-        gravity: terms.gravity.as_slice().to_vec(),
-        bias: (terms.coriolis + terms.gravity).as_slice().to_vec(),
+        A: DMatrix::from_fn(n, n, |row, column| terms.A[(row, column)]),
+        gravity: terms.gravity.as_slice()[..n].to_vec(),
+        bias: (terms.coriolis + terms.gravity).as_slice()[..n].to_vec(),
         Jdot_qdot: terms.Jdot_qdot.as_slice().to_vec(),
         singular_values,
         report,

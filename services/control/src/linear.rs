@@ -1,7 +1,7 @@
 //! Small dense algebra of static size: solvers with a rank check and a bounded number of iterations.
 
-pub use model::rotation_log;
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3, Vector6};
+pub use model::{rotation_exp, rotation_log};
+use nalgebra::{SMatrix, SVector, Vector3, Vector6};
 
 /// Why a square system could not be solved.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -232,18 +232,6 @@ pub fn angular(twist: &Vector6<f64>) -> Vector3<f64> {
     twist.fixed_rows::<3>(3).into_owned()
 }
 
-/// Rotation by the rotation vector `rho` (axis times angle, rad): Rodrigues' formula.
-#[must_use]
-pub fn rotation_exp(rho: &Vector3<f64>) -> Matrix3<f64> {
-    let angle = rho.norm();
-    if angle < 1e-12 {
-        return Matrix3::identity() + rho.cross_matrix();
-    }
-    let K = (rho / angle).cross_matrix();
-    let (sin, cos) = libm::sincos(angle);
-    Matrix3::identity() + K * sin + K * K * (1.0 - cos)
-}
-
 /// Cubic step: 0 at x ≤ 0, 1 at x ≥ 1, flat at both ends.
 #[must_use]
 pub fn smoothstep(x: f64) -> f64 {
@@ -275,7 +263,7 @@ pub fn clamp_norm(v: Vector3<f64>, length: f64) -> Vector3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::Matrix6;
+    use nalgebra::{Matrix3, Matrix6};
     use proptest::prelude::*;
 
     fn matrix6() -> impl Strategy<Value = Matrix6<f64>> {

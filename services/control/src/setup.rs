@@ -33,8 +33,7 @@ pub enum SetupError {
 /// [`SetupError::Start`] if it does not fit the robot or lies outside its limits.
 pub fn start_posture<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<SVector<f64, N>, SetupError> {
     let q = robot.start_posture(&scenario.start)?;
-    // `Model::new` refuses a robot of another size, so the lengths agree wherever a controller can exist.
-    Ok(SVector::from_fn(|i, _| q.get(i).copied().unwrap_or_default()))
+    Ok(model::embedded(&q))
 }
 
 /// The posture goal of each segment, rad; the start posture where it has none.
@@ -51,7 +50,7 @@ pub(crate) fn posture_goals<const N: usize>(
         Some(q) => {
             let start = Start { q_deg: Some(q.clone()), ..Start::default() };
             let q = robot.start_posture(&start).map_err(|error| SetupError::Posture { segment, error })?;
-            Ok(SVector::from_fn(|i, _| q.get(i).copied().unwrap_or_default()))
+            Ok(model::embedded(&q))
         }
     };
     scenario.segment.iter().enumerate().map(goal).collect()

@@ -1,6 +1,6 @@
 //! An arm with its number of joints in the type.
 
-use crate::body::{Body, body_axes};
+use crate::body::{Body, Moves, body_axes};
 use crate::joint::{Joint, JointKind};
 use crate::pose::Pose;
 use crate::robot::Robot;
@@ -10,8 +10,8 @@ use nalgebra::{Matrix3, SVector, Vector3};
 /// Why a robot has no model of this size or at this frame.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ModelError {
-    /// The number of joints in the type is not the robot's.
-    #[error("robot '{robot}' has {actual} joints, not {expected}: use Model::<{actual}>")]
+    /// The robot has more joints than the type.
+    #[error("robot '{robot}' has {actual} joints, more than {expected}: use Model::<{actual}>")]
     Dof {
         /// The robot's name.
         robot: String,
@@ -32,7 +32,11 @@ pub enum ModelError {
     },
 }
 
-/// An arm with `N` joints and one end-effector frame, ready to compute.
+/// An arm of at most `N` joints and one end-effector frame, ready to compute.
+///
+/// Places beyond the arm's own joints are *absent* joints: their columns of J are zero, their block of A is the identity, their bias torques are
+/// zero, their limits infinite. They are decoupled from the arm, so that with q, q̇ and τ zero there they stay at zero, and every algorithm gives
+/// the arm's own values in its own places. An arm of two to five joints thus shares the code of six.
 ///
 /// Immutable: every function is a pure function of its arguments, allocates nothing, and cannot fail. Finite arguments
 /// give finite results; q may be any real posture, inside the limits or not.
@@ -51,45 +55,50 @@ pub struct Model<const N: usize> {
     pub(crate) upper: SVector<f64, N>,
     pub(crate) effort: SVector<f64, N>,
     pub(crate) velocity: SVector<f64, N>,
+    pub(crate) torque_rate: SVector<f64, N>,
 }
 
 impl<const N: usize> Model<N> {
     /// The model of `robot` with its end-effector frame at `frame` (its default frame if `None`).
     ///
     /// # Errors
-    /// [`ModelError`] if `robot` does not have `N` joints, or no such frame.
+    /// [`ModelError`] if `robot` has more than `N` joints, or no such frame.
     pub fn new(robot: &Robot, frame: Option<&str>) -> Result<Self, ModelError> {
-        if robot.dof() != N {
+        if robot.dof() > N || robot.dof() == 0 {
             return Err(ModelError::Dof { robot: robot.name.clone(), expected: N, actual: robot.dof() });
         }
-        let R_urdf: [Matrix3<f64>; N] = std::array::from_fn(|i| body_axes(&robot.joints[i]).transpose());
+        // An absent joint carries the last link's frame.
+        let last = robot.dof() - 1;
+        let R_urdf: [Matrix3<f64>; N] = std::array::from_fn(|i| body_axes(&robot.joints[i.min(last)]).transpose());
         let bodies = std::array::from_fn(|i| {
-            let joint = &robot.joints[i];
+            let Some(joint) = robot.joints.get(i) else { return Body::absent(R_urdf[last]) };
             let to_parent = if i == 0 { Matrix3::identity() } else { R_urdf[i - 1] };
             let to_link = R_urdf[i];
             Body {
                 R_0: to_parent * joint.X_PJ.R * to_link.transpose(),
                 p_0: to_parent * joint.X_PJ.p,
-                prismatic: joint.kind == JointKind::Prismatic,
+                moves: if joint.kind == JointKind::Prismatic { Moves::Slides } else { Moves::Turns },
                 mass: joint.mass,
                 com: to_link * joint.com,
                 inertia: LinkInertia::new(&(to_link * joint.inertia * to_link.transpose())),
                 R_urdf: to_link,
             }
         });
-        let column = |f: fn(&Joint) -> f64| SVector::from_fn(|i, _| f(&robot.joints[i]));
+        let column = |f: fn(&Joint) -> f64, absent: f64| SVector::from_fn(|i, _| robot.joints.get(i).map_or(absent, f));
+        const NONE: f64 = f64::INFINITY;
         let base = Self {
             bodies,
             ee_body: None,
             X_LE: Pose::identity(),
             gravity: robot.gravity,
-            armature: column(|j| j.armature),
-            viscous_friction: column(|j| j.viscous_friction),
-            coulomb_friction: column(|j| j.coulomb_friction),
-            lower: column(|j| j.lower),
-            upper: column(|j| j.upper),
-            effort: column(|j| j.effort),
-            velocity: column(|j| j.velocity),
+            armature: column(|j| j.armature, 1.0),
+            viscous_friction: column(|j| j.viscous_friction, 0.0),
+            coulomb_friction: column(|j| j.coulomb_friction, 0.0),
+            lower: column(|j| j.lower, -NONE),
+            upper: column(|j| j.upper, NONE),
+            effort: column(|j| j.effort, NONE),
+            velocity: column(|j| j.velocity, NONE),
+            torque_rate: column(|j| j.torque_rate, NONE),
         };
         base.with_frame(robot, frame.unwrap_or(&robot.default_frame))
     }
@@ -157,5 +166,10 @@ impl<const N: usize> Model<N> {
     /// Speed limits, rad/s; ∞ for none.
     pub fn velocity(&self) -> &SVector<f64, N> {
         &self.velocity
+    }
+
+    /// Largest rates of change of the torques, N·m/s; ∞ for none.
+    pub fn torque_rate(&self) -> &SVector<f64, N> {
+        &self.torque_rate
     }
 }

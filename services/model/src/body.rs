@@ -5,6 +5,17 @@ use crate::pose::Pose;
 use crate::spatial::{LinkInertia, Motion, RigidInertia, times};
 use nalgebra::{Matrix3, Vector3};
 
+/// The motion of a joint.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Moves {
+    /// Turns about its axis.
+    Turns,
+    /// Slides along its axis.
+    Slides,
+    /// No motion: the place of a joint that the arm does not have.
+    Absent,
+}
+
 /// A moving link and its joint, in [axes](body_axes) chosen to make the work short.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Body {
@@ -12,7 +23,7 @@ pub(crate) struct Body {
     pub(crate) R_0: Matrix3<f64>,
     /// This link's origin in the parent link's axes, at q = 0, m.
     pub(crate) p_0: Vector3<f64>,
-    pub(crate) prismatic: bool,
+    pub(crate) moves: Moves,
     pub(crate) mass: f64,
     /// Centre of mass, link axes, m.
     pub(crate) com: Vector3<f64>,
@@ -23,14 +34,24 @@ pub(crate) struct Body {
 }
 
 impl Body {
+    /// The place of a joint that the arm does not have, beyond a link with the URDF axes `R_urdf`.
+    pub(crate) fn absent(R_urdf: Matrix3<f64>) -> Self {
+        let (zero, none) = (Vector3::zeros(), Matrix3::zeros());
+        let inertia = LinkInertia::new(&none);
+        Self { R_0: Matrix3::identity(), p_0: zero, moves: Moves::Absent, mass: 0.0, com: zero, inertia, R_urdf }
+    }
+
     /// From the parent link's pose in the base to this link's, and the joint's motion axis there.
     #[inline(always)]
     pub(crate) fn step(&self, X: &mut Pose, q: f64) -> Motion {
+        if self.moves == Moves::Absent {
+            return Motion::ZERO;
+        }
         X.p += times(&X.R, &self.p_0);
         let x = times(&X.R, &column(&self.R_0, 0));
         let y = times(&X.R, &column(&self.R_0, 1));
         let z = times(&X.R, &column(&self.R_0, 2));
-        if self.prismatic {
+        if self.moves == Moves::Slides {
             X.p += z * q;
             X.R = Matrix3::from_columns(&[x, y, z]);
             Motion::along(z)

@@ -9,6 +9,7 @@ const BUILTIN: &[(&str, &str, &str)] = &[
     ("puma560-ideal", include_str!("../robots/puma560-ideal.urdf"), include_str!("../robots/puma560-ideal.toml")),
     ("planar3r", include_str!("../robots/planar3r.urdf"), include_str!("../robots/planar3r.toml")),
     ("ur5", include_str!("../robots/ur5.urdf"), include_str!("../robots/ur5.toml")),
+    ("planar2r", include_str!("../robots/planar2r.urdf"), include_str!("../robots/planar2r.toml")),
     ("iiwa14", include_str!("../robots/iiwa14.urdf"), include_str!("../robots/iiwa14.toml")),
 ];
 

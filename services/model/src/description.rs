@@ -2,6 +2,7 @@
 //!
 //! ```toml
 //! default_frame = "flange"          # end-effector frame: a link of the URDF. Default: the chain's last link
+//! base_frame = "torso_lift_link"    # the arm's base: a link of the URDF. Default: the URDF's root
 //! gravity = [0.0, 0.0, -9.81]       # m/s², base axes. Default as shown
 //! length_m = 0.43                   # makes radians and metres comparable. Default: half the sum of the link lengths
 //! encoder_bits = 16                 # per turn, 1 to 32. Default 16
@@ -21,6 +22,8 @@
 //! upper = 2.79
 //! effort = 97.6                     # N·m
 //! velocity = 1.92                   # rad/s
+//! torque_rate = 1000.0              # N·m/s that the drive accepts (inf allowed). Default: the torque limit in 20 ms
+//! locked = 0.5                      # rad: the joint is no joint of the arm but fixed there. Default: free. No other key beside it
 //!
 //! [postures]                        # by name, rad, within the limits. Default: `middle` of the limits (0 where there are none)
 //! ready = [0.0, -1.57, 1.57, 0.0, 0.0, 0.0]
@@ -34,6 +37,7 @@ use crate::factors::Factors;
 use crate::joint::Joint;
 use crate::robot::Robot;
 use crate::task::{TaskAxes, TaskAxis};
+use crate::urdf::Cut;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
@@ -41,6 +45,7 @@ use std::collections::BTreeMap;
 #[serde(deny_unknown_fields, default)]
 pub(crate) struct Description {
     pub(crate) default_frame: Option<String>,
+    base_frame: Option<String>,
     gravity: Option<[f64; 3]>,
     length_m: Option<f64>,
     encoder_bits: Option<u32>,
@@ -66,15 +71,32 @@ struct JointTable {
     upper: Option<f64>,
     effort: Option<f64>,
     velocity: Option<f64>,
+    torque_rate: Option<f64>,
+    locked: Option<f64>,
 }
+
+/// The torque limit over this time is the default torque rate, s.
+const RISE_S: f64 = 0.02;
 
 impl Description {
     pub(crate) fn parse(text: &str) -> Result<Self, DescriptionError> {
         toml::from_str(text).map_err(|error| DescriptionError(error.to_string()))
     }
 
+    /// The part of the URDF that is the arm.
+    pub(crate) fn cut(&self) -> Cut<'_> {
+        Cut {
+            base: self.base_frame.as_deref(),
+            end: self.default_frame.as_deref(),
+            locked: self.joints.iter().filter_map(|(name, table)| Some((name.as_str(), table.locked?))).collect(),
+        }
+    }
+
     pub(crate) fn apply_to_joints(&self, robot: &str, joints: &mut [Joint]) -> Result<(), RobotError> {
-        for (name, table) in &self.joints {
+        for joint in joints.iter_mut() {
+            joint.torque_rate = self.joints.get(&joint.name).and_then(|table| table.effort).unwrap_or(joint.effort) / RISE_S;
+        }
+        for (name, table) in self.joints.iter().filter(|(_, table)| table.locked.is_none()) {
             let known = list(joints.iter().map(|joint| &joint.name));
             let Some(joint) = joints.iter_mut().find(|joint| joint.name == *name) else {
                 return Err(RobotError::UnknownJoint { robot: robot.to_owned(), joint: name.clone(), known });
@@ -87,6 +109,7 @@ impl Description {
                 (table.upper, &mut joint.upper),
                 (table.effort, &mut joint.effort),
                 (table.velocity, &mut joint.velocity),
+                (table.torque_rate, &mut joint.torque_rate),
             ] {
                 *value = stated.unwrap_or(*value);
             }
@@ -131,22 +154,11 @@ impl Description {
         }
         robot.postures = self.postures;
         if robot.postures.is_empty() {
-            robot.postures.insert("middle".to_owned(), middle(&robot.joints));
+            robot.postures.insert("middle".to_owned(), robot.middle());
         }
         for (name, q) in &robot.postures {
             robot.check_posture(q).map_err(|reason| RobotError::Posture { robot: robot.name.clone(), name: name.clone(), reason })?;
         }
         Ok(())
     }
-}
-
-/// Half-way between the limits; as near to zero as they allow where there is only one.
-fn middle(joints: &[Joint]) -> Vec<f64> {
-    joints
-        .iter()
-        .map(|joint| match 0.5 * (joint.lower + joint.upper) {
-            middle if middle.is_finite() => middle,
-            _ => 0.0_f64.clamp(joint.lower, joint.upper),
-        })
-        .collect()
 }

@@ -4,7 +4,7 @@
 #![allow(clippy::needless_range_loop)]
 
 use crate::arm::Model;
-use crate::body::column;
+use crate::body::{Moves, column};
 use crate::kinematics::stack;
 use crate::pose::Pose;
 use crate::spatial::{ArticulatedInertia, Force, Motion, RigidInertia, times};
@@ -45,12 +45,16 @@ impl<const N: usize> Model<N> {
             a += alpha.cross(&r) + w.cross(&w_r);
             let z = column(&X.R, 2);
             let rate = z * qdot[i];
-            if body.prismatic {
-                v += rate;
-                a += 2.0 * w.cross(&rate);
-            } else {
-                alpha += w.cross(&rate);
-                w += rate;
+            match body.moves {
+                Moves::Turns => {
+                    alpha += w.cross(&rate);
+                    w += rate;
+                }
+                Moves::Slides => {
+                    v += rate;
+                    a += 2.0 * w.cross(&rate);
+                }
+                Moves::Absent => {}
             }
             t.z[i] = z;
             t.p[i] = X.p;

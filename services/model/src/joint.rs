@@ -45,6 +45,8 @@ pub struct Joint {
     pub effort: f64,
     /// Speed limit, rad/s; ∞ for none.
     pub velocity: f64,
+    /// Largest rate of change of the torque that the drive accepts, N·m/s; ∞ for none.
+    pub torque_rate: f64,
     /// The moving link's name.
     pub link: String,
 }

@@ -14,13 +14,13 @@ use std::collections::BTreeMap;
 impl Robot {
     /// A robot from its URDF and [description](crate::description). The same source gives the same robot.
     ///
-    /// Fixed joints are merged into the links that move, and kept as frames. Movable joints off the way to the
-    /// description's `default_frame` are held at zero, and noted. Errors: [`RobotError`].
+    /// Fixed joints, and joints that the description locks, are merged into the links that move, and kept as frames. Movable joints off the
+    /// way to the description's `default_frame`, and a gripper's, are held at zero, and noted. Errors: [`RobotError`].
     pub fn from_source(source: &RobotSource) -> Result<Robot, RobotError> {
         let name = source.name.clone();
         let description =
             Description::parse(&source.description).map_err(|reason| RobotError::Description { robot: name.clone(), reason })?;
-        let mut chain = urdf::read(&name, &source.urdf, description.default_frame.as_deref())?;
+        let mut chain = urdf::read(&name, &source.urdf, &description.cut())?;
         description.apply_to_joints(&name, &mut chain.joints)?;
         chain.joints.iter().try_for_each(|joint| check_joint(&name, joint))?;
 
@@ -85,6 +85,9 @@ fn check_joint(robot: &str, joint: &Joint) -> Result<(), RobotError> {
     let positive = "state a positive number (or inf) in the URDF's <limit> or in the description";
     if joint.effort.is_nan() || joint.effort <= 0.0 {
         return refuse("effort", joint.effort, positive);
+    }
+    if joint.torque_rate.is_nan() || joint.torque_rate <= 0.0 {
+        return refuse("torque_rate", joint.torque_rate, "state a positive number (or inf) in the description");
     }
     if joint.velocity.is_nan() || joint.velocity <= 0.0 {
         return refuse("velocity", joint.velocity, positive);

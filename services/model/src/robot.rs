@@ -59,6 +59,15 @@ impl Robot {
         self.joints.len()
     }
 
+    /// The middle of the joints' ranges, rad; as near to zero as the limits allow where there is only one.
+    pub fn middle(&self) -> Vec<f64> {
+        let middle = |joint: &Joint| match 0.5 * (joint.lower + joint.upper) {
+            middle if middle.is_finite() => middle,
+            _ => 0.0_f64.clamp(joint.lower, joint.upper),
+        };
+        self.joints.iter().map(middle).collect()
+    }
+
     /// The frame of that name.
     pub fn frame(&self, name: &str) -> Option<&Frame> {
         self.frames.iter().find(|frame| frame.name == name)

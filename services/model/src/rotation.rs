@@ -2,6 +2,18 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+/// Rotation by the rotation vector `rho` (axis times angle, rad): Rodrigues' formula.
+#[must_use]
+pub fn rotation_exp(rho: &Vector3<f64>) -> Matrix3<f64> {
+    let angle = rho.norm();
+    if angle < 1e-12 {
+        return Matrix3::identity() + rho.cross_matrix();
+    }
+    let K = (rho / angle).cross_matrix();
+    let (sin, cos) = libm::sincos(angle);
+    Matrix3::identity() + K * sin + K * K * (1.0 - cos)
+}
+
 /// The rotation vector of `R` (axis times angle, rad), angle in [0, π].
 ///
 /// Near 0 from the antisymmetric part, near π from the symmetric one: exact to rounding at both ends. A matrix that is a rotation up to

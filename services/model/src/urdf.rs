@@ -1,8 +1,10 @@
 //! A serial chain out of a URDF.
 
 use crate::error::{RobotError, list};
+use crate::foreign::without_foreign;
 use crate::joint::{Frame, Joint, JointKind};
 use crate::pose::Pose;
+use crate::rotation::rotation_exp;
 use crate::shape::{Geometry, Shape};
 use nalgebra::{Matrix3, Vector3};
 use shared_types::MAX_DOF;
@@ -19,11 +21,27 @@ pub(crate) struct Chain {
     pub(crate) notes: Vec<String>,
 }
 
-/// Reads `text` as a serial chain that ends at the link `end`, or the only chain there is.
-pub(crate) fn read(robot: &str, text: &str, end: Option<&str>) -> Result<Chain, RobotError> {
-    let urdf = urdf_rs::read_from_string(text).map_err(|error| RobotError::Urdf { robot: robot.to_owned(), reason: error.to_string() })?;
-    Tree::new(robot, &urdf)?.chain(end)
+/// The part of a URDF that is the arm.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Cut<'a> {
+    /// The link that is the arm's base; the root if `None`.
+    pub(crate) base: Option<&'a str>,
+    /// The link that is its end; the end of the only chain there is if `None`.
+    pub(crate) end: Option<&'a str>,
+    /// Joints held where they are told to be, rad (m for a sliding joint).
+    pub(crate) locked: BTreeMap<&'a str, f64>,
 }
+
+/// Reads the part `cut` of `text` as a serial chain.
+pub(crate) fn read(robot: &str, text: &str, cut: &Cut<'_>) -> Result<Chain, RobotError> {
+    let refuse = |reason: String| RobotError::Urdf { robot: robot.to_owned(), reason };
+    let text = without_foreign(text).map_err(refuse)?;
+    let urdf = urdf_rs::read_from_string(&text).map_err(|error| refuse(error.to_string()))?;
+    Tree::new(robot, &urdf, cut)?.chain(cut.end)
+}
+
+/// Parts of the names of joints that open and close a gripper.
+const GRIPPER: [&str; 4] = ["finger", "gripper", "jaw", "knuckle"];
 
 /// The URDF's links and joints, by name.
 struct Tree<'a> {
@@ -36,10 +54,14 @@ struct Tree<'a> {
     /// The joint into each link.
     parent: BTreeMap<&'a str, &'a urdf_rs::Joint>,
     root: &'a str,
+    /// Joints held by the description, with their displacements.
+    locked: BTreeMap<&'a str, Pose>,
+    /// Joints that other joints mimic.
+    leaders: BTreeSet<&'a str>,
 }
 
 impl<'a> Tree<'a> {
-    fn new(robot: &'a str, urdf: &'a urdf_rs::Robot) -> Result<Self, RobotError> {
+    fn new(robot: &'a str, urdf: &'a urdf_rs::Robot, cut: &Cut<'_>) -> Result<Self, RobotError> {
         let refuse = |reason: String| Err(RobotError::NotATree { robot: robot.to_owned(), reason });
         let mut links = BTreeMap::new();
         for link in &urdf.links {
@@ -71,12 +93,62 @@ impl<'a> Tree<'a> {
                 return refuse(format!("links {} have no parent joint, and one base is needed", list(roots)));
             }
         };
-        let tree = Self { robot, links, materials: &urdf.materials, children, parent, root };
+        let leaders = urdf.joints.iter().filter_map(|joint| Some(joint.mimic.as_ref()?.joint.as_str())).collect();
+        let mut tree = Self { robot, links, materials: &urdf.materials, children, parent, root, locked: BTreeMap::new(), leaders };
         let reached = tree.below(root).len();
         if reached != tree.links.len() {
             return refuse(format!("only {reached} of {} links hang on the base '{root}': the others form a loop", tree.links.len()));
         }
+        tree.lock(urdf, cut)?;
+        if let Some(base) = cut.base {
+            let Some((&base, _)) = tree.links.get_key_value(base) else { return Err(tree.unknown_frame(base)) };
+            tree.root = base;
+        }
         Ok(tree)
+    }
+
+    /// Takes up the joints that the description holds.
+    fn lock(&mut self, urdf: &'a urdf_rs::Robot, cut: &Cut<'_>) -> Result<(), RobotError> {
+        for (&name, &value) in &cut.locked {
+            let robot = || self.robot.to_owned();
+            let Some(joint) = urdf.joints.iter().find(|joint| joint.name == name) else {
+                let known = list(urdf.joints.iter().map(|joint| &joint.name));
+                return Err(RobotError::UnknownJoint { robot: robot(), joint: name.to_owned(), known });
+            };
+            let axis = Vector3::from(joint.axis.xyz.0).try_normalize(1e-9).filter(|_| value.is_finite());
+            let displacement = match (&joint.joint_type, axis) {
+                (JointType::Revolute | JointType::Continuous, Some(axis)) => Pose::rotation(rotation_exp(&(axis * value))),
+                (JointType::Prismatic, Some(axis)) => Pose::translation(axis * value),
+                _ => {
+                    let (joint, value) = (name.to_owned(), value.to_string());
+                    let remedy = "lock a revolute, continuous or prismatic joint at a finite position";
+                    return Err(RobotError::Joint { robot: robot(), joint, what: "locked", value, remedy });
+                }
+            };
+            self.locked.insert(joint.name.as_str(), displacement);
+        }
+        Ok(())
+    }
+
+    fn unknown_frame(&self, frame: &str) -> RobotError {
+        RobotError::UnknownFrame { robot: self.robot.to_owned(), frame: frame.to_owned(), known: list(self.links.keys()) }
+    }
+
+    /// Whether a joint moves: neither fixed nor locked.
+    fn is_movable(&self, joint: &urdf_rs::Joint) -> bool {
+        joint.joint_type != JointType::Fixed && !self.locked.contains_key(joint.name.as_str())
+    }
+
+    /// Whether a joint opens or closes a gripper: it follows another joint, leads one, or is named so.
+    fn is_gripper(&self, joint: &urdf_rs::Joint) -> bool {
+        let name = joint.name.to_lowercase();
+        joint.mimic.is_some() || self.leaders.contains(joint.name.as_str()) || GRIPPER.iter().any(|part| name.contains(part))
+    }
+
+    /// The child link's frame in the parent link's, with the joint at zero or where it is locked.
+    fn pose(&self, joint: &urdf_rs::Joint) -> Pose {
+        let X = pose(&joint.origin);
+        self.locked.get(joint.name.as_str()).map_or(X, |displacement| X * *displacement)
     }
 
     fn joints_of(&self, link: &str) -> &[&'a urdf_rs::Joint] {
@@ -94,9 +166,9 @@ impl<'a> Tree<'a> {
         found
     }
 
-    /// Links that move as one with `link`, with their poses in it, following fixed joints only.
+    /// Links that move as one with `link`, with their poses in it, following fixed and locked joints only.
     fn fixed_to(&self, link: &'a str) -> Vec<(&'a str, Pose)> {
-        self.rigid(link, |joint| joint.joint_type == JointType::Fixed)
+        self.rigid(link, |joint| !self.is_movable(joint))
     }
 
     fn rigid(&self, link: &'a str, holds: impl Fn(&urdf_rs::Joint) -> bool) -> Vec<(&'a str, Pose)> {
@@ -105,7 +177,7 @@ impl<'a> Tree<'a> {
         while let Some(&(link, X)) = found.get(next) {
             for joint in self.joints_of(link) {
                 if holds(joint) {
-                    found.push((joint.child.link.as_str(), X * pose(&joint.origin)));
+                    found.push((joint.child.link.as_str(), X * self.pose(joint)));
                 }
             }
             next += 1;
@@ -115,22 +187,23 @@ impl<'a> Tree<'a> {
 
     /// The movable joints of the chain, from the base outwards.
     fn movable(&self, end: Option<&str>) -> Result<Vec<&'a urdf_rs::Joint>, RobotError> {
-        let movable = |joint: &urdf_rs::Joint| joint.joint_type != JointType::Fixed;
         if let Some(end) = end {
             if !self.links.contains_key(end) {
-                return Err(RobotError::UnknownFrame {
-                    robot: self.robot.to_owned(),
-                    frame: end.to_owned(),
-                    known: list(self.links.keys()),
-                });
+                return Err(self.unknown_frame(end));
             }
             let mut joints = Vec::new();
             let mut link = end;
-            while let Some(&joint) = self.parent.get(link) {
-                if movable(joint) {
+            while link != self.root
+                && let Some(&joint) = self.parent.get(link)
+            {
+                if self.is_movable(joint) {
                     joints.push(joint);
                 }
                 link = &joint.parent.link;
+            }
+            if link != self.root {
+                let reason = format!("'{end}' does not hang on the base '{}'", self.root);
+                return Err(RobotError::NotATree { robot: self.robot.to_owned(), reason });
             }
             joints.reverse();
             return Ok(joints);
@@ -138,8 +211,16 @@ impl<'a> Tree<'a> {
         let mut joints: Vec<&urdf_rs::Joint> = Vec::new();
         let mut link = self.root;
         loop {
-            let out: Vec<&urdf_rs::Joint> =
-                self.fixed_to(link).iter().flat_map(|(link, _)| self.joints_of(link)).copied().filter(|joint| movable(joint)).collect();
+            let out: Vec<&urdf_rs::Joint> = self
+                .fixed_to(link)
+                .iter()
+                .flat_map(|(link, _)| self.joints_of(link))
+                .copied()
+                .filter(|joint| self.is_movable(joint))
+                .collect();
+            let arm: Vec<&urdf_rs::Joint> = out.iter().copied().filter(|joint| !self.is_gripper(joint)).collect();
+            // A gripper is at the end of an arm; a joint that is named so before any other is an arm's all the same.
+            let out = if joints.is_empty() { out } else { arm };
             match out[..] {
                 [] => return Ok(joints),
                 [joint] => {
@@ -228,7 +309,7 @@ impl<'a> Tree<'a> {
             }
             for child in self.joints_of(name) {
                 let is_held = rigid.iter().any(|(link, _)| *link == child.child.link);
-                if is_held && child.joint_type != JointType::Fixed {
+                if is_held && self.is_movable(child) {
                     chain.notes.push(format!(
                         "joint '{}' is not on the way to '{}': it is held at zero, its link part of '{}'",
                         child.name, chain.tip, rigid[0].0
@@ -306,6 +387,7 @@ impl<'a> Tree<'a> {
             upper: limit.upper,
             effort: limit.effort,
             velocity: limit.velocity,
+            torque_rate: f64::INFINITY,
             link: joint.child.link.clone(),
         })
     }
@@ -330,15 +412,16 @@ impl<'a> Tree<'a> {
             if mass < 0.0 {
                 return Err(self.impossible(name, mass, &I));
             }
-            if mass > 0.0 {
+            // A link may have inertia without mass: its part in a body that others give mass.
+            if mass > 0.0 || I != Matrix3::zeros() {
                 bodies.push((mass, X.p, X.R * I * X.R.transpose()));
             }
         }
         let name = rigid[0].0;
+        if !bodies.iter().any(|(mass, ..)| *mass > 0.0) {
+            return Err(RobotError::NoInertia { robot: self.robot.to_owned(), link: name.to_owned() });
+        }
         let (mass, com, inertia) = match bodies[..] {
-            [] => {
-                return Err(RobotError::NoInertia { robot: self.robot.to_owned(), link: name.to_owned() });
-            }
             // One body alone keeps its numbers to the last bit.
             [body] => body,
             _ => {

@@ -60,7 +60,7 @@ impl<const N: usize> Cycle<N> {
         let start = robot.start_posture(&scenario.start)?;
         // The drives' model is the description's, without the simulated deviation from it.
         let known = Model::new(robot, (!scenario.frame.is_empty()).then_some(scenario.frame.as_str()))?;
-        let start = SVector::from_column_slice(&start);
+        let start = model::embedded(&start);
         let ticks = |seconds: f64| (seconds * f64::from(scenario.rate_hz)).round() as u64;
         let drive = Drive::new(known, scenario.rate_hz, options.hold_ticks, &start);
         Ok(Self {

@@ -378,9 +378,9 @@ fn missing_messages_leave_gaps_and_are_told() {
 
 #[test]
 fn a_recording_for_another_arm_is_refused() {
-    let robot = Robot::builtin("planar3r").expect("built in");
-    let error = begin(&Volume::new(usize::MAX), &robot).err().expect("three joints are not six");
-    assert!(error.to_string().contains("planar3r"), "{error}");
+    let robot = Robot::builtin("iiwa14").expect("built in");
+    let error = begin(&Volume::new(usize::MAX), &robot).err().expect("seven joints are more than six");
+    assert!(error.to_string().contains("iiwa14"), "{error}");
 }
 
 #[test]

@@ -97,7 +97,7 @@ impl<const N: usize> Numeric<N> {
         let model = Model::<N>::new(robot, None).ok()?;
         let task = robot.task.0;
         let rows = task.iter().filter(|counts| **counts).count();
-        if rows > N || rows == 0 {
+        if rows > robot.dof() || rows == 0 {
             return None;
         }
         // Any posture without parallel axes.
@@ -136,16 +136,16 @@ impl<const N: usize> Numeric<N> {
             count,
         };
         let at = AtCentre::new(&terms, &source.centre(&terms), &Vector3::zeros());
-        source.reference = source.most_regular(&Screws(at.J));
+        source.reference = source.most_regular(&Screws(at.J), robot.dof());
         Some(source)
     }
 
     /// Largest smallest singular value of each block over a fixed set of postures.
-    fn most_regular(&self, screws: &Screws<N>) -> [f64; 2] {
+    fn most_regular(&self, screws: &Screws<N>, dof: usize) -> [f64; 2] {
         let mut random = Uniform(1);
         let mut best = [1e-6_f64; 2];
         for _ in 0..SAMPLES {
-            let delta = SVector::from_fn(|_, _| random.within(-std::f64::consts::PI, std::f64::consts::PI));
+            let delta = SVector::from_fn(|i, _| if i < dof { random.within(-std::f64::consts::PI, std::f64::consts::PI) } else { 0.0 });
             let scaled = screws.moved(&delta).0.scaled(self.length_m);
             for k in 0..self.block_count {
                 let mut block = self.blocks[k];

@@ -189,6 +189,43 @@ proptest! {
     }
 }
 
+/// In a larger size an arm computes the same numbers in its own places; absent joints are decoupled and at rest.
+fn embedding<const N: usize, const M: usize>(robot: &Robot, state: &[f64]) -> Result<(), TestCaseError> {
+    let (own, large) = (Model::<N>::new(robot, None).unwrap(), Model::<M>::new(robot, None).unwrap());
+    let [q, qdot, tau] = [0, 1, 2].map(|k| SVector::<f64, N>::from_column_slice(&state[k * 7..k * 7 + N]));
+    let [Q, Qdot, Tau] = [q, qdot, tau].map(|values| crate::embedded::<M>(values.as_slice()));
+    let (a, b) = (own.evaluate(&q, &qdot), large.evaluate(&Q, &Qdot));
+    for i in 0..M {
+        for j in 0..M {
+            let expected = if i < N && j < N { a.A[(i, j)] } else { f64::from(u8::from(i == j)) };
+            prop_assert_eq!(b.A[(i, j)], expected);
+        }
+        let column = if i < N { a.J.column(i).into_owned() } else { nalgebra::Vector6::zeros() };
+        prop_assert_eq!(b.J.column(i).into_owned(), column);
+        prop_assert_eq!(b.bias()[i], if i < N { a.bias()[i] } else { 0.0 });
+    }
+    prop_assert_eq!((a.X_BE, a.Jdot_qdot), (b.X_BE, b.Jdot_qdot));
+    prop_assert_eq!((large.mass_matrix(&Q), large.jacobian(&Q)), (b.A, b.J));
+    let qddot = own.forward_dynamics(&q, &qdot, &tau);
+    prop_assert_eq!(large.forward_dynamics(&Q, &Qdot, &Tau), crate::embedded::<M>(qddot.as_slice()));
+    prop_assert_eq!(
+        large.inverse_dynamics(&Q, &Qdot, &crate::embedded(qddot.as_slice())),
+        crate::embedded::<M>(own.inverse_dynamics(&q, &qdot, &qddot).as_slice())
+    );
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_larger_size_gives_the_same_numbers(state in state()) {
+        embedding::<2, 6>(&Robot::builtin("planar2r").unwrap(), &state)?;
+        embedding::<3, 6>(&odd(), &state)?;
+        embedding::<6, 8>(&Robot::builtin("puma560").unwrap(), &state)?;
+    }
+}
+
 /// Undriven, the arm keeps its energy: 1 s of RK4 at 0.25 ms.
 #[test]
 fn energy_is_conserved() {

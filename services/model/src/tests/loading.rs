@@ -125,13 +125,100 @@ fn branches_are_refused_or_held() {
         joint("prismatic", "arm", "left", LIMIT),
         joint("prismatic", "arm", "right", &format!(r#"{LIMIT}<mimic joint="arm-left"/>"#)),
     ]);
-    assert_says(&refusal(&gripper, ""), &["branches at link 'arm'", "'arm-left', 'arm-right'", "default_frame"]);
     let held = load(&gripper, "default_frame = \"arm\"").unwrap();
     assert_eq!((held.dof(), held.joints[0].mass, held.notes.len()), (1, 3.0, 2));
     assert_says(&held.notes[0], &["'arm-left'", "held at zero"]);
+    // A joint that others mimic, and those others, are a gripper.
+    let recognised = load(&gripper, "").unwrap();
+    assert_eq!((&recognised.joints, recognised.default_frame.as_str(), recognised.notes.len()), (&held.joints, "arm", 2));
+    let torso = gripper.replace(r#"<mimic joint="arm-left"/>"#, "");
+    assert_says(&refusal(&torso, ""), &["branches at link 'arm'", "'arm-left', 'arm-right'", "default_frame"]);
     assert_eq!(load(&gripper, "default_frame = \"left\"").unwrap().dof(), 2);
     assert_says(&refusal(&gripper, "default_frame = \"right\""), &["'arm-right' mimics 'arm-left'"]);
     assert_says(&refusal(&gripper, "default_frame = \"wrong\""), &["no frame 'wrong'", "'arm', 'base', 'left', 'right'"]);
+}
+
+#[test]
+fn a_joint_named_as_a_gripper_is_no_part_of_the_arm() {
+    let arm = robot(&[
+        link("base"),
+        link("wrist"),
+        link("moving"),
+        joint("revolute", "base", "wrist", LIMIT),
+        joint("revolute", "wrist", "moving", LIMIT).replace("wrist-moving", "Gripper"),
+    ]);
+    let read = load(&arm, "").unwrap();
+    assert_eq!((read.dof(), read.default_frame.as_str(), read.joints[0].mass), (1, "wrist", 2.0));
+    assert_says(&read.notes[0], &["'Gripper'", "held at zero"]);
+    assert_eq!(load(&arm, "default_frame = \"moving\"").unwrap().dof(), 2);
+}
+
+/// Three links in a row, each 1 m along x of the one before.
+fn row() -> String {
+    robot(&[
+        link("base"),
+        link("a"),
+        link("b"),
+        link("c"),
+        joint("revolute", "base", "a", LIMIT),
+        joint("revolute", "a", "b", LIMIT),
+        joint("revolute", "b", "c", LIMIT),
+    ])
+}
+
+#[test]
+fn a_locked_joint_is_a_fixed_one_at_its_position() {
+    let free = load(&row(), "").unwrap();
+    let locked = load(&row(), "[joints.a-b]\nlocked = 0.7").unwrap();
+    assert_eq!((locked.dof(), locked.joints[0].mass, locked.notes.len()), (2, 2.0, 0));
+    let q = [0.3, -0.4];
+    let X = Model::<2>::new(&locked, None).unwrap().forward_kinematics(&SVector::from(q));
+    let same = Model::<3>::new(&free, None).unwrap().forward_kinematics(&SVector::from([q[0], 0.7, q[1]]));
+    assert!((X.p - same.p).norm() < 1e-15 && (X.R - same.R).norm() < 1e-15);
+    assert_says(&refusal(&row(), "[joints.a-b]\nlocked = nan"), &["'a-b'", "locked = NaN"]);
+    assert_says(&refusal(&row(), "[joints.x]\nlocked = 0"), &["joint 'x'", "'base-a', 'a-b', 'b-c'"]);
+}
+
+#[test]
+fn the_base_may_be_any_link() {
+    let read = load(&row(), "base_frame = \"a\"").unwrap();
+    assert_eq!(read.joints.iter().map(|joint| joint.name.as_str()).collect::<Vec<_>>(), ["a-b", "b-c"]);
+    assert_eq!(read.frame("a").unwrap().joint, None);
+    assert!(read.frame("base").is_none());
+    assert_says(&refusal(&row(), "base_frame = \"x\""), &["no frame 'x'"]);
+    assert_says(&refusal(&row(), "base_frame = \"b\"\ndefault_frame = \"a\""), &["'a' does not hang on the base 'b'"]);
+}
+
+#[test]
+fn torque_rates_are_read_or_follow_from_the_torque_limits() {
+    let rates = |description: &str| load(&row(), description).unwrap().joints.iter().map(|joint| joint.torque_rate).collect::<Vec<_>>();
+    assert_eq!(rates(""), [500.0; 3]);
+    assert_eq!(rates("[joints.a-b]\ntorque_rate = 1000\n[joints.b-c]\neffort = 4"), [500.0, 1000.0, 200.0]);
+    assert_says(&refusal(&row(), "[joints.a-b]\ntorque_rate = 0"), &["'a-b'", "torque_rate = 0"]);
+    assert_says(&refusal(&row(), "[joints.a-b]\ntorque_rate = nan"), &["torque_rate = NaN"]);
+}
+
+/// A link with inertia and no mass: its inertia counts where its body has mass, and it cannot be a body alone.
+#[test]
+fn inertia_without_mass_counts_or_is_refused() {
+    let hand = r#"<link name="hand"><inertial><mass value="0"/><inertia ixx="0.1" ixy="0" ixz="0" iyy="0.2" iyz="0" izz="0.25"/></inertial></link>"#;
+    let fused = robot(&[link("base"), link("a"), hand.to_owned(), joint("revolute", "base", "a", LIMIT), joint("fixed", "a", "hand", "")]);
+    let body = &load(&fused, "").unwrap().joints[0];
+    assert_eq!((body.mass, body.com), (1.0, Vector3::zeros()));
+    assert!((body.inertia - Matrix3::from_diagonal(&Vector3::new(1.1, 1.2, 1.25))).amax() < 1e-15);
+    let alone = robot(&[link("base"), hand.to_owned(), joint("revolute", "base", "hand", LIMIT)]);
+    assert_says(&refusal(&alone, ""), &["moving link 'hand' has no inertia", "<mass>"]);
+}
+
+#[test]
+fn foreign_elements_are_read_over_and_macros_refused() {
+    let foreign = row()
+        .replace("<robot", "<robot xmlns:drake=\"http://drake.mit.edu\"")
+        .replace("</robot>", r#"<drake:linear_spring drake:x="1"><drake:deep/></drake:linear_spring></robot>"#);
+    assert_eq!(load(&foreign, "").unwrap().joints, load(&row(), "").unwrap().joints);
+    let undeclared = row().replace("<axis", r#"<drake:rotor_inertia value="1"/><axis drake:note="x""#);
+    assert_eq!(load(&undeclared, "").unwrap().joints, load(&row(), "").unwrap().joints);
+    assert_says(&refusal(&row().replace("</robot>", "<xacro:arm/></robot>"), ""), &["xacro:arm", "expand"]);
 }
 
 #[test]
@@ -260,11 +347,14 @@ fn false_factors_are_refused() {
 
 #[test]
 fn unknown_names_are_listed() {
-    assert_says(&Robot::builtin("puma").unwrap_err().to_string(), &["no robot 'puma'", "puma560, puma560-ideal, planar3r, ur5, iiwa14"]);
+    assert_says(
+        &Robot::builtin("puma").unwrap_err().to_string(),
+        &["no robot 'puma'", "puma560, puma560-ideal, planar3r, ur5, planar2r, iiwa14"],
+    );
     let robot = Robot::builtin("puma560").unwrap();
     let error = Model::<6>::new(&robot, Some("hand")).unwrap_err();
     assert_says(&error.to_string(), &["no frame 'hand'", "'base'", "'ee', 'flange'"]);
-    assert!(matches!(Model::<7>::new(&robot, None), Err(ModelError::Dof { expected: 7, actual: 6, .. })));
+    assert!(matches!(Model::<5>::new(&robot, None), Err(ModelError::Dof { expected: 5, actual: 6, .. })));
 }
 
 #[test]
