@@ -6,14 +6,16 @@ use std::rc::Rc;
 use iceoryx2::node::Node;
 use iceoryx2::service::ipc;
 
-use crate::shell::{Interrupted, Shared, Shell, Wait, Waited};
+use crate::context::Context;
+use crate::shell::Shell;
+use crate::wait::{Interrupted, Wait, Waited};
 
 /// The doorbell's bit: above those of topics, below those of the control page.
 const BIT: u32 = 1 << 29;
 
 /// The wake-up that topics use, without a topic.
 pub struct Doorbell {
-    shared: Rc<Shared>,
+    shared: Rc<Context>,
 }
 
 impl Doorbell {
@@ -26,7 +28,7 @@ impl Doorbell {
     /// The process's iceoryx2 node; its services live in the run's directory.
     #[must_use]
     pub fn node(&self) -> &Node<ipc::Service> {
-        &self.shared.node
+        &self.shared.bus
     }
 
     /// Wakes the process at this place of the manifest if it waits.

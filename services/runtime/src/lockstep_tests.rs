@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::*;
-use crate::random;
+use shared_types::random::at as random;
 
 /// Ticks of a simulated run.
 const TICKS: u64 = 40;

@@ -5,8 +5,10 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use crate::control_page::MAX_PROCESSES;
 use crate::run_dir::RunDir;
+
+/// Most processes a run may have.
+pub const MAX_PROCESSES: usize = 16;
 
 /// Beyond it a tick is no whole number of µs, far beyond what any process keeps up with.
 const FASTEST_HZ: u32 = 1_000_000;
@@ -92,7 +94,7 @@ pub enum ManifestError {
         source: serde_json::Error,
     },
     /// Too many processes for the control_page.
-    #[error("the graph has {count} processes; at most {MAX_PROCESSES} have room on the control_page")]
+    #[error("the graph has {count} processes; at most {MAX_PROCESSES} have room on the control page")]
     TooMany {
         /// How many.
         count: usize,

@@ -1,32 +1,31 @@
-//! The shell of one process: joins the run, hands out ports, and owns every wait.
+//! The shell of one process: joins the run, hands out ports, and keeps the rounds of a polled process.
 
 use std::cell::{Cell, RefCell};
 use std::path::Path;
 use std::rc::Rc;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
-use iceoryx2::prelude::{Node, ipc};
 use shared_types::fault::{Kind, ScheduledFault};
-use shared_types::wire::{HOPS, Header, Stamps};
 use shared_types::{Checkpoint, Message};
 
 use crate::bus::collector::Collector;
-use crate::bus::inlet::Connect;
 use crate::bus::reader::Reader;
 use crate::bus::topic::{self, CHAIN_DEPTH, RECORDER_DEPTH, Subscribing, TopicError};
 use crate::bus::writer::{SendError, Writer};
-use crate::checkpoint::{CheckpointSlots, Commit};
+use crate::checkpoint::CheckpointSlots;
 use crate::clock::now_ns;
-use crate::control_page::{ANYTHING, ControlPage, ControlPageError, Count, PROGRESS, Phase, ProcessEntry, State, Stop, Watchdog};
-use crate::fate::{Hog, Outlet};
-use crate::fault::table::{Copied, FaultTable};
+use crate::context::{Attached, Connect, Context, FaultState, StopFlag};
+use crate::control_page::{ANYTHING, ControlPage, ControlPageError, Count, PROGRESS, ProcessEntry, Stop, Watchdog};
+use crate::disturbance::Pauses;
+use crate::fault::table::FaultTable;
 use crate::manifest::{Disturbance, Manifest, ManifestError, Mode};
 use crate::realtime;
 use crate::run_dir::{RunDir, RunDirError};
+use crate::stamping::Stamping;
 use crate::tick_source::TickSource;
-use crate::validation::Pauses;
+use crate::wait::{Interrupted, Waited};
 
 /// Why a process cannot join its run.
 #[derive(Debug, thiserror::Error)]
@@ -69,45 +68,6 @@ pub enum OpenError {
     Watchdog(std::io::Error),
 }
 
-/// Why a wait ended without what was waited for. A stop of the run is not among them: waits return `None` then.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum Interrupted {
-    /// Nothing came within the limit.
-    #[error("{process} waited {waited:?} for {what} and gave up: is {from} alive?")]
-    TimedOut {
-        /// Who waited.
-        process: String,
-        /// For what.
-        what: String,
-        /// Who should have brought it.
-        from: String,
-        /// How long.
-        waited: Duration,
-    },
-    /// In lockstep a tick was skipped; nothing may be lost there.
-    #[error("{process} expected tick {expected} of topic {topic:?} and got tick {found}: a message was lost in lockstep")]
-    Lost {
-        /// Who reads.
-        process: String,
-        /// Which topic.
-        topic: &'static str,
-        /// The tick that should have come.
-        expected: u64,
-        /// The tick that came.
-        found: u64,
-    },
-    /// iceoryx2 failed.
-    #[error("{process} cannot use topic {topic:?}: {reason}")]
-    Port {
-        /// Who.
-        process: String,
-        /// Which topic.
-        topic: &'static str,
-        /// What iceoryx2 says.
-        reason: String,
-    },
-}
-
 /// Anything that ends a process before its time.
 #[derive(Debug, thiserror::Error)]
 pub enum ProcessError {
@@ -135,254 +95,6 @@ impl ProcessError {
     }
 }
 
-/// How a wait ended.
-pub(crate) enum Waited<T> {
-    Ready(T),
-    Late,
-    Stopped,
-}
-
-/// What one process has of the run; shared by its ports.
-pub(crate) struct Shared {
-    pub(crate) run: RunDir,
-    pub(crate) manifest: Manifest,
-    pub(crate) control_page: Arc<ControlPage>,
-    pub(crate) node: Node<ipc::Service>,
-    pub(crate) me: usize,
-    stops_at: Stop,
-    /// Its place in [`HOPS`], if it has one.
-    hop: Option<usize>,
-    signalled: Arc<AtomicBool>,
-    started: Cell<bool>,
-    /// The ports to connect at the start.
-    ports: RefCell<Vec<Rc<dyn Connect>>>,
-    /// The stamps of the inputs of the tick in hand.
-    input: Cell<Input>,
-    /// When the source's tick in hand was due; 0 in lockstep.
-    pub(crate) due_ns: Cell<u64>,
-    /// The last tick of which something was sent.
-    sent_tick: Cell<Option<u64>>,
-    /// Deliberate pauses, in a run of `verify`.
-    pauses: RefCell<Option<Pauses>>,
-    /// The tick in hand: everything before it is closed.
-    pub(crate) tick: Cell<u64>,
-    /// What the process knows of the fault table.
-    pub(crate) fates: RefCell<Copied>,
-    pub(crate) hog: RefCell<Option<Hog>>,
-    pub(crate) is_volume_full: Cell<bool>,
-    pub(crate) outlets: RefCell<Vec<Rc<dyn Outlet>>>,
-    /// The outputs sent of a tick, a bit each.
-    outputs_sent: Cell<(u64, u32)>,
-    /// What is committed when a tick closes.
-    checkpoints: RefCell<Vec<Rc<dyn Commit>>>,
-}
-
-#[derive(Clone, Copy, Default)]
-struct Input {
-    tick: u64,
-    received_ns: u64,
-    stamps: Stamps,
-}
-
-impl Shared {
-    pub(crate) fn name(&self) -> &str {
-        &self.manifest.processes[self.me].name
-    }
-
-    pub(crate) fn entry(&self) -> &ProcessEntry {
-        self.control_page.process(self.me)
-    }
-
-    pub(crate) fn is_lockstep(&self) -> bool {
-        self.manifest.mode == Mode::Lockstep
-    }
-
-    /// Whether this process is deliberately content with a message of the tick before.
-    pub(crate) fn is_unordered(&self) -> bool {
-        self.manifest.processes[self.me].disturbance.unordered
-    }
-
-    /// Sleeps where the run's disturbance says so.
-    pub(crate) fn pause(&self) {
-        if let Some(pause) = self.pauses.borrow_mut().as_mut().and_then(Pauses::next) {
-            std::thread::sleep(pause);
-        }
-    }
-
-    pub(crate) fn is_stopping(&self) -> bool {
-        self.control_page.stop() >= self.stops_at || self.signalled.load(Ordering::Relaxed)
-    }
-
-    pub(crate) fn topic_bit(&self, topic: &str) -> u32 {
-        self.manifest.topics().iter().position(|&t| t == topic).map_or(0, |index| 1 << index)
-    }
-
-    /// Goes with all others through the phases of the beginning; from here on nothing can be lost.
-    pub(crate) fn start(&self) -> Result<Waited<()>, Interrupted> {
-        if self.started.get() {
-            return Ok(Waited::Ready(()));
-        }
-        self.entry().set_state(State::Ready);
-        if matches!(self.wait_for_phase(Phase::Connect)?, Waited::Stopped) {
-            return Ok(Waited::Stopped);
-        }
-        for port in self.ports.take() {
-            port.connect(self)?;
-        }
-        self.entry().set_state(State::Connected);
-        if matches!(self.wait_for_phase(Phase::Work)?, Waited::Stopped) {
-            return Ok(Waited::Stopped);
-        }
-        self.started.set(true);
-        self.meet_fate_at_start();
-        self.skip_to(self.tick.get());
-        self.entry().set_state(State::Running);
-        if self.entry().incarnation() > 1 {
-            self.control_page.fault_table().mark_recovered(self.me, now_ns());
-            self.control_page.ring_all();
-        }
-        Ok(Waited::Ready(()))
-    }
-
-    fn wait_for_phase(&self, phase: Phase) -> Result<Waited<()>, Interrupted> {
-        let describe = || Wait { what: format!("the beginning of the run's phase \"{phase:?}\""), from: "the launcher".into() };
-        self.wait(0, None, describe, || Ok(self.control_page.has_begun(phase).then_some(())))
-    }
-
-    /// The one wait: look, then sleep until somebody rings for one of `bits`, look again; never longer than the limit.
-    pub(crate) fn wait<T>(
-        &self,
-        bits: u32,
-        deadline_ns: Option<u64>,
-        describe: impl Fn() -> Wait,
-        mut look: impl FnMut() -> Result<Option<T>, Interrupted>,
-    ) -> Result<Waited<T>, Interrupted> {
-        if self.is_stopping() {
-            return Ok(Waited::Stopped);
-        }
-        let bell = self.entry().bell();
-        let limit_ns = self.manifest.wait_limit.as_nanos() as u64;
-        let (mut is_first_look, mut began_ns) = (true, None);
-        loop {
-            // Armed before the look: whoever brings it after the look rings.
-            let seen = bell.rings();
-            bell.arm(bits);
-            let found = look();
-            if self.is_stopping() || !matches!(found, Ok(None)) {
-                bell.disarm();
-                return Ok(found?.map_or(Waited::Stopped, Waited::Ready));
-            }
-            let mut sleep_ns = None;
-            // Without a deadline the clock is only read when the first sleep was in vain: the usual hop does without it.
-            if deadline_ns.is_some() || !is_first_look {
-                let now = now_ns();
-                let waited_ns = now - *began_ns.get_or_insert(now);
-                if deadline_ns.is_some_and(|deadline| now >= deadline) {
-                    bell.disarm();
-                    return Ok(Waited::Late);
-                }
-                if waited_ns >= limit_ns {
-                    bell.disarm();
-                    let Wait { what, from } = describe();
-                    let waited = Duration::from_nanos(waited_ns);
-                    return Err(Interrupted::TimedOut { process: self.name().to_owned(), what, from, waited });
-                }
-                sleep_ns = deadline_ns.map(|deadline| deadline - now);
-            }
-            is_first_look = false;
-            bell.sleep(seen, sleep_ns);
-        }
-    }
-
-    /// Notes that an output of a tick is about to leave; whether it is the last of those that the graph declares.
-    pub(crate) fn is_last_output(&self, tick: u64, output: usize) -> bool {
-        let (of, sent) = self.outputs_sent.get();
-        let sent = if of == tick { sent } else { 0 } | 1 << output;
-        self.outputs_sent.set((tick, sent));
-        sent.count_ones() as usize >= self.manifest.processes[self.me].writes.len()
-    }
-
-    /// Commits the checkpoint that was written for a tick.
-    pub(crate) fn commit(&self, tick: u64) {
-        self.checkpoints.borrow().iter().for_each(|checkpoint| checkpoint.commit(tick));
-    }
-
-    pub(crate) fn port_failed(&self, topic: &'static str, error: impl std::fmt::Display) -> Interrupted {
-        Interrupted::Port { process: self.name().to_owned(), topic, reason: error.to_string() }
-    }
-
-    /// A message is in the process's hands: remember when, and which way it came.
-    pub(crate) fn note_input(&self, header: &Header) {
-        let mut input = self.input.get();
-        if input.tick != header.tick || input.received_ns == 0 {
-            input = Input { tick: header.tick, ..Input::default() };
-        }
-        input.received_ns = self.clock_ns();
-        for hop in 0..HOPS.len() {
-            let (mine, theirs) = (&mut input.stamps, &header.stamps);
-            mine.received_ns[hop] = mine.received_ns[hop].max(theirs.received_ns[hop]);
-            mine.sent_ns[hop] = mine.sent_ns[hop].max(theirs.sent_ns[hop]);
-        }
-        input.stamps.due_ns = input.stamps.due_ns.max(header.stamps.due_ns);
-        self.input.set(input);
-        if self.hop == Some(0) {
-            // The answer to its own tick.
-            self.entry().note_age(input.received_ns.saturating_sub(input.stamps.origin_ns()));
-        }
-    }
-
-    /// Fills an output's header: the stamps of the inputs of the same tick, and this hop's own. Returns the time of sending.
-    pub(crate) fn stamp(&self, header: &mut Header) -> u64 {
-        let input = self.input.get();
-        header.incarnation = self.entry().incarnation();
-        header.stamps = if input.tick == header.tick { input.stamps } else { Stamps::default() };
-        let now = self.clock_ns();
-        if let Some(hop) = self.hop {
-            if hop == 0 {
-                header.stamps = Stamps { due_ns: self.due_ns.get(), ..Stamps::default() };
-            }
-            header.stamps.received_ns[hop] = input.received_ns;
-            header.stamps.sent_ns[hop] = now;
-            self.note_times(hop, header, now);
-        }
-        now
-    }
-
-    /// Shows on the control page how long the tick in hand took; once a tick, whatever is sent of it.
-    fn note_times(&self, hop: usize, header: &Header, now_ns: u64) {
-        if self.sent_tick.replace(Some(header.tick)) == Some(header.tick) {
-            return;
-        }
-        let Stamps { received_ns, due_ns, .. } = header.stamps;
-        let began_ns = if hop == 0 && due_ns > 0 { due_ns } else { received_ns[hop] };
-        if began_ns > 0 {
-            self.entry().note_step(now_ns.saturating_sub(began_ns));
-        }
-        if hop > 0 && header.stamps.origin_ns() > 0 {
-            self.entry().note_age(now_ns.saturating_sub(header.stamps.origin_ns()));
-        }
-    }
-
-    /// In lockstep: waits until no polled process lags so far that it could lose this tick, and all are back whom the fault table has back by then.
-    pub(crate) fn wait_for_others(&self, tick: u64) -> Result<Waited<()>, Interrupted> {
-        let laggard = || self.protocol().holds_back(tick);
-        let describe = || Wait {
-            what: format!("its turn to begin tick {tick}"),
-            from: laggard().map_or("the others".into(), |index| self.manifest.processes[index].name.clone()),
-        };
-        self.wait(PROGRESS, None, describe, || {
-            self.learn();
-            Ok(laggard().is_none().then_some(()))
-        })
-    }
-}
-
-/// What a wait waits for, told only when it fails.
-pub(crate) struct Wait {
-    pub(crate) what: String,
-    pub(crate) from: String,
-}
-
 /// One process of a run.
 ///
 /// ```no_run
@@ -401,7 +113,7 @@ pub(crate) struct Wait {
 /// # Ok(()) }
 /// ```
 pub struct Shell {
-    shared: Rc<Shared>,
+    shared: Rc<Context>,
     round: Cell<Round>,
     /// A polled process is in its last round before a fault takes it down.
     is_falling: Cell<bool>,
@@ -441,31 +153,21 @@ impl Shell {
         settle(&manifest, me);
         let disturbance = manifest.processes[me].disturbance;
         begin_disturbed(disturbance);
-        let node = topic::join(&run, process, false)?;
+        let bus = topic::join(&run, process, false)?;
         let stops_at = if manifest.processes[me].polled { Stop::Everything } else { Stop::Chain };
-        let hop = HOPS.iter().position(|&hop| hop == process);
-        let shared = Shared {
+        let shared = Context {
+            stamping: Stamping::of(process),
             run,
             manifest,
             control_page,
-            node,
+            bus,
             me,
-            stops_at,
-            hop,
-            signalled,
-            started: Cell::new(false),
-            ports: RefCell::default(),
-            input: Cell::default(),
-            due_ns: Cell::new(0),
-            sent_tick: Cell::new(None),
-            pauses: RefCell::new(disturbance.pauses.map(Pauses::new)),
+            stop: StopFlag { at: stops_at, signalled },
+            has_started: Cell::new(false),
             tick: Cell::new(0),
-            fates: RefCell::new(Copied::new()),
-            hog: RefCell::default(),
-            is_volume_full: Cell::new(false),
-            outlets: RefCell::default(),
-            outputs_sent: Cell::new((0, 0)),
-            checkpoints: RefCell::default(),
+            pauses: RefCell::new(disturbance.pauses.map(Pauses::new)),
+            faults: FaultState::default(),
+            attached: Attached::default(),
         };
         shared.learn();
         shared.tick.set(shared.returns_at());
@@ -497,14 +199,14 @@ impl Shell {
     /// When the graph does not say that this process writes it, or the wire formats differ.
     pub fn writer<M: Message>(&self) -> Result<Writer<M>, TopicError> {
         self.declared::<M>("write")?;
-        let publisher = Rc::new(topic::publisher(&self.shared.node)?);
-        self.shared.ports.borrow_mut().push(Rc::clone(&publisher) as Rc<dyn Connect>);
+        let publisher = Rc::new(topic::publisher(&self.shared.bus)?);
+        self.shared.attached.ports.borrow_mut().push(Rc::clone(&publisher) as Rc<dyn Connect>);
         Writer::new(&self.shared, publisher)
     }
 
     fn subscriber<M: Message>(&self, depth: usize) -> Result<Rc<Subscribing<M>>, TopicError> {
-        let subscriber = Rc::new(topic::subscriber(&self.shared.node, depth)?);
-        self.shared.ports.borrow_mut().push(Rc::clone(&subscriber) as Rc<dyn Connect>);
+        let subscriber = Rc::new(topic::subscriber(&self.shared.bus, depth)?);
+        self.shared.attached.ports.borrow_mut().push(Rc::clone(&subscriber) as Rc<dyn Connect>);
         Ok(subscriber)
     }
 
@@ -518,7 +220,7 @@ impl Shell {
         let failed = |source| OpenError::Checkpoint { process: shared.name().to_owned(), source };
         shared.learn();
         let slots = CheckpointSlots::open(&path, shared.protocol().resumes_before()).map_err(failed)?;
-        shared.checkpoints.borrow_mut().push(slots.committer());
+        shared.attached.checkpoints.borrow_mut().push(slots.committer());
         Ok(slots)
     }
 
@@ -545,7 +247,7 @@ impl Shell {
                 }
                 shared.tick.set(shared.entry().ticks());
                 if self.is_falling.replace(false) {
-                    shared.meet_fate(shared.tick.get());
+                    shared.apply_process_faults(shared.tick.get());
                 }
                 // Not before one more round: everything before the tick of its fall is taken in and safe by then.
                 shared.learn();
@@ -571,8 +273,8 @@ impl Shell {
         }
         // Read before the round: everything of these ticks is in the buffers now.
         let last = shared.is_stopping();
-        shared.trouble_volume(shared.entry().ticks(), last);
-        shared.starve(shared.entry().ticks());
+        shared.apply_volume_faults(shared.entry().ticks(), last);
+        shared.load_core(shared.entry().ticks());
         let ticks = Cell::new(0);
         self.each_other(|line| ticks.set(ticks.get().max(line.ticks())));
         self.round.set(if last { Round::Last } else { Round::From(ticks.get()) });
@@ -614,7 +316,7 @@ impl Shell {
         let shared = &self.shared;
         shared.learn();
         if !shared.is_unharmed() {
-            shared.fates.borrow().of(shared.me, tick).for_each(|(place, strike, kind)| each(place, strike, kind));
+            shared.faults.known.borrow().of(shared.me, tick).for_each(|(place, strike, kind)| each(place, strike, kind));
         }
     }
 
@@ -632,8 +334,7 @@ impl Shell {
 
     /// Does something that writes to another volume than the one that a fault may have filled.
     pub fn elsewhere<T>(&self, work: impl FnOnce() -> T) -> T {
-        let is_full = self.shared.is_volume_full.get();
-        self.shared.fill_volume(false);
+        let is_full = self.shared.fill_volume(false);
         let done = work();
         self.shared.fill_volume(is_full);
         done
@@ -678,7 +379,7 @@ impl Shell {
         self.shared.entry().count(count)
     }
 
-    pub(crate) fn shared(&self) -> Rc<Shared> {
+    pub(crate) fn shared(&self) -> Rc<Context> {
         Rc::clone(&self.shared)
     }
 

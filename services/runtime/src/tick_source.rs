@@ -3,16 +3,17 @@
 use std::rc::Rc;
 
 use crate::clock::{now_ns, sleep_until};
-use crate::control_page::Count;
+use crate::context::Context;
+use crate::deadline::{USAGE_EVERY, cause};
 use crate::realtime::Usage;
-use crate::shell::{Interrupted, Shared, Waited};
+use crate::wait::{Interrupted, Waited};
 
 /// Gives out one tick after the other.
 ///
 /// In lockstep each at once, unless the recorder lags too far. In real time on absolute deadlines t₀ + k·T: after an overrun the phase
 /// is kept, the grid points that have passed are counted as missed, and the next tick waits for the next grid point.
 pub struct TickSource {
-    shared: Rc<Shared>,
+    context: Rc<Context>,
     next_tick: u64,
     /// Grid point at which the tick in hand began, on this process's clock; 0 before the first one.
     grid_ns: u64,
@@ -22,12 +23,9 @@ pub struct TickSource {
     incarnations: u32,
 }
 
-/// Ticks between two looks at what the kernel counts: asking each tick would be a system call each tick.
-pub(crate) const USAGE_EVERY: u64 = 64;
-
 impl TickSource {
-    pub(crate) fn new(shared: Rc<Shared>, first: u64) -> Self {
-        Self { shared, next_tick: first, grid_ns: 0, began_ns: 0, usage: Usage::default(), incarnations: 0 }
+    pub(crate) fn new(context: Rc<Context>, first: u64) -> Self {
+        Self { context, next_tick: first, grid_ns: 0, began_ns: 0, usage: Usage::default(), incarnations: 0 }
     }
 
     /// Waits for the next tick's time; `None` when the run stops.
@@ -36,25 +34,25 @@ impl TickSource {
     /// When in lockstep the recorder takes nothing in within the limit, or the run does not start.
     #[allow(clippy::should_implement_trait, reason = "it can fail; `while let Some(tick) = pace.next()?`")]
     pub fn next(&mut self) -> Result<Option<u64>, Interrupted> {
-        if !matches!(self.shared.start()?, Waited::Ready(())) {
+        if !matches!(self.context.start()?, Waited::Ready(())) {
             return Ok(None);
         }
         let tick = self.next_tick;
-        self.shared.control_page.fault_table().adopt(tick);
-        if self.shared.is_lockstep() {
-            if !matches!(self.shared.wait_for_others(tick)?, Waited::Ready(())) {
+        self.context.control_page.fault_table().adopt(tick);
+        if self.context.is_lockstep() {
+            if !matches!(self.context.wait_for_others(tick)?, Waited::Ready(())) {
                 return Ok(None);
             }
         } else {
             self.wait_for_grid();
         }
-        if self.shared.is_stopping() {
+        if self.context.is_stopping() {
             return Ok(None);
         }
         self.next_tick += 1;
-        self.shared.tick.set(tick);
+        self.context.tick.set(tick);
         // The arm's time is its own: where the plant stood still, no tick has passed.
-        self.shared.meet_fate(tick);
+        self.context.apply_process_faults(tick);
         Ok(Some(tick))
     }
 
@@ -63,16 +61,16 @@ impl TickSource {
     /// A tenth of a period, at most 100 µs, before the next tick: whoever waits in vain is in time for the next grid point nevertheless.
     #[must_use]
     pub fn deadline_ns(&self) -> Option<u64> {
-        let period = self.shared.manifest.period_ns();
-        (!self.shared.is_lockstep()).then(|| self.began_ns + period - (period / 10).min(100_000))
+        let period = self.context.manifest.period_ns();
+        (!self.context.is_lockstep()).then(|| self.began_ns + period - (period / 10).min(100_000))
     }
 
     fn wait_for_grid(&mut self) {
-        let period = self.shared.manifest.period_ns();
-        let now = self.shared.clock_ns();
+        let period = self.context.manifest.period_ns();
+        let now = self.context.clock_ns();
         let incarnations = self.incarnations_of_all();
         if self.grid_ns == 0 {
-            let origin = self.shared.control_page.grid_origin(now + period);
+            let origin = self.context.control_page.grid_origin(now + period);
             // A replacement joins on a grid point that lies ahead.
             self.grid_ns = origin + now.saturating_sub(origin).div_ceil(period) * period;
         } else {
@@ -80,7 +78,7 @@ impl TickSource {
             if missed > 0 || self.next_tick.is_multiple_of(USAGE_EVERY) {
                 let usage = Usage::now();
                 if missed > 0 {
-                    self.shared.entry().add(cause(self.usage, usage, incarnations != self.incarnations), missed);
+                    self.context.entry().add(cause(self.usage, usage, incarnations != self.incarnations), missed);
                 }
                 self.usage = usage;
             }
@@ -89,8 +87,8 @@ impl TickSource {
             self.grid_ns += (missed + 1) * period;
         }
         self.incarnations = incarnations;
-        self.shared.due_ns.set(self.grid_ns);
-        while self.shared.clock_ns() < self.grid_ns && !self.shared.is_stopping() {
+        self.context.stamping.set_due(self.grid_ns);
+        while self.context.clock_ns() < self.grid_ns && !self.context.is_stopping() {
             sleep_until(self.by_machine(self.grid_ns));
         }
         self.began_ns = self.by_machine(self.grid_ns);
@@ -98,39 +96,10 @@ impl TickSource {
 
     /// What the machine's clock says when this process's says `ns`.
     fn by_machine(&self, ns: u64) -> u64 {
-        ns.saturating_add_signed(-self.shared.clock_error_ns(now_ns()))
+        ns.saturating_add_signed(-self.context.clock_error_ns(now_ns()))
     }
 
     fn incarnations_of_all(&self) -> u32 {
-        (0..self.shared.manifest.processes.len()).map(|index| self.shared.control_page.process(index).incarnation()).sum()
-    }
-}
-
-/// Why a deadline was missed, as far as the kernel can tell of the last few ticks: what is rarer and costs more is named first.
-pub(crate) fn cause(before: Usage, after: Usage, a_peer_restarted: bool) -> Count {
-    if after.major_faults > before.major_faults {
-        Count::MissedMajorFault
-    } else if a_peer_restarted {
-        Count::MissedPeerRestart
-    } else if after.preemptions > before.preemptions {
-        Count::MissedPreempted
-    } else {
-        Count::MissedOverrun
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_rarest_cause_is_named() {
-        let before = Usage { major_faults: 1, preemptions: 5 };
-        let fault = Usage { major_faults: 2, preemptions: 6 };
-        let preempted = Usage { major_faults: 1, preemptions: 6 };
-        assert_eq!(cause(before, fault, true), Count::MissedMajorFault);
-        assert_eq!(cause(before, preempted, true), Count::MissedPeerRestart);
-        assert_eq!(cause(before, preempted, false), Count::MissedPreempted);
-        assert_eq!(cause(before, before, false), Count::MissedOverrun);
+        (0..self.context.manifest.processes.len()).map(|index| self.context.control_page.process(index).incarnation()).sum()
     }
 }

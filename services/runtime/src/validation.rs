@@ -1,13 +1,6 @@
-//! The edge of a process: every message it receives or sends passes here, and nowhere else.
-//!
-//! It holds what must always hold (messages of dead incarnations are refused, numbers that are not finite neither leave nor enter), the pauses
-//! with which `verify` disturbs a process, and how a fault spoils a message.
-
-pub use shared_types::random::at as random;
-use std::time::Duration;
+//! Validation of messages: none of a dead incarnation enters a process, and no number that is not finite enters or leaves one.
 
 use shared_types::Message;
-use shared_types::fault::{Kind, ScheduledFault, Way, shaped_topic};
 use shared_types::wire::{Field, Header};
 
 /// Refuses the messages of a writer's dead incarnations.
@@ -28,63 +21,6 @@ impl Fence {
         }
         self.newest_heard = header.incarnation;
         true
-    }
-}
-
-/// Seeded short pauses before a process looks for its next message.
-#[derive(Debug)]
-pub(crate) struct Pauses {
-    seed: u64,
-    looks: u64,
-}
-
-impl Pauses {
-    /// One look in so many is late.
-    const ONE_IN: u64 = 8;
-    /// The longest pause; µs.
-    const LONGEST_US: u64 = 200;
-
-    pub(crate) fn new(seed: u64) -> Self {
-        Self { seed, looks: 0 }
-    }
-
-    /// The pause before the next look, if there is one.
-    pub(crate) fn next(&mut self) -> Option<Duration> {
-        self.looks += 1;
-        let random = random(self.seed, self.looks);
-        let length = Duration::from_micros((random >> 32) % (Self::LONGEST_US + 1));
-        random.is_multiple_of(Self::ONE_IN).then_some(length)
-    }
-}
-
-/// Whether a fault concerns the message of a tick: the same answer every time.
-pub(crate) fn happens(strike: &ScheduledFault, tick: u64) -> bool {
-    // 53 bits make a number in [0, 1) exactly; another draw than the delay's.
-    strike.probability >= 1.0 || ((random(!strike.seed, tick) >> 11) as f64) < strike.probability * (1u64 << 53) as f64
-}
-
-/// Spoils the number that a corruption aims at.
-pub(crate) fn spoil<M: Message>(message: &mut M, strike: &ScheduledFault, process: &str) {
-    let Some((field, place)) = strike.field(process) else { return };
-    let tick = message.header().tick;
-    let start = field.offset + place * size_of::<f64>();
-    let Some(bytes) = bytemuck::bytes_of_mut(message).get_mut(start..start + size_of::<f64>()) else { return };
-    let value: f64 = bytemuck::pod_read_unaligned(bytes);
-    let spoilt = match strike.way() {
-        Some(Way::Nan) => f64::NAN,
-        Some(Way::Inf) => f64::INFINITY,
-        Some(Way::Flip) => f64::from_bits(value.to_bits() ^ 1 << (random(strike.seed, tick) % 64)),
-        _ => (value.abs().max(1.0) * strike.amount).copysign(value),
-    };
-    bytes.copy_from_slice(&spoilt.to_ne_bytes());
-}
-
-/// Does to a message what the faults that strike its process make of it when it leaves in its own tick: its fields, not whether and when.
-pub fn leaves_as<M: Message>(message: &mut M, strikes: &[ScheduledFault], process: &str) {
-    let tick = message.header().tick;
-    let spoils = |strike: &&ScheduledFault| strike.kind() == Some(Kind::Corrupt) && strike.concerns(tick) && happens(strike, tick);
-    if shaped_topic(M::TOPIC) {
-        strikes.iter().filter(spoils).for_each(|strike| spoil(message, strike, process));
     }
 }
 
@@ -115,7 +51,7 @@ mod tests {
     }
 
     #[test]
-    fn the_dead_are_refused_as_soon_as_the_board_or_a_successor_says_so() {
+    fn the_dead_are_refused_as_soon_as_the_control_page_or_a_successor_says_so() {
         let mut fence = Fence::default();
         assert!(fence.admits(&of(1), Some(1)));
         assert!(!fence.admits(&of(1), Some(2)), "the launcher has begun incarnation 2");
@@ -123,25 +59,6 @@ mod tests {
         let mut fence = Fence::default();
         assert!(fence.admits(&of(1), None) && fence.admits(&of(2), None));
         assert!(!fence.admits(&of(1), None), "2 has spoken");
-    }
-
-    #[test]
-    fn random_numbers_are_those_of_the_reference() {
-        // The first outputs of the authors' reference program for seed 1234567.
-        assert_eq!([1, 2].map(|index| random(1_234_567, index)), [6_457_827_717_110_365_317, 3_203_168_211_198_807_973]);
-    }
-
-    #[test]
-    fn pauses_are_seeded_short_and_rare() {
-        let of = |seed| {
-            let mut pauses = Pauses::new(seed);
-            (0..8_000).map(|_| pauses.next()).collect::<Vec<_>>()
-        };
-        assert_eq!(of(1), of(1));
-        assert_ne!(of(1), of(2));
-        let made: Vec<_> = of(3).into_iter().flatten().collect();
-        assert!((800..1_200).contains(&made.len()), "{} of 8000", made.len());
-        assert!(made.iter().all(|pause| *pause <= Duration::from_micros(Pauses::LONGEST_US)));
     }
 
     #[test]

@@ -7,9 +7,10 @@ use shared_types::Message;
 
 use crate::bus::inlet::{Admission, Incoming, Inlet};
 use crate::bus::topic::{Subscribing, TopicError};
+use crate::context::Context;
 use crate::control_page::Count;
 use crate::memory::{Memory, RING};
-use crate::shell::{Interrupted, Shared};
+use crate::wait::Interrupted;
 
 /// Reads everything of a topic, in order; never waits.
 pub struct Collector<M: Message> {
@@ -71,7 +72,7 @@ impl<M: Message> Recall<M> {
 }
 
 impl<M: Message> Collector<M> {
-    pub(crate) fn new(shared: Rc<Shared>, subscriber: Rc<Subscribing<M>>) -> Self {
+    pub(crate) fn new(shared: Rc<Context>, subscriber: Rc<Subscribing<M>>) -> Self {
         Self { inlet: Inlet::new(shared, subscriber, Admission::InOrder), last: None, lost: 0, recall: None }
     }
 

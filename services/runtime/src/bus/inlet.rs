@@ -8,23 +8,19 @@ use iceoryx2::sample::Sample;
 use shared_types::Message;
 
 use crate::bus::topic::{Publishing, Subscribing, Wire};
+use crate::context::{Connect, Context};
 use crate::control_page::Count;
-use crate::shell::{Interrupted, Shared};
 use crate::validation::Fence;
-
-/// A port that can connect to its counterparts at a time of the shell's choosing, not in the first tick.
-pub(crate) trait Connect {
-    fn connect(&self, shared: &Shared) -> Result<(), Interrupted>;
-}
+use crate::wait::Interrupted;
 
 impl<M: Message> Connect for Subscribing<M> {
-    fn connect(&self, shared: &Shared) -> Result<(), Interrupted> {
+    fn connect(&self, shared: &Context) -> Result<(), Interrupted> {
         self.update_connections().map_err(|error| shared.port_failed(M::TOPIC, error))
     }
 }
 
 impl<M: Message> Connect for Publishing<M> {
-    fn connect(&self, shared: &Shared) -> Result<(), Interrupted> {
+    fn connect(&self, shared: &Context) -> Result<(), Interrupted> {
         self.update_connections().map_err(|error| shared.port_failed(M::TOPIC, error))
     }
 }
@@ -40,7 +36,7 @@ pub(crate) enum Admission {
 
 /// Where messages enter the process.
 pub(crate) struct Inlet<M: Message> {
-    pub(crate) shared: Rc<Shared>,
+    pub(crate) shared: Rc<Context>,
     pub(crate) subscriber: Rc<Subscribing<M>>,
     writer: Option<usize>,
     fence: Fence,
@@ -48,7 +44,7 @@ pub(crate) struct Inlet<M: Message> {
 }
 
 impl<M: Message> Inlet<M> {
-    pub(crate) fn new(shared: Rc<Shared>, subscriber: Rc<Subscribing<M>>, admission: Admission) -> Self {
+    pub(crate) fn new(shared: Rc<Context>, subscriber: Rc<Subscribing<M>>, admission: Admission) -> Self {
         let writer = shared.manifest.writer_of(M::TOPIC);
         Self { shared, subscriber, writer, fence: Fence::default(), admission }
     }

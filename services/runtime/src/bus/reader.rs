@@ -6,8 +6,9 @@ use shared_types::Message;
 
 use crate::bus::inlet::{Admission, Incoming, Inlet};
 use crate::bus::topic::Subscribing;
+use crate::context::Context;
 use crate::control_page::Count;
-use crate::shell::{Interrupted, Shared, Wait, Waited};
+use crate::wait::{Interrupted, Wait, Waited};
 
 /// Reads a topic, one message at a time.
 ///
@@ -15,7 +16,7 @@ use crate::shell::{Interrupted, Shared, Wait, Waited};
 /// the tick and nothing of it is on the way: the writer is down, or what it sent was lost. Then this process closes the tick too, and
 /// so a fault anywhere in the chain is a tick without torque at its end, not a wait for what will never come.
 pub struct Reader<M: Message> {
-    shared: Rc<Shared>,
+    shared: Rc<Context>,
     inlet: Inlet<M>,
     bit: u32,
     /// The message lent last, borrowed from shared memory until the next one is.
@@ -27,7 +28,7 @@ pub struct Reader<M: Message> {
 }
 
 /// What a reader waits for, and from whom.
-fn expected<M: Message>(shared: &Shared, tick: Option<u64>) -> Wait {
+fn expected<M: Message>(shared: &Context, tick: Option<u64>) -> Wait {
     Wait {
         what: match tick {
             Some(tick) => format!("tick {tick} of topic {:?}", M::TOPIC),
@@ -47,7 +48,7 @@ enum Found {
 }
 
 impl<M: Message> Reader<M> {
-    pub(crate) fn new(shared: Rc<Shared>, subscriber: Rc<Subscribing<M>>) -> Self {
+    pub(crate) fn new(shared: Rc<Context>, subscriber: Rc<Subscribing<M>>) -> Self {
         let bit = shared.topic_bit(M::TOPIC);
         let inlet = Inlet::new(Rc::clone(&shared), subscriber, Admission::OfTheLiving);
         // What was sent while this process was down is not for its replacement.
@@ -82,7 +83,7 @@ impl<M: Message> Reader<M> {
             // The tick in hand: in real time it is the message's.
             let tick = if shared.is_lockstep() { tick } else { self.current.as_ref().map_or(tick, |message| message.header().tick) };
             shared.tick.set(tick);
-            let goes_on = shared.meet_fate(tick);
+            let goes_on = shared.apply_process_faults(tick);
             if goes_on > tick {
                 // It stood still: what came meanwhile is not for it.
                 shared.tick.set(goes_on);

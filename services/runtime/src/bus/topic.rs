@@ -118,6 +118,9 @@ fn config(run: &RunDir, is_launcher: bool) -> Result<Config, TopicError> {
     Ok(config)
 }
 
+/// One process's side of all topics.
+pub(crate) type Bus = Node<ipc::Service>;
+
 pub(crate) fn join(run: &RunDir, name: &str, is_launcher: bool) -> Result<Node<ipc::Service>, TopicError> {
     let unusable = |reason: String| TopicError::Node { run: run.name().to_owned(), reason };
     let node_name = NodeName::new(name).map_err(|e| unusable(format!("{name:?}: {e:?}")))?;
@@ -147,7 +150,7 @@ fn builder<M: Message>(node: &Node<ipc::Service>) -> Result<Builder<Wire<M>, (),
         .subscriber_max_borrowed_samples(MAX_BORROWED)
         .max_subscribers(MAX_READERS)
         .max_publishers(MAX_WRITERS)
-        .max_nodes(crate::control_page::MAX_PROCESSES + 4))
+        .max_nodes(crate::manifest::MAX_PROCESSES + 4))
 }
 
 fn create<M: Message>(node: &Node<ipc::Service>, wire: u64) -> Result<Box<dyn Any>, TopicError> {

@@ -8,17 +8,17 @@ use std::rc::Rc;
 use iceoryx2::prelude::ipc;
 use iceoryx2::sample_mut::SampleMut;
 use shared_types::Message;
-use shared_types::fault::{Kind, MOST_DELAY_TICKS, shaped_topic};
+use shared_types::fault::{MOST_DELAY_TICKS, shaped_topic};
 
 use crate::bus::topic::{Publishing, TopicError, Wire};
 use crate::clock::now_ns;
+use crate::context::{Context, Outlet};
 use crate::control_page::Count;
-use crate::fate::Outlet;
+use crate::deadline::{USAGE_EVERY, cause};
+use crate::fault::message::{Shape, shape};
 use crate::memory::Memory;
 use crate::realtime::Usage;
-use crate::shell::Shared;
-use crate::tick_source::{USAGE_EVERY, cause};
-use crate::validation::{first_not_finite, happens, random, spoil};
+use crate::validation::first_not_finite;
 
 /// Why a message was not sent.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -57,7 +57,7 @@ pub struct Writer<M: Message> {
 
 /// Where messages leave the process, and where the faults that concern them are.
 struct Sending<M: Message> {
-    shared: Rc<Shared>,
+    shared: Rc<Context>,
     /// Its place among the process's outputs.
     output: usize,
     publisher: Rc<Publishing<M>>,
@@ -72,7 +72,7 @@ struct Sending<M: Message> {
 }
 
 impl<M: Message> Writer<M> {
-    pub(crate) fn new(shared: &Rc<Shared>, publisher: Rc<Publishing<M>>) -> Result<Self, TopicError> {
+    pub(crate) fn new(shared: &Rc<Context>, publisher: Rc<Publishing<M>>) -> Result<Self, TopicError> {
         let memory = Memory::open(&shared.run).map_err(|error| TopicError::Memory { topic: M::TOPIC, reason: error.to_string() })?;
         let legacy = if shared.entry().incarnation() > 1 { memory.last() } else { None };
         let outlet = Rc::new(Sending {
@@ -209,7 +209,7 @@ impl<M: Message> Loan<'_, M> {
 }
 
 /// In real time an output is due one period after its tick was.
-fn count_lateness(usage: &mut Usage, shared: &Shared, header: &shared_types::Header, sent_ns: u64) {
+fn count_lateness(usage: &mut Usage, shared: &Context, header: &shared_types::Header, sent_ns: u64) {
     let origin_ns = header.stamps.origin_ns();
     let due_ns = origin_ns + shared.manifest.period_ns();
     let is_late = origin_ns > 0 && sent_ns > due_ns;
@@ -250,23 +250,9 @@ impl<M: Message> Sending<M> {
     fn shape(&self, message: &M) -> Result<(), SendError> {
         let (shared, tick) = (&self.shared, self.shared.tick.get());
         let (mut message, label) = (*message, message.header().tick);
-        let (mut due, mut copies) = (tick, 1);
-        let mut is_stale = false;
-        for (place, strike, kind) in shared.fates.borrow().of(shared.me, tick) {
-            if !kind.shapes_messages() || !happens(strike, label) {
-                continue;
-            }
-            shared.control_page.fault_table().mark_injected(place, now_ns());
-            match kind {
-                Kind::Drop => copies = 0,
-                Kind::Duplicate => copies *= 2,
-                // It leaves after the next one: that one is delivered before what is due is flushed.
-                Kind::Reorder => due += 1,
-                Kind::Delay => due += strike.amount as u64 + random(strike.seed, label) % (strike.jitter + 1),
-                Kind::Corrupt => spoil(&mut message, strike, shared.name()),
-                _ => is_stale = true,
-            }
-        }
+        let injected = |place| shared.control_page.fault_table().mark_injected(place, now_ns());
+        let Shape { due, copies, is_stale } =
+            shape(&mut message, tick, shared.name(), shared.faults.known.borrow().of(shared.me, tick), injected);
         if is_stale {
             // Its own old header with it: whoever reads ticks knows it again.
             let Some(old) = self.stale.get().or_else(|| self.memory.before(label)) else { return Ok(()) };

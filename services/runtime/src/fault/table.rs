@@ -219,19 +219,21 @@ impl Entry {
 
 /// One process's copy of the fault table, renewed when the fault table has changed. Never allocates after its making.
 #[derive(Debug)]
-pub(crate) struct Copied {
+pub(crate) struct KnownFaults {
     changes: u32,
-    strikes: Vec<(usize, ScheduledFault)>,
+    faults: Vec<(usize, ScheduledFault)>,
 }
 
-impl Copied {
-    pub(crate) fn new() -> Self {
-        Self { changes: 0, strikes: Vec::with_capacity(MOST_FAULTS) }
+impl Default for KnownFaults {
+    fn default() -> Self {
+        Self { changes: 0, faults: Vec::with_capacity(MOST_FAULTS) }
     }
+}
 
+impl KnownFaults {
     /// The faults in force, and their places.
-    pub(crate) fn strikes(&self) -> &[(usize, ScheduledFault)] {
-        &self.strikes
+    pub(crate) fn faults(&self) -> &[(usize, ScheduledFault)] {
+        &self.faults
     }
 
     pub(crate) fn is_current(&self, table: &FaultTable) -> bool {
@@ -240,13 +242,13 @@ impl Copied {
 
     pub(crate) fn renew(&mut self, table: &FaultTable) {
         self.changes = table.changes();
-        self.strikes.clear();
-        self.strikes.extend(table.records().map(|(place, account)| (place, account.scheduled)).take(MOST_FAULTS));
+        self.faults.clear();
+        self.faults.extend(table.records().map(|(place, account)| (place, account.scheduled)).take(MOST_FAULTS));
     }
 
     /// What concerns a process at a tick.
     pub(crate) fn of(&self, process: usize, tick: u64) -> impl Iterator<Item = (usize, &ScheduledFault, Kind)> {
-        self.strikes
+        self.faults
             .iter()
             .filter(move |(_, strike)| strike.process as usize == process && strike.concerns(tick))
             .filter_map(|(place, strike)| Some((*place, strike, strike.kind()?)))
@@ -254,7 +256,7 @@ impl Copied {
 
     /// Whether any fault makes more or fewer than one message of a topic leave in a tick.
     pub(crate) fn shapes_messages(&self) -> bool {
-        self.strikes.iter().any(|(_, strike)| strike.kind().is_some_and(Kind::shapes_messages))
+        self.faults.iter().any(|(_, strike)| strike.kind().is_some_and(Kind::shapes_messages))
     }
 }
 
@@ -272,8 +274,8 @@ mod tests {
     fn a_request_is_in_force_from_the_tick_that_adopts_it() {
         let run = RunDir::create().unwrap();
         let (ours, theirs) = (ControlPage::create(&run).unwrap(), ControlPage::open(&run).unwrap());
-        let mut copied = Copied::new();
-        let is_down = |copied: &Copied, process, tick| copied.of(process, tick).any(|(_, _, kind)| kind.takes_down());
+        let mut copied = KnownFaults::default();
+        let is_down = |copied: &KnownFaults, process, tick| copied.of(process, tick).any(|(_, _, kind)| kind.takes_down());
         assert!(copied.is_current(theirs.fault_table()) && !is_down(&copied, 3, 500));
         let place = theirs.fault_table().request(&strike(Kind::Kill, 0)).unwrap();
         assert!(copied.is_current(theirs.fault_table()) && !theirs.fault_table().is_in_force(place));

@@ -1,0 +1,470 @@
+//! What one process has of its run: its place in the graph, the tick in hand, the faults it knows, and the one wait.
+
+use std::cell::{Cell, RefCell};
+use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use shared_types::fault::{Kind, ScheduledFault, Way};
+use shared_types::wire::Header;
+
+use crate::bus::topic::Bus;
+use crate::checkpoint::Commit;
+use crate::clock::now_ns;
+use crate::control_page::{ControlPage, PROGRESS, Phase, ProcessEntry, State, Stop};
+use crate::disturbance::Pauses;
+use crate::fault::clock;
+use crate::fault::process::{CpuLoad, forbid_writes, kill_self, stop_self};
+use crate::fault::table::{KnownFaults, Origin};
+use crate::lockstep::{Outage, Progress, Protocol, Report, Role, View};
+use crate::manifest::{Manifest, Mode, Process};
+use crate::run_dir::RunDir;
+use crate::stamping::Stamping;
+use crate::wait::{Interrupted, Wait, Waited};
+
+/// A port that can connect to its counterparts at a time of the shell's choosing, not in the first tick.
+pub(crate) trait Connect {
+    fn connect(&self, context: &Context) -> Result<(), Interrupted>;
+}
+
+/// An end of the process that a closing tick concerns: what is held back for it leaves, and its readers are told.
+pub(crate) trait Outlet {
+    /// Sends what is due at `tick` or before.
+    fn flush(&self, tick: u64);
+    /// Wakes the readers.
+    fn ring(&self);
+}
+
+/// Why this process is to stop.
+pub(crate) struct StopFlag {
+    /// The stage of the run's end that concerns it.
+    pub(crate) at: Stop,
+    /// SIGTERM or SIGINT has come.
+    pub(crate) signalled: Arc<AtomicBool>,
+}
+
+/// What this process knows of the faults of the run, and what they do to it now.
+#[derive(Default)]
+pub(crate) struct FaultState {
+    pub(crate) known: RefCell<KnownFaults>,
+    cpu_load: RefCell<Option<CpuLoad>>,
+    is_volume_full: Cell<bool>,
+}
+
+/// Everything that takes part in the beginning or the end of a tick.
+#[derive(Default)]
+pub(crate) struct Attached {
+    /// The ports to connect at the start.
+    pub(crate) ports: RefCell<Vec<Rc<dyn Connect>>>,
+    pub(crate) outlets: RefCell<Vec<Rc<dyn Outlet>>>,
+    /// What is committed when a tick closes.
+    pub(crate) checkpoints: RefCell<Vec<Rc<dyn Commit>>>,
+    /// The outputs sent of a tick, a bit each.
+    outputs_sent: Cell<(u64, u32)>,
+}
+
+/// What one process has of the run; shared by its ports.
+pub(crate) struct Context {
+    pub(crate) run: RunDir,
+    pub(crate) manifest: Manifest,
+    pub(crate) control_page: Arc<ControlPage>,
+    pub(crate) bus: Bus,
+    /// Its index in the manifest.
+    pub(crate) me: usize,
+    pub(crate) stop: StopFlag,
+    pub(crate) has_started: Cell<bool>,
+    /// The tick in hand: everything before it is closed.
+    pub(crate) tick: Cell<u64>,
+    pub(crate) stamping: Stamping,
+    /// Deliberate pauses, in a run of `verify`.
+    pub(crate) pauses: RefCell<Option<Pauses>>,
+    pub(crate) faults: FaultState,
+    pub(crate) attached: Attached,
+}
+
+impl Context {
+    pub(crate) fn name(&self) -> &str {
+        &self.manifest.processes[self.me].name
+    }
+
+    pub(crate) fn entry(&self) -> &ProcessEntry {
+        self.control_page.process(self.me)
+    }
+
+    pub(crate) fn is_lockstep(&self) -> bool {
+        self.manifest.mode == Mode::Lockstep
+    }
+
+    /// Whether this process is deliberately content with a message of the tick before.
+    pub(crate) fn is_unordered(&self) -> bool {
+        self.manifest.processes[self.me].disturbance.unordered
+    }
+
+    /// Sleeps where the run's disturbance says so.
+    pub(crate) fn pause(&self) {
+        if let Some(pause) = self.pauses.borrow_mut().as_mut().and_then(Pauses::next) {
+            std::thread::sleep(pause);
+        }
+    }
+
+    pub(crate) fn is_stopping(&self) -> bool {
+        self.control_page.stop() >= self.stop.at || self.stop.signalled.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn topic_bit(&self, topic: &str) -> u32 {
+        self.manifest.topics().iter().position(|&t| t == topic).map_or(0, |index| 1 << index)
+    }
+
+    /// Goes with all others through the phases of the beginning; from here on nothing can be lost.
+    pub(crate) fn start(&self) -> Result<Waited<()>, Interrupted> {
+        if self.has_started.get() {
+            return Ok(Waited::Ready(()));
+        }
+        self.entry().set_state(State::Ready);
+        if matches!(self.wait_for_phase(Phase::Connect)?, Waited::Stopped) {
+            return Ok(Waited::Stopped);
+        }
+        for port in self.attached.ports.take() {
+            port.connect(self)?;
+        }
+        self.entry().set_state(State::Connected);
+        if matches!(self.wait_for_phase(Phase::Work)?, Waited::Stopped) {
+            return Ok(Waited::Stopped);
+        }
+        self.has_started.set(true);
+        self.apply_faults_at_start();
+        self.skip_to(self.tick.get());
+        self.entry().set_state(State::Running);
+        if self.entry().incarnation() > 1 {
+            self.control_page.fault_table().mark_recovered(self.me, now_ns());
+            self.control_page.ring_all();
+        }
+        Ok(Waited::Ready(()))
+    }
+
+    fn wait_for_phase(&self, phase: Phase) -> Result<Waited<()>, Interrupted> {
+        let describe = || Wait { what: format!("the beginning of the run's phase \"{phase:?}\""), from: "the launcher".into() };
+        self.wait(0, None, describe, || Ok(self.control_page.has_begun(phase).then_some(())))
+    }
+
+    /// The one wait: look, then sleep until somebody rings for one of `bits`, look again; never longer than the limit.
+    pub(crate) fn wait<T>(
+        &self,
+        bits: u32,
+        deadline_ns: Option<u64>,
+        describe: impl Fn() -> Wait,
+        mut look: impl FnMut() -> Result<Option<T>, Interrupted>,
+    ) -> Result<Waited<T>, Interrupted> {
+        if self.is_stopping() {
+            return Ok(Waited::Stopped);
+        }
+        let bell = self.entry().bell();
+        let limit_ns = self.manifest.wait_limit.as_nanos() as u64;
+        let (mut is_first_look, mut began_ns) = (true, None);
+        loop {
+            // Armed before the look: whoever brings it after the look rings.
+            let seen = bell.rings();
+            bell.arm(bits);
+            let found = look();
+            if self.is_stopping() || !matches!(found, Ok(None)) {
+                bell.disarm();
+                return Ok(found?.map_or(Waited::Stopped, Waited::Ready));
+            }
+            let mut sleep_ns = None;
+            // Without a deadline the clock is only read when the first sleep was in vain: the usual hop does without it.
+            if deadline_ns.is_some() || !is_first_look {
+                let now = now_ns();
+                let waited_ns = now - *began_ns.get_or_insert(now);
+                if deadline_ns.is_some_and(|deadline| now >= deadline) {
+                    bell.disarm();
+                    return Ok(Waited::Late);
+                }
+                if waited_ns >= limit_ns {
+                    bell.disarm();
+                    let Wait { what, from } = describe();
+                    let waited = Duration::from_nanos(waited_ns);
+                    return Err(Interrupted::TimedOut { process: self.name().to_owned(), what, from, waited });
+                }
+                sleep_ns = deadline_ns.map(|deadline| deadline - now);
+            }
+            is_first_look = false;
+            bell.sleep(seen, sleep_ns);
+        }
+    }
+
+    /// Notes that an output of a tick is about to leave; whether it is the last of those that the graph declares.
+    pub(crate) fn is_last_output(&self, tick: u64, output: usize) -> bool {
+        let (of, sent) = self.attached.outputs_sent.get();
+        let sent = if of == tick { sent } else { 0 } | 1 << output;
+        self.attached.outputs_sent.set((tick, sent));
+        sent.count_ones() as usize >= self.manifest.processes[self.me].writes.len()
+    }
+
+    /// Commits the checkpoint that was written for a tick.
+    pub(crate) fn commit(&self, tick: u64) {
+        self.attached.checkpoints.borrow().iter().for_each(|checkpoint| checkpoint.commit(tick));
+    }
+
+    pub(crate) fn port_failed(&self, topic: &'static str, error: impl std::fmt::Display) -> Interrupted {
+        Interrupted::Port { process: self.name().to_owned(), topic, reason: error.to_string() }
+    }
+
+    /// A message is in the process's hands: notes when, and which way it came.
+    pub(crate) fn note_input(&self, header: &Header) {
+        self.stamping.note_input(header, self.clock_ns(), self.entry());
+    }
+
+    /// Fills an output's header with this hop's stamps and those before it. Returns the time of sending.
+    pub(crate) fn stamp(&self, header: &mut Header) -> u64 {
+        let now = self.clock_ns();
+        self.stamping.stamp(header, now, self.entry());
+        now
+    }
+
+    /// In lockstep: waits until no polled process lags so far that it could lose this tick, and all are back whom the fault table has back by then.
+    pub(crate) fn wait_for_others(&self, tick: u64) -> Result<Waited<()>, Interrupted> {
+        let laggard = || self.protocol().holds_back(tick);
+        let describe = || Wait {
+            what: format!("its turn to begin tick {tick}"),
+            from: laggard().map_or("the others".into(), |index| self.manifest.processes[index].name.clone()),
+        };
+        self.wait(PROGRESS, None, describe, || {
+            self.learn();
+            Ok(laggard().is_none().then_some(()))
+        })
+    }
+
+    /// Brings the copy of the fault table up to date; one load where nothing has changed.
+    pub(crate) fn learn(&self) {
+        let table = self.control_page.fault_table();
+        if !self.faults.known.borrow().is_current(table) {
+            self.faults.known.borrow_mut().renew(table);
+        }
+    }
+
+    /// Whether the fault table, as this process knows it, is empty.
+    pub(crate) fn is_unharmed(&self) -> bool {
+        self.faults.known.borrow().faults().is_empty()
+    }
+
+    /// Something is wrong with a message: if there are faults, they have been noticed.
+    pub(crate) fn message_fault_detected(&self) {
+        if !self.is_unharmed() {
+            self.control_page.fault_table().mark_all_detected(self.tick.get(), now_ns());
+        }
+    }
+
+    /// Whether any fault shapes messages: then a tick of this process ends when its inputs have, not with its one message.
+    pub(crate) fn is_shaped(&self) -> bool {
+        !self.is_unharmed() && self.faults.known.borrow().shapes_messages()
+    }
+
+    /// The decisions of the lockstep protocol for this process.
+    pub(crate) fn protocol(&self) -> Protocol<'_, Self> {
+        Protocol::new(self, self.me)
+    }
+
+    /// When this process, started again, may answer: the first tick after its last death. 0: no death is known.
+    pub(crate) fn returns_at(&self) -> u64 {
+        self.learn();
+        self.protocol().returns_at()
+    }
+
+    /// Applies the faults of this process at a tick, with the tick's first input in hand. Returns the tick at which it goes on: `tick`, or a
+    /// later one if it was stopped.
+    pub(crate) fn apply_process_faults(&self, tick: u64) -> u64 {
+        self.learn();
+        if self.is_unharmed() {
+            return tick;
+        }
+        self.load_core(tick);
+        let Some(outage) = self.protocol().downfall(tick) else { return tick };
+        self.control_page.fault_table().mark_injected(outage.place, now_ns());
+        let Some((fault, kind)) = self.fault(outage.place) else { return tick };
+        match kind {
+            Kind::Kill => {
+                self.leave(State::Gone);
+                kill_self();
+            }
+            Kind::Crash => {
+                self.leave(State::Gone);
+                panic!("{} crashes at tick {tick}, as the fault plan says", self.name());
+            }
+            _ => self.stand_still(&fault),
+        }
+        fault.until
+    }
+
+    /// Attached where a replacement has died before it could answer, so that a run repeats the deaths of its plan.
+    fn apply_faults_at_start(&self) {
+        self.learn();
+        if let Some(outage) = self.protocol().downfall_at_start() {
+            self.control_page.fault_table().mark_injected(outage.place, now_ns());
+            self.leave(State::Gone);
+            kill_self();
+        }
+    }
+
+    /// The fault at a place of the table, as this process knows it.
+    fn fault(&self, place: usize) -> Option<(ScheduledFault, Kind)> {
+        let known = self.faults.known.borrow();
+        let (_, fault) = known.faults().iter().find(|(one, _)| *one == place)?;
+        Some((*fault, fault.kind()?))
+    }
+
+    /// The others are told before, so that none waits for what cannot come.
+    fn leave(&self, state: State) {
+        self.entry().set_state(state);
+        self.control_page.ring_all();
+    }
+
+    fn stand_still(&self, fault: &ScheduledFault) {
+        self.leave(State::Stopped);
+        stop_self();
+        // A process that is not continued (`Way::ForEver`) is replaced and never comes here; a stray SIGCONT changes nothing about it.
+        while fault.way() == Some(Way::ForEver) && !self.is_stopping() {
+            stop_self();
+        }
+        self.skip_to(fault.until);
+        self.entry().set_state(State::Running);
+        self.control_page.fault_table().mark_recovered(self.me, now_ns());
+        self.control_page.ring_all();
+    }
+
+    /// In lockstep: nothing before `tick` will come of this process any more.
+    pub(crate) fn skip_to(&self, tick: u64) {
+        if let Some(ticks) = self.protocol().skips_to(tick) {
+            self.entry().set_ticks(ticks);
+        }
+    }
+
+    /// Loads the process's core as long as a fault says so.
+    pub(crate) fn load_core(&self, tick: u64) {
+        let known = self.faults.known.borrow();
+        let starving = known.of(self.me, tick).find(|(_, _, kind)| *kind == Kind::Starve).map(|(place, ..)| place);
+        let mut load = self.faults.cpu_load.borrow_mut();
+        match (starving, load.as_ref().map(|load| load.place)) {
+            (Some(place), was) if was != Some(place) => {
+                self.control_page.fault_table().mark_injected(place, now_ns());
+                *load = Some(CpuLoad::start(place, self.manifest.processes[self.me].core));
+            }
+            (None, Some(_)) => *load = None,
+            _ => {}
+        }
+    }
+
+    /// Applies the faults of the volume that a polled process writes to: full, by the kernel's own limit on the size of files; or slow.
+    pub(crate) fn apply_volume_faults(&self, tick: u64, is_last: bool) {
+        let (mut is_full, mut pause_ms) = (false, 0.0);
+        for (place, fault, kind) in self.faults.known.borrow().of(self.me, tick) {
+            match kind {
+                Kind::DiskFull => is_full = true,
+                Kind::SlowDisk => pause_ms += fault.amount,
+                _ => continue,
+            }
+            self.control_page.fault_table().mark_injected(place, now_ns());
+        }
+        // What is left to be written at the end belongs to another volume.
+        self.fill_volume(is_full && !is_last);
+        if pause_ms > 0.0 && !is_last {
+            std::thread::sleep(Duration::from_secs_f64(pause_ms * 1e-3));
+        }
+    }
+
+    /// Takes the room from the volume, or gives it back; returns whether there was none.
+    pub(crate) fn fill_volume(&self, is_full: bool) -> bool {
+        let was_full = self.faults.is_volume_full.replace(is_full);
+        if was_full != is_full {
+            forbid_writes(is_full);
+        }
+        was_full
+    }
+
+    /// This process's clock: the machine's, unless a fault has it jump or run fast.
+    pub(crate) fn clock_ns(&self) -> u64 {
+        let now = now_ns();
+        now.saturating_add_signed(self.clock_error_ns(now))
+    }
+
+    /// How far this process's clock is ahead of the machine's at an instant of that; negative where it is behind.
+    pub(crate) fn clock_error_ns(&self, now: u64) -> i64 {
+        if self.is_unharmed() {
+            return 0;
+        }
+        clock::error_ns(self.faults.known.borrow().of(self.me, self.tick.get()), self.control_page.fault_table(), now)
+    }
+
+    /// In lockstep: nothing more of `tick` will come out of this process.
+    pub(crate) fn close(&self, tick: u64) {
+        for outlet in self.attached.outlets.borrow().iter() {
+            outlet.flush(tick);
+        }
+        self.entry().set_ticks(tick + 1);
+        for outlet in self.attached.outlets.borrow().iter() {
+            outlet.ring();
+        }
+        self.report_progress();
+    }
+
+    pub(crate) fn add_outlet(&self, outlet: Rc<dyn Outlet>) {
+        self.attached.outlets.borrow_mut().push(outlet);
+    }
+
+    /// Tells those that wait for no message but for the others' progress that this process has closed a tick.
+    pub(crate) fn report_progress(&self) {
+        match self.protocol().reports_to() {
+            Report::Everybody => self.control_page.ring_all(),
+            Report::Source(source) => self.control_page.process(source).bell().ring(PROGRESS),
+            Report::Nobody => {}
+        }
+    }
+}
+
+impl View for Context {
+    fn processes(&self) -> usize {
+        self.manifest.processes.len()
+    }
+
+    fn role(&self, process: usize) -> Role {
+        let Process { makes_ticks, polled, .. } = self.manifest.processes[process];
+        Role { makes_ticks, polled }
+    }
+
+    fn progress(&self, process: usize) -> Progress {
+        let entry = self.control_page.process(process);
+        Progress {
+            ticks: entry.ticks(),
+            incarnation: entry.incarnation(),
+            is_running: entry.state() == State::Running,
+            awaits_progress: entry.bell().is_armed_for(PROGRESS),
+        }
+    }
+
+    fn has_faults(&self) -> bool {
+        !self.is_unharmed()
+    }
+
+    fn outages(&self) -> impl Iterator<Item = Outage> {
+        let outage = |index: usize| {
+            let (place, fault) = *self.faults.known.borrow().faults().get(index)?;
+            let kind = fault.kind().filter(|kind| kind.takes_down())?;
+            let record = self.control_page.fault_table().record(place)?;
+            Some(Outage {
+                place,
+                process: fault.process as usize,
+                at: fault.at,
+                until: fault.until,
+                has_struck: record.injected_ns != 0,
+                is_death: kind != Kind::Hang || fault.way() == Some(Way::ForEver),
+                is_unplanned: record.origin == Origin::Detected,
+            })
+        };
+        let count = self.faults.known.borrow().faults().len();
+        (0..count).filter_map(outage)
+    }
+
+    fn is_lockstep(&self) -> bool {
+        Context::is_lockstep(self)
+    }
+}

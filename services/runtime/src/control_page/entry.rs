@@ -1,0 +1,190 @@
+//! One process on the control page: its doorbell, heartbeat, state and counts.
+
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+
+use crate::control_page::doorbell::Bell;
+use crate::control_page::live_statistics::{Distribution, Times};
+
+/// What a process is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum State {
+    /// Not started yet.
+    Absent = 0,
+    /// Started, opening its ports.
+    Starting = 1,
+    /// All its ports are open; it waits for everybody else's.
+    Ready = 2,
+    /// It is connected to everybody; it waits for the first tick.
+    Connected = 3,
+    /// Working.
+    Running = 4,
+    /// It has ended.
+    Gone = 5,
+    /// It stands still (SIGSTOP).
+    Stopped = 6,
+}
+
+/// Declares what is counted: the variants, and the record of all of them.
+macro_rules! counts {
+    ($( $(#[$meta:meta])* $variant:ident $field:ident ),* $(,)?) => {
+        /// What a process counts.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        #[repr(usize)]
+        pub enum Count { $( $(#[$meta])* $variant ),* }
+
+        /// Everything a process has counted.
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+        pub struct Counts { $( $(#[$meta])* pub $field: u64 ),* }
+
+        const COUNTS: usize = [$(Count::$variant),*].len();
+
+        impl ProcessEntry {
+            /// All its counts.
+            #[must_use]
+            pub fn counts(&self) -> Counts {
+                Counts { $( $field: self.count(Count::$variant) ),* }
+            }
+        }
+    };
+}
+counts! {
+    /// Deadlines missed with a major page fault in the period.
+    MissedMajorFault missed_major_fault,
+    /// Deadlines missed with an involuntary context switch in the period.
+    MissedPreempted missed_preempted,
+    /// Deadlines missed while a peer was being restarted.
+    MissedPeerRestart missed_peer_restart,
+    /// Deadlines missed because the input was late already.
+    MissedLateInput missed_late_input,
+    /// Deadlines missed with no other cause: the computation took too long.
+    MissedOverrun missed_overrun,
+    /// Own messages refused because a number in them was not finite.
+    NotFinite not_finite,
+    /// Received messages refused because a dead incarnation had sent them.
+    Fenced fenced,
+    /// Received messages of a tick already passed.
+    Repeated repeated,
+    /// Ticks never received.
+    Lost lost,
+    /// Received messages refused because a number in them was not finite.
+    Refused refused,
+    /// Messages sent.
+    Sent sent,
+}
+
+/// One process on the control_page.
+#[repr(C, align(64))]
+#[derive(Debug, Default)]
+pub struct ProcessEntry {
+    bell: Bell,
+    /// Ticks done: the heartbeat. Tick k done is k + 1.
+    ticks: AtomicU64,
+    pid: AtomicU32,
+    incarnation: AtomicU32,
+    state: AtomicU32,
+    counts: [AtomicU64; COUNTS],
+    step: Times,
+    age: Times,
+}
+
+impl ProcessEntry {
+    /// Its doorbell.
+    #[must_use]
+    pub(crate) fn bell(&self) -> &Bell {
+        &self.bell
+    }
+
+    /// Ticks done.
+    #[must_use]
+    pub fn ticks(&self) -> u64 {
+        self.ticks.load(Ordering::Acquire)
+    }
+
+    pub(crate) fn set_ticks(&self, ticks: u64) {
+        self.ticks.store(ticks, Ordering::Release);
+    }
+
+    /// Its process id; 0 before its first start.
+    #[must_use]
+    pub fn pid(&self) -> u32 {
+        self.pid.load(Ordering::Relaxed)
+    }
+
+    /// How often it has been started.
+    #[must_use]
+    pub fn incarnation(&self) -> u32 {
+        self.incarnation.load(Ordering::Acquire)
+    }
+
+    /// What it is doing.
+    #[must_use]
+    pub fn state(&self) -> State {
+        match self.state.load(Ordering::Acquire) {
+            1 => State::Starting,
+            2 => State::Ready,
+            3 => State::Connected,
+            4 => State::Running,
+            5 => State::Gone,
+            6 => State::Stopped,
+            _ => State::Absent,
+        }
+    }
+
+    pub(crate) fn set_state(&self, state: State) {
+        self.state.store(state as u32, Ordering::Release);
+    }
+
+    /// The launcher, before it starts the process (again): from now on the next incarnation's messages count.
+    pub fn begin_incarnation(&self) -> u32 {
+        self.set_state(State::Starting);
+        self.incarnation.fetch_add(1, Ordering::AcqRel) + 1
+    }
+
+    /// The launcher, when it has started the process.
+    pub fn set_pid(&self, pid: u32) {
+        self.pid.store(pid, Ordering::Relaxed);
+    }
+
+    /// The launcher, when the process has ended.
+    pub fn end(&self) {
+        self.set_state(State::Gone);
+        self.bell.disarm();
+    }
+
+    /// One of its counts.
+    #[must_use]
+    pub fn count(&self, count: Count) -> u64 {
+        self.counts[count as usize].load(Ordering::Relaxed)
+    }
+
+    /// How long it takes from its input in hand to its output sent; for the source of ticks in real time from the tick's due time.
+    #[must_use]
+    pub fn step(&self) -> Distribution {
+        self.step.read()
+    }
+
+    /// How old the tick is when its output is sent, or for the source of ticks, when its answer is in hand; in real time since it was due.
+    #[must_use]
+    pub fn age(&self) -> Distribution {
+        self.age.read()
+    }
+
+    /// How often it has looked for what it waits for: who only waits looks again and again, who is stuck or stopped does not.
+    #[must_use]
+    pub fn looks(&self) -> u32 {
+        self.bell.sleeps()
+    }
+
+    pub(crate) fn note_step(&self, ns: u64) {
+        self.step.record(ns);
+    }
+
+    pub(crate) fn note_age(&self, ns: u64) {
+        self.age.record(ns);
+    }
+
+    pub(crate) fn add(&self, count: Count, n: u64) {
+        self.counts[count as usize].fetch_add(n, Ordering::Relaxed);
+    }
+}

@@ -1,0 +1,301 @@
+//! The control page of a run: one small shared-memory file with an entry per process.
+//!
+//! It carries what must be known without a message: doorbells, heartbeats, incarnations, counts, the stop flag. Everything in it is
+//! an atomic integer, so any process may read it at any time (`armplane top` does) and a dead one cannot leave it locked.
+
+use std::fs::OpenOptions;
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::PathBuf;
+use std::ptr::NonNull;
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+
+use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
+
+use crate::control_page::doorbell::ANYTHING;
+use crate::control_page::entry::ProcessEntry;
+use crate::control_page::live_statistics::{LiveState, LiveStateCells};
+use crate::fault::table::FaultTable;
+use crate::manifest::MAX_PROCESSES;
+use crate::run_dir::RunDir;
+
+/// "armbrd" and the version of this layout.
+const MAGIC: u64 = u64::from_be_bytes(*b"armbrd\0\x02");
+
+/// How far a run has come in its beginning.
+///
+/// A message reaches those who are connected when it is sent, and survives its writer only in the buffers of those who were connected
+/// before the writer ended. So first all open their ports, then all connect them, and only then the first message is sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u32)]
+pub enum Phase {
+    /// The processes open their ports.
+    Open = 0,
+    /// They connect them.
+    Connect = 1,
+    /// They work.
+    Work = 2,
+}
+
+/// How far a run has come to its end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u32)]
+pub enum Stop {
+    /// It goes on.
+    No = 0,
+    /// All stop but the polled processes (the recorder), which take in what is still on the way.
+    Chain = 1,
+    /// Everybody stops.
+    Everything = 2,
+}
+
+#[repr(C, align(64))]
+struct Page {
+    magic: u64,
+    phase: AtomicU32,
+    stop: AtomicU32,
+    /// Origin of the real-time grid on `CLOCK_MONOTONIC`; 0 until the source of ticks has set it.
+    grid_origin_ns: AtomicU64,
+    fault_table: FaultTable,
+    live_state: LiveStateCells,
+    entries: [ProcessEntry; MAX_PROCESSES],
+}
+
+/// The control page, mapped.
+#[derive(Debug)]
+pub struct ControlPage {
+    page: NonNull<Page>,
+}
+
+// SAFETY: everything behind the pointer is atomic, apart from `magic`, which nobody writes after the creation.
+unsafe impl Send for ControlPage {}
+// SAFETY: as above.
+unsafe impl Sync for ControlPage {}
+
+/// Why the control page cannot be made or opened.
+#[derive(Debug, thiserror::Error)]
+pub enum ControlPageError {
+    /// The file cannot be made, opened or mapped.
+    #[error("cannot map the control page {path}: {source}")]
+    File {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// It is of another version.
+    #[error(
+        "the control page {path} is not of this version of armplane ({size} bytes, mark {magic:016x}): use the program that started the run"
+    )]
+    Version {
+        /// Which.
+        path: PathBuf,
+        /// Its size.
+        size: u64,
+        /// What stands where [`MAGIC`] should.
+        magic: u64,
+    },
+}
+
+impl ControlPage {
+    /// Makes the control page of a run, all entries empty.
+    ///
+    /// # Errors
+    /// When the file exists already or cannot be made.
+    pub fn create(run: &RunDir) -> Result<Self, ControlPageError> {
+        let path = run.path().join("control_page");
+        let failed = |source| ControlPageError::File { path: path.clone(), source };
+        let file = OpenOptions::new().read(true).write(true).create_new(true).mode(0o600).open(&path).map_err(failed)?;
+        // Written, not only truncated: the memory is there now, or the error is.
+        std::io::Write::write_all(&mut &file, &vec![0; size_of::<Page>()]).map_err(failed)?;
+        std::os::unix::fs::FileExt::write_all_at(&file, &MAGIC.to_ne_bytes(), 0).map_err(failed)?;
+        Self::map(&file).map_err(failed)
+    }
+
+    /// Opens the control page of a run.
+    ///
+    /// # Errors
+    /// When there is none, or it is of another version.
+    pub fn open(run: &RunDir) -> Result<Self, ControlPageError> {
+        let path = run.path().join("control_page");
+        let failed = |source| ControlPageError::File { path: path.clone(), source };
+        let file = OpenOptions::new().read(true).write(true).open(&path).map_err(failed)?;
+        let size = file.metadata().map_err(failed)?.len();
+        let mut magic = [0; 8];
+        std::os::unix::fs::FileExt::read_exact_at(&file, &mut magic, 0).map_err(failed)?;
+        let magic = u64::from_ne_bytes(magic);
+        if size != size_of::<Page>() as u64 || magic != MAGIC {
+            return Err(ControlPageError::Version { path, size, magic });
+        }
+        Self::map(&file).map_err(failed)
+    }
+
+    fn map(file: &std::fs::File) -> std::io::Result<Self> {
+        // SAFETY: a fresh shared mapping of a file that is at least this long; nothing else in this process lies there.
+        let address =
+            unsafe { mmap(std::ptr::null_mut(), size_of::<Page>(), ProtFlags::READ | ProtFlags::WRITE, MapFlags::SHARED, file, 0)? };
+        NonNull::new(address.cast()).map(|page| Self { page }).ok_or_else(|| std::io::Error::other("mapped at address 0"))
+    }
+
+    fn page(&self) -> &Page {
+        // SAFETY: mapped for the life of `self`, page-aligned, and every bit pattern is a valid `Page`.
+        unsafe { self.page.as_ref() }
+    }
+
+    /// The line of a process, by its index in the manifest.
+    #[must_use]
+    pub fn process(&self, index: usize) -> &ProcessEntry {
+        &self.page().entries[index]
+    }
+
+    /// What the arm is doing.
+    #[must_use]
+    pub fn live_state(&self) -> LiveState {
+        self.page().live_state.read()
+    }
+
+    pub(crate) fn live_state_cells(&self) -> &LiveStateCells {
+        &self.page().live_state
+    }
+
+    /// The launcher, when all processes are through with the phase before.
+    pub fn begin(&self, phase: Phase) {
+        self.page().phase.fetch_max(phase as u32, Ordering::AcqRel);
+        self.ring_all();
+    }
+
+    pub(crate) fn has_begun(&self, phase: Phase) -> bool {
+        self.page().phase.load(Ordering::Acquire) >= phase as u32
+    }
+
+    /// How far the run has come to its end.
+    #[must_use]
+    pub fn stop(&self) -> Stop {
+        match self.page().stop.load(Ordering::Acquire) {
+            0 => Stop::No,
+            1 => Stop::Chain,
+            _ => Stop::Everything,
+        }
+    }
+
+    /// Asks the processes to stop; a request is never taken back.
+    pub fn request_stop(&self, stop: Stop) {
+        self.page().stop.fetch_max(stop as u32, Ordering::AcqRel);
+        self.ring_all();
+    }
+
+    /// The faults of the run.
+    #[must_use]
+    pub fn fault_table(&self) -> &FaultTable {
+        &self.page().fault_table
+    }
+
+    /// Wakes everybody: something has changed that is no message.
+    pub fn ring_all(&self) {
+        for line in &self.page().entries {
+            line.bell().ring(ANYTHING);
+        }
+    }
+
+    /// Where the real-time grid begins: the first caller decides, a replacement keeps the phase.
+    pub(crate) fn grid_origin(&self, proposal_ns: u64) -> u64 {
+        match self.page().grid_origin_ns.compare_exchange(0, proposal_ns, Ordering::AcqRel, Ordering::Acquire) {
+            Ok(_) => proposal_ns,
+            Err(earlier) => earlier,
+        }
+    }
+}
+
+impl Drop for ControlPage {
+    fn drop(&mut self) {
+        // SAFETY: mapped by `map` with this size, and no reference outlives `self`.
+        let _ = unsafe { munmap(self.page.as_ptr().cast(), size_of::<Page>()) };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+    use std::time::Duration;
+
+    use super::*;
+    use crate::control_page::doorbell::Bell;
+    use crate::control_page::entry::{Count, State};
+    use crate::control_page::watchdog::Watchdog;
+
+    #[test]
+    fn two_mappings_see_one_board() {
+        let run = RunDir::create().unwrap();
+        let ours = ControlPage::create(&run).unwrap();
+        let theirs = ControlPage::open(&run).unwrap();
+        assert_eq!(ours.process(3).begin_incarnation(), 1);
+        ours.process(3).set_ticks(42);
+        theirs.process(3).add(Count::Lost, 2);
+        ours.request_stop(Stop::Everything);
+        ours.request_stop(Stop::Chain);
+        assert_eq!((theirs.process(3).incarnation(), theirs.process(3).ticks()), (1, 42));
+        assert_eq!(theirs.process(3).state(), State::Starting);
+        assert_eq!(ours.process(3).count(Count::Lost), 2);
+        assert_eq!(theirs.stop(), Stop::Everything, "a stop is never taken back");
+        assert_eq!((ours.grid_origin(10), theirs.grid_origin(20)), (10, 10), "the first one sets the phase");
+        assert!(matches!(ControlPage::create(&run), Err(ControlPageError::File { .. })));
+    }
+
+    #[test]
+    fn a_board_of_another_version_is_refused() {
+        let run = RunDir::create().unwrap();
+        drop(ControlPage::create(&run).unwrap());
+        let file = OpenOptions::new().write(true).open(run.path().join("control_page")).unwrap();
+        std::os::unix::fs::FileExt::write_all_at(&file, &[0xff; 8], 0).unwrap();
+        assert!(matches!(ControlPage::open(&run), Err(ControlPageError::Version { magic: u64::MAX, .. })));
+    }
+
+    #[test]
+    fn a_ring_between_looking_and_sleeping_is_not_lost() {
+        let bell = Bell::default();
+        let seen = bell.rings();
+        bell.arm(1);
+        bell.ring(1);
+        // Would sleep for an hour if the ring were lost.
+        bell.sleep(seen, Some(3_600_000_000_000));
+        assert!(!bell.is_armed_for(1), "the ringer has disarmed it: the next ring costs no system call");
+    }
+
+    #[test]
+    fn a_sleep_without_limit_is_ended_by_the_watchdog_though_others_ring() {
+        let run = RunDir::create().unwrap();
+        let control_page = Arc::new(ControlPage::create(&run).unwrap());
+        Watchdog::start(&control_page, 0).unwrap();
+        let is_over = std::sync::atomic::AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            // Rings for a topic that the sleeper does not wait for must not pass for wakes.
+            scope.spawn(|| {
+                while !is_over.load(Ordering::Relaxed) {
+                    control_page.process(0).bell().ring(0b10);
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+            });
+            for _ in 0..3 {
+                let bell = control_page.process(0).bell();
+                bell.arm(0b01);
+                // Sleeps through all rings for other topics: only a wake ends it.
+                while bell.is_armed_for(0b01) {
+                    bell.sleep(bell.rings(), None);
+                }
+            }
+            is_over.store(true, Ordering::Relaxed);
+        });
+    }
+
+    #[test]
+    fn a_ring_wakes_only_who_waits_for_it() {
+        let bell = Bell::default();
+        bell.arm(0);
+        bell.ring(ANYTHING);
+        assert!(!bell.is_armed_for(ANYTHING), "a sleeper that waits for no topic still hears of a stop");
+        bell.arm(0b10);
+        bell.ring(0b01);
+        assert!(bell.is_armed_for(0b10));
+        bell.ring(ANYTHING);
+        assert!(!bell.is_armed_for(ANYTHING));
+    }
+}

@@ -1,0 +1,49 @@
+//! Deliberate pauses, with which `verify` disturbs a process.
+
+use std::time::Duration;
+
+use shared_types::random::at as random;
+
+/// Seeded short pauses before a process looks for its next message.
+#[derive(Debug)]
+pub(crate) struct Pauses {
+    seed: u64,
+    looks: u64,
+}
+
+impl Pauses {
+    /// One look in so many is late.
+    const ONE_IN: u64 = 8;
+    /// The longest pause; µs.
+    const LONGEST_US: u64 = 200;
+
+    pub(crate) fn new(seed: u64) -> Self {
+        Self { seed, looks: 0 }
+    }
+
+    /// The pause before the next look, if there is one.
+    pub(crate) fn next(&mut self) -> Option<Duration> {
+        self.looks += 1;
+        let random = random(self.seed, self.looks);
+        let length = Duration::from_micros((random >> 32) % (Self::LONGEST_US + 1));
+        random.is_multiple_of(Self::ONE_IN).then_some(length)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pauses_are_seeded_short_and_rare() {
+        let of = |seed| {
+            let mut pauses = Pauses::new(seed);
+            (0..8_000).map(|_| pauses.next()).collect::<Vec<_>>()
+        };
+        assert_eq!(of(1), of(1));
+        assert_ne!(of(1), of(2));
+        let made: Vec<_> = of(3).into_iter().flatten().collect();
+        assert!((800..1_200).contains(&made.len()), "{} of 8000", made.len());
+        assert!(made.iter().all(|pause| *pause <= Duration::from_micros(Pauses::LONGEST_US)));
+    }
+}

@@ -1,0 +1,104 @@
+//! Faults of messages: what becomes of a message that a process sends while a fault concerns it.
+
+use shared_types::Message;
+use shared_types::fault::{Kind, ScheduledFault, Way, shaped_topic};
+
+use shared_types::random::at as random;
+
+/// What becomes of one message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Shape {
+    /// The tick at which it leaves.
+    pub(crate) due: u64,
+    /// How many times it leaves.
+    pub(crate) copies: u32,
+    /// An older message leaves instead.
+    pub(crate) is_stale: bool,
+}
+
+/// Applies the faults that concern a process at `tick` to a message, in the order of the fault table: its fields in place, whether and when it leaves
+/// as the answer. `injected` is told the place of each fault that takes effect.
+pub(crate) fn shape<'a, M: Message>(
+    message: &mut M,
+    tick: u64,
+    process: &str,
+    faults: impl Iterator<Item = (usize, &'a ScheduledFault, Kind)>,
+    mut injected: impl FnMut(usize),
+) -> Shape {
+    let label = message.header().tick;
+    let mut shape = Shape { due: tick, copies: 1, is_stale: false };
+    for (place, fault, kind) in faults {
+        if !kind.shapes_messages() || !happens(fault, label) {
+            continue;
+        }
+        injected(place);
+        match kind {
+            Kind::Drop => shape.copies = 0,
+            Kind::Duplicate => shape.copies *= 2,
+            // It leaves after the next one: that one is delivered before what is due is flushed.
+            Kind::Reorder => shape.due += 1,
+            Kind::Delay => shape.due += fault.amount as u64 + random(fault.seed, label) % (fault.jitter + 1),
+            Kind::Corrupt => spoil(message, fault, process),
+            _ => shape.is_stale = true,
+        }
+    }
+    shape
+}
+
+/// Whether a fault concerns the message of a tick: the same answer every time.
+pub(crate) fn happens(strike: &ScheduledFault, tick: u64) -> bool {
+    // 53 bits make a number in [0, 1) exactly; another draw than the delay's.
+    strike.probability >= 1.0 || ((random(!strike.seed, tick) >> 11) as f64) < strike.probability * (1u64 << 53) as f64
+}
+
+/// Spoils the number that a corruption aims at.
+pub(crate) fn spoil<M: Message>(message: &mut M, strike: &ScheduledFault, process: &str) {
+    let Some((field, place)) = strike.field(process) else { return };
+    let tick = message.header().tick;
+    let start = field.offset + place * size_of::<f64>();
+    let Some(bytes) = bytemuck::bytes_of_mut(message).get_mut(start..start + size_of::<f64>()) else { return };
+    let value: f64 = bytemuck::pod_read_unaligned(bytes);
+    let spoilt = match strike.way() {
+        Some(Way::Nan) => f64::NAN,
+        Some(Way::Inf) => f64::INFINITY,
+        Some(Way::Flip) => f64::from_bits(value.to_bits() ^ 1 << (random(strike.seed, tick) % 64)),
+        _ => (value.abs().max(1.0) * strike.amount).copysign(value),
+    };
+    bytes.copy_from_slice(&spoilt.to_ne_bytes());
+}
+
+/// Does to a message what the faults that strike its process make of it when it leaves in its own tick: its fields, not whether and when.
+pub fn leaves_as<M: Message>(message: &mut M, strikes: &[ScheduledFault], process: &str) {
+    let tick = message.header().tick;
+    let spoils = |strike: &&ScheduledFault| strike.kind() == Some(Kind::Corrupt) && strike.concerns(tick) && happens(strike, tick);
+    if shaped_topic(M::TOPIC) {
+        strikes.iter().filter(spoils).for_each(|strike| spoil(message, strike, process));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shared_types::SensorSample;
+    use shared_types::fault::Fault;
+
+    fn shaped(kinds: &[Kind]) -> (Shape, SensorSample, Vec<usize>) {
+        let fault = |kind: &Kind| Fault { at_tick: Some(5), ..Fault::new("plant", *kind) }.schedule(0, 1000, 3).unwrap();
+        let faults: Vec<_> = kinds.iter().map(fault).collect();
+        let mut message = SensorSample::default();
+        message.header.tick = 5;
+        let mut places = Vec::new();
+        let all = faults.iter().enumerate().map(|(place, fault)| (place, fault, fault.kind().unwrap()));
+        let shape = shape(&mut message, 7, "plant", all, |place| places.push(place));
+        (shape, message, places)
+    }
+
+    #[test]
+    fn faults_of_one_message_add_up() {
+        assert_eq!(shaped(&[Kind::Kill, Kind::Sensor]).0, Shape { due: 7, copies: 1, is_stale: false });
+        let (shape, _, places) = shaped(&[Kind::Duplicate, Kind::Kill, Kind::Duplicate, Kind::Reorder]);
+        assert_eq!((shape, places), (Shape { due: 8, copies: 4, is_stale: false }, vec![0, 2, 3]));
+        assert_eq!(shaped(&[Kind::Duplicate, Kind::Drop]).0.copies, 0);
+        assert!(shaped(&[Kind::Stale]).0.is_stale && shaped(&[Kind::Delay]).0.due > 7);
+    }
+}

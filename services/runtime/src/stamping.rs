@@ -1,0 +1,88 @@
+//! Stamps: when each hop received and sent, and how long the steps take. For measuring only; no computation reads them.
+
+use std::cell::Cell;
+
+use shared_types::wire::{HOPS, Header, Stamps};
+
+use crate::control_page::ProcessEntry;
+
+/// The stamps of the tick in hand of one process.
+#[derive(Debug, Default)]
+pub(crate) struct Stamping {
+    /// Its place in [`HOPS`], if it has one.
+    hop: Option<usize>,
+    /// The stamps of the inputs of the tick in hand.
+    input: Cell<Input>,
+    /// When the source's tick in hand was due; 0 in lockstep.
+    due_ns: Cell<u64>,
+    /// The last tick of which something was sent.
+    sent_tick: Cell<Option<u64>>,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Input {
+    tick: u64,
+    received_ns: u64,
+    stamps: Stamps,
+}
+
+impl Stamping {
+    pub(crate) fn of(process: &str) -> Self {
+        Self { hop: HOPS.iter().position(|&hop| hop == process), ..Self::default() }
+    }
+
+    /// The tick source's tick in hand is due at this time.
+    pub(crate) fn set_due(&self, due_ns: u64) {
+        self.due_ns.set(due_ns);
+    }
+
+    /// A message is in the process's hands: notes when, and which way it came.
+    pub(crate) fn note_input(&self, header: &Header, now_ns: u64, entry: &ProcessEntry) {
+        let mut input = self.input.get();
+        if input.tick != header.tick || input.received_ns == 0 {
+            input = Input { tick: header.tick, ..Input::default() };
+        }
+        input.received_ns = now_ns;
+        for hop in 0..HOPS.len() {
+            let (mine, theirs) = (&mut input.stamps, &header.stamps);
+            mine.received_ns[hop] = mine.received_ns[hop].max(theirs.received_ns[hop]);
+            mine.sent_ns[hop] = mine.sent_ns[hop].max(theirs.sent_ns[hop]);
+        }
+        input.stamps.due_ns = input.stamps.due_ns.max(header.stamps.due_ns);
+        self.input.set(input);
+        if self.hop == Some(0) {
+            // The answer to its own tick.
+            entry.note_age(input.received_ns.saturating_sub(input.stamps.origin_ns()));
+        }
+    }
+
+    /// Fills an output's header: the stamps of the inputs of the same tick, and this hop's own.
+    pub(crate) fn stamp(&self, header: &mut Header, now_ns: u64, entry: &ProcessEntry) {
+        let input = self.input.get();
+        header.incarnation = entry.incarnation();
+        header.stamps = if input.tick == header.tick { input.stamps } else { Stamps::default() };
+        if let Some(hop) = self.hop {
+            if hop == 0 {
+                header.stamps = Stamps { due_ns: self.due_ns.get(), ..Stamps::default() };
+            }
+            header.stamps.received_ns[hop] = input.received_ns;
+            header.stamps.sent_ns[hop] = now_ns;
+            self.note_times(hop, header, now_ns, entry);
+        }
+    }
+
+    /// Shows on the control page how long the tick in hand took; once a tick, whatever is sent of it.
+    fn note_times(&self, hop: usize, header: &Header, now_ns: u64, entry: &ProcessEntry) {
+        if self.sent_tick.replace(Some(header.tick)) == Some(header.tick) {
+            return;
+        }
+        let Stamps { received_ns, due_ns, .. } = header.stamps;
+        let began_ns = if hop == 0 && due_ns > 0 { due_ns } else { received_ns[hop] };
+        if began_ns > 0 {
+            entry.note_step(now_ns.saturating_sub(began_ns));
+        }
+        if hop > 0 && header.stamps.origin_ns() > 0 {
+            entry.note_age(now_ns.saturating_sub(header.stamps.origin_ns()));
+        }
+    }
+}

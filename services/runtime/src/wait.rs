@@ -1,0 +1,55 @@
+//! How a wait ends: with what was waited for, late, by a stop of the run, or in vain.
+
+use std::time::Duration;
+
+/// Why a wait ended without what was waited for. A stop of the run is not among them: waits return `None` then.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Interrupted {
+    /// Nothing came within the limit.
+    #[error("{process} waited {waited:?} for {what} and gave up: is {from} alive?")]
+    TimedOut {
+        /// Who waited.
+        process: String,
+        /// For what.
+        what: String,
+        /// Who should have brought it.
+        from: String,
+        /// How long.
+        waited: Duration,
+    },
+    /// In lockstep a tick was skipped; nothing may be lost there.
+    #[error("{process} expected tick {expected} of topic {topic:?} and got tick {found}: a message was lost in lockstep")]
+    Lost {
+        /// Who reads.
+        process: String,
+        /// Which topic.
+        topic: &'static str,
+        /// The tick that should have come.
+        expected: u64,
+        /// The tick that came.
+        found: u64,
+    },
+    /// iceoryx2 failed.
+    #[error("{process} cannot use topic {topic:?}: {reason}")]
+    Port {
+        /// Who.
+        process: String,
+        /// Which topic.
+        topic: &'static str,
+        /// What iceoryx2 says.
+        reason: String,
+    },
+}
+
+/// How a wait ended.
+pub(crate) enum Waited<T> {
+    Ready(T),
+    Late,
+    Stopped,
+}
+
+/// What a wait waits for, told only when it fails.
+pub(crate) struct Wait {
+    pub(crate) what: String,
+    pub(crate) from: String,
+}
