@@ -230,7 +230,7 @@ fn outside_every_neighbourhood_one_solve_is_operational_space_control() {
         assert!((sum - Gamma).amax() < 1e-8 * Gamma.amax().max(1.0), "k {k}: {sum} against {Gamma}");
         checked += 1;
     }
-    assert!(checked > 1000, "{checked}");
+    assert!(checked > 900, "{checked} postures");
 }
 
 /// One singularity at a fixed place, with an auxiliary rate.
