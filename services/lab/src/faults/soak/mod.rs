@@ -4,9 +4,11 @@ mod draw;
 mod inject;
 mod judge;
 mod picture;
+mod read_back;
 mod round;
 mod rounds;
 mod tally;
+mod told;
 
 pub use judge::Messages;
 pub use picture::picture;

@@ -1,28 +1,26 @@
 //! One round: a run in real time that is injected, and everything that was seen of it.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::mpsc::{Sender, channel};
 
 use launcher::{End, Event, Exit, Outcome};
-use message_log::{LogError, LogReader};
 use model::Robot;
 use recorder::MESSAGES;
 use runtime::{ControlPage, FaultRecord, RunDir, now_ns};
 use serde::Serialize;
 use session::{Failure, load};
-use shared_types::codes::{DRIVE_BRAKED, DRIVE_STOPPING};
 use shared_types::fault::Kind;
 use shared_types::job::{Job, Mode};
 use shared_types::scenario::Scenario;
 use shared_types::summary::{Deadlines, Summary};
-use shared_types::topics::{self, COUNT, Each, Topic};
-use shared_types::{Message, PlantState, SensorSample};
 
 use super::super::motion::{Motion, Promise, SPEED_MARGIN_AT_FULL_TORQUE};
 use super::draw::{Act, Planned, Signal};
-use super::inject::{Done, Executed, Injector, state_and_parent};
+use super::inject::{Done, Executed, Injector};
 use super::judge::{Death, Ended, Evidence, Files, Messages, broken};
+use super::read_back::{Stop, left_over, read};
+use super::told::{RECORDING_ENDS, Told};
 
 /// A round may take so many times as long as planned, and a little more: whoever is stopped again and again is late at the goal.
 const LONGEST: f64 = 1.5;
@@ -30,13 +28,10 @@ const LONGEST: f64 = 1.5;
 /// The same for short rounds; s.
 const LONGEST_MORE_S: f64 = 10.0;
 
-/// A stop is put down to the latest planned that was in force, or had been so shortly before; s.
+/// A stop is put down to the latest fault that was in force, or had been so shortly before; s.
 const AFTERMATH_S: f64 = 0.15;
 
-/// Lines that processes wrote on their standard error, kept for a round with a broken promise.
-const LINES: usize = 500;
-
-/// What a planned was, and what came of it.
+/// A fault or signal, and what came of it.
 #[derive(Clone, Debug, Serialize)]
 pub struct Injected {
     /// As in the table.
@@ -56,13 +51,6 @@ pub struct Injected {
     /// How long the drives then did not follow the controller; ms.
     pub stopped_ms: f64,
     pub deaths: u32,
-}
-
-/// A stretch of ticks in which the drives stopped the arm or held it by the brakes.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Stop {
-    pub from: u64,
-    pub until: u64,
 }
 
 /// One round, as it stands in the JSON.
@@ -91,54 +79,6 @@ pub struct Round {
     pub recording_mb: f64,
     pub parts: u32,
     pub broken: Vec<String>,
-}
-
-/// What the launcher told while the round went on.
-#[derive(Default)]
-struct Told {
-    ended: Vec<(String, Exit, u64)>,
-    silenced: Vec<String>,
-    /// Who ended because it would have sent a number that is not finite.
-    refused: Vec<String>,
-    lines: VecDeque<String>,
-}
-
-/// As a process says that it does not send what it has computed.
-const REFUSED: &str = "refused its own";
-
-/// As the recorder says that its volume is full.
-const RECORDING_ENDS: &str = "recording ends";
-
-impl Told {
-    fn take(&mut self, event: &Event<'_>) {
-        let line = match event {
-            Event::Line { process, line } => {
-                // Said twice: in the log, and as the reason of its end.
-                if line.contains(REFUSED) && line.starts_with("armplane:") {
-                    self.refused.push((*process).to_owned());
-                }
-                format!("{process}: {line}")
-            }
-            Event::Silenced { process, silent } => {
-                self.silenced.push((*process).to_owned());
-                format!("{process} has done nothing for {} ms and is killed", silent.as_millis())
-            }
-            Event::Restarted { process, exit, pid, incarnation } => {
-                self.ended.push(((*process).to_owned(), *exit, now_ns()));
-                format!("{process} ended with {exit} and was started again (start {incarnation}, process {pid})")
-            }
-            _ => return,
-        };
-        if self.lines.len() == LINES {
-            self.lines.pop_front();
-        }
-        self.lines.push_back(line);
-    }
-
-    /// The last line that says something like this; empty where there is none.
-    fn words_on(&self, what: &str) -> String {
-        self.lines.iter().rfind(|line| line.contains(what)).cloned().unwrap_or_default()
-    }
 }
 
 /// What all rounds have in common.
@@ -362,7 +302,7 @@ impl Seen {
         self.accounts.iter().map(|(_, account)| account).filter(of_it).filter(takes_down).min_by_key(|account| account.detected_ns)
     }
 
-    /// What a planned was; `None` where it was left out, or the run was over before it could strike.
+    /// What a fault or signal was; `None` where it was left out, or the run was over before it could strike.
     fn injected(&self, executed: &Executed, rate_hz: u32) -> Option<Injected> {
         let act = &executed.planned.act;
         let since_ms = |from: u64, to: u64| (to > from && from > 0).then(|| (to - from) as f64 * 1e-6);
@@ -495,48 +435,7 @@ impl Seen {
     }
 }
 
-/// Reads the kept messages back: what the arm did, when the drives stopped it, and how many there are of each topic.
-fn read(mut motion: Motion, messages: &Path) -> (Motion, Vec<Stop>, Files, [u64; COUNT]) {
-    let (mut files, mut stops) = (Files::default(), Vec::<Stop>::new());
-    each::<PlantState>(messages, &mut files, |state| {
-        motion.add(state);
-        let tick = state.header.tick;
-        if matches!(state.drive, DRIVE_STOPPING | DRIVE_BRAKED) {
-            match stops.last_mut().filter(|stop| stop.until == tick) {
-                Some(stop) => stop.until = tick + 1,
-                None => stops.push(Stop { from: tick, until: tick + 1 }),
-            }
-        }
-    });
-    each::<SensorSample>(messages, &mut files, |sample| motion.add_age(sample));
-    struct CountEach<'a>(&'a Path, &'a mut Files);
-    impl Each for CountEach<'_> {
-        type Output = u64;
-        fn each<M: Topic>(&mut self) -> u64 {
-            each::<M>(self.0, self.1, |_| ())
-        }
-    }
-    let counts = topics::each(&mut CountEach(messages, &mut files));
-    (motion, stops, files, counts)
-}
-
-fn each<M: Message>(messages: &Path, files: &mut Files, mut each: impl FnMut(&M)) -> u64 {
-    let mut n = 0;
-    let mut read = || -> Result<(), LogError> {
-        let mut kept = LogReader::<M>::open(messages)?;
-        while let Some(message) = kept.next_message()? {
-            n += 1;
-            each(&message);
-        }
-        Ok(())
-    };
-    if let Err(error) = read() {
-        files.unreadable.push(error.to_string());
-    }
-    n
-}
-
-/// Puts each stop down to the latest planned that was in force when it began.
+/// Puts each stop down to the latest fault that was in force when it began.
 fn blame(injected: &mut [Injected], stops: &[Stop], rate_hz: u32) {
     let rate = f64::from(rate_hz);
     for stop in stops {
@@ -546,25 +445,6 @@ fn blame(injected: &mut [Injected], stops: &[Stop], rate_hz: u32) {
             planned.stopped_ms += (stop.until - stop.from) as f64 * 1e3 / rate;
         }
     }
-}
-
-/// What a run must not leave: files in shared memory or among the temporary ones, children, living or not.
-fn left_over(run: &str) -> Vec<String> {
-    let names = |folder: &Path| {
-        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-        entries.filter(|entry| entry.file_name().to_string_lossy().contains(run)).map(|entry| entry.path().display().to_string()).collect()
-    };
-    let mut left: Vec<String> = names(Path::new(runtime::SHM));
-    left.extend(names(&std::env::temp_dir()));
-    let processes = std::fs::read_dir("/proc").into_iter().flatten().flatten();
-    for pid in processes.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok()) {
-        if let Some((state, parent)) = state_and_parent(pid)
-            && parent == std::process::id()
-        {
-            left.push(format!("process {pid} ({state})"));
-        }
-    }
-    left
 }
 
 #[cfg(test)]
@@ -589,14 +469,5 @@ mod tests {
         let stops = [Stop { from: 350, until: 400 }, Stop { from: 600, until: 610 }, Stop { from: 800, until: 820 }];
         blame(&mut injected, &stops, 1000);
         assert_eq!(injected.map(|planned| planned.stopped_ms), [10.0, 50.0, 0.0]);
-    }
-
-    #[test]
-    fn a_child_that_nobody_waited_for_is_left_over() {
-        let mut child = std::process::Command::new("true").spawn().unwrap();
-        let name = format!("process {}", child.id());
-        assert!(left_over("no-such-run").iter().any(|left| left.starts_with(&name)));
-        child.wait().unwrap();
-        assert!(!left_over("no-such-run").iter().any(|left| left.starts_with(&name)));
     }
 }

@@ -1,0 +1,57 @@
+//! What the launcher reports while a round runs.
+
+use std::collections::VecDeque;
+
+use launcher::{Event, Exit};
+use runtime::now_ns;
+
+/// Lines that processes wrote on their standard error, kept for a round with a broken promise.
+const LINES: usize = 500;
+
+/// What the launcher told while the round went on.
+#[derive(Default)]
+pub struct Told {
+    pub ended: Vec<(String, Exit, u64)>,
+    pub silenced: Vec<String>,
+    /// Who ended because it would have sent a number that is not finite.
+    pub refused: Vec<String>,
+    pub lines: VecDeque<String>,
+}
+
+/// As a process says that it does not send what it has computed.
+pub const REFUSED: &str = "refused its own";
+
+/// As the recorder says that its volume is full.
+pub const RECORDING_ENDS: &str = "recording ends";
+
+impl Told {
+    pub fn take(&mut self, event: &Event<'_>) {
+        let line = match event {
+            Event::Line { process, line } => {
+                // Said twice: in the log, and as the reason of its end.
+                if line.contains(REFUSED) && line.starts_with("armplane:") {
+                    self.refused.push((*process).to_owned());
+                }
+                format!("{process}: {line}")
+            }
+            Event::Silenced { process, silent } => {
+                self.silenced.push((*process).to_owned());
+                format!("{process} has done nothing for {} ms and is killed", silent.as_millis())
+            }
+            Event::Restarted { process, exit, pid, incarnation } => {
+                self.ended.push(((*process).to_owned(), *exit, now_ns()));
+                format!("{process} ended with {exit} and was started again (start {incarnation}, process {pid})")
+            }
+            _ => return,
+        };
+        if self.lines.len() == LINES {
+            self.lines.pop_front();
+        }
+        self.lines.push_back(line);
+    }
+
+    /// The last line that says something like this; empty where there is none.
+    pub fn words_on(&self, what: &str) -> String {
+        self.lines.iter().rfind(|line| line.contains(what)).cloned().unwrap_or_default()
+    }
+}
