@@ -95,7 +95,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             Some((now, before)) => (Some(now), before),
             None => (None, &[][..]),
         };
-        for i in 0..N {
+        for i in 0..self.figure.links.len() {
             let places: Vec<&Placement> =
                 before.iter().map(|links| &links[i]).filter(|link| now.is_some_and(|now| differs(link, &now[i]))).collect();
             let none_before = std::mem::replace(&mut self.ghosts[i], places.len()) == 0;
@@ -113,7 +113,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         }
         let trail = |i: usize| -> Vec<[f32; 3]> { postures.iter().map(|links| links[i].p.to_array()).collect() };
         let moved = |strip: &Vec<[f32; 3]>| strip.windows(2).any(|pair| Vec3::from(pair[0]).distance(Vec3::from(pair[1])) > 0.005);
-        let strips: Vec<Vec<[f32; 3]>> = (0..N).map(trail).filter(moved).collect();
+        let strips: Vec<Vec<[f32; 3]>> = (0..self.figure.links.len()).map(trail).filter(moved).collect();
         self.log(
             tick,
             entity::TRAIL,
@@ -148,7 +148,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         let Some(picture) = self.picture.take() else { return };
         self.written.picture = picture.hand.ticks.last().map_or(self.written.picture, |last| last + 1);
         let mut tracks: Vec<(String, Track)> = Vec::new();
-        tracks.extend((0..N).map(entity::link).zip(picture.links));
+        tracks.extend((0..self.figure.links.len()).map(entity::link).zip(picture.links));
         tracks.extend([(entity::HAND.to_owned(), picture.hand), (entity::TARGET.to_owned(), picture.target)]);
         let [velocity, mobility] = picture.abilities;
         tracks.extend([(entity::VELOCITY.to_owned(), velocity), (entity::MOBILITY.to_owned(), mobility)]);

@@ -383,6 +383,14 @@ fn a_recording_for_another_arm_is_refused() {
     assert!(error.to_string().contains("iiwa14"), "{error}");
 }
 
+/// An arm of two joints in the size of six: only its own links are drawn.
+#[test]
+fn a_smaller_arm_has_its_own_links_only() {
+    let robot = Robot::builtin("planar2r").expect("built in");
+    let volume = Volume::new(usize::MAX);
+    begin(&volume, &robot).expect("two joints fit in six").finish().expect("room");
+}
+
 #[test]
 fn a_folder_that_does_not_exist_is_named() {
     let (scenario, robot) = (Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid"), puma());

@@ -46,7 +46,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
 
     pub(super) fn write_figure(&mut self) {
         self.log_static(entity::BASE, &mesh3d(&self.figure.base, None));
-        for i in 0..N {
+        for i in 0..self.figure.links.len() {
             let (solid, pale) = (mesh3d(&self.figure.links[i], None), mesh3d(&self.figure.links[i], Some([150, 205, 255, 70])));
             self.log_static(entity::link(i), &solid);
             self.log_static(entity::ghost(i), &pale);
