@@ -24,7 +24,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::file::Complaint;
 use crate::wire::{Field, Layout, Message};
-use crate::{PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+use crate::{ControlState, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
 
 /// Declares an enumeration of words: the variants, their spelling in files and their numbers in shared memory.
 macro_rules! words {
@@ -379,10 +379,10 @@ fn fields_of(process: &str) -> &'static [Field] {
     }
 }
 
-/// The topic whose messages a fault of a process shapes; the truth that the plant publishes for judging is never touched.
+/// Whether faults of a process shape the messages of this topic; what is published for judging and showing only is never touched.
 #[must_use]
 pub fn shaped_topic(topic: &str) -> bool {
-    topic != PlantState::TOPIC
+    topic != PlantState::TOPIC && topic != ControlState::TOPIC
 }
 
 fn is_number(field: &Field) -> bool {
@@ -623,11 +623,11 @@ mod tests {
 
     #[test]
     fn seconds_become_ticks_and_fields_become_places() {
-        let fault = parse("process='controller'\nkind='corrupt'\nas='inf'\nfield='tau_null[2]'\nat_s=0.25\nfor_s=0.01\nprobability=0.5");
+        let fault = parse("process='controller'\nkind='corrupt'\nas='inf'\nfield='tau[2]'\nat_s=0.25\nfor_s=0.01\nprobability=0.5");
         let strike = fault.schedule(0, 2000, 5).unwrap();
         assert_eq!((strike.at, strike.until, strike.seed, strike.way()), (500, 520, 5, Some(Way::Inf)));
         let (field, place) = strike.field("controller").unwrap();
-        assert_eq!((field.name, place), ("tau_null", 2));
+        assert_eq!((field.name, place), ("tau", 2));
     }
 
     #[test]

@@ -65,7 +65,7 @@ const KNOWN: [Known; 5] = [
     Known { name: "plant", reads: &[], feedback: &["torque"], writes: &["sensor", "plant_state"] },
     Known { name: "estimator", reads: &["sensor"], feedback: &[], writes: &["estimate"] },
     Known { name: "analyzer", reads: &["estimate"], feedback: &[], writes: &["singularity"] },
-    Known { name: "controller", reads: &["estimate", "singularity"], feedback: &[], writes: &["torque"] },
+    Known { name: "controller", reads: &["estimate", "singularity"], feedback: &[], writes: &["control_state", "torque"] },
     Known { name: "recorder", reads: &TOPICS, feedback: &[], writes: &[] },
 ];
 

@@ -2,6 +2,7 @@
 //!
 //! * [`wire`]: what a message and a checkpoint are (fixed size, `repr(C)`, no padding, explicit versioned name), and their layout as data.
 //! * [`messages`]: the messages, field by field with units and frames.
+//! * [`checkpoints`]: what a restarted process needs of its own past, field by field.
 //! * [`topics`]: THE list of topics, and what is derived from it.
 //! * [`bounds`]: comparisons that decide an outcome; NaN fails them.
 //! * [`codes`]: the named integers that travel in them.
@@ -15,6 +16,7 @@
 //! This crate imports no other crate of the workspace, knows no algebra and does no input or output.
 
 pub mod bounds;
+pub mod checkpoints;
 pub mod codes;
 pub mod fault;
 pub mod file;
@@ -27,7 +29,8 @@ pub mod summary;
 pub mod topics;
 pub mod wire;
 
-pub use messages::{PlantState, SensorSample, SingularityReport, SingularityState, StateEstimate, TorqueCommand};
+pub use checkpoints::{AnalyzerCheckpoint, ControllerCheckpoint, EstimatorCheckpoint};
+pub use messages::{ControlState, PlantState, SensorSample, SingularityReport, SingularityState, StateEstimate, TorqueCommand};
 pub use topics::{ByTopic, Topic};
 pub use wire::{Checkpoint, Header, Layout, Message, Stamps};
 

@@ -60,7 +60,7 @@ wire! {
 
 wire! {
     /// What the estimator believes: estimator → analyzer, controller.
-    StateEstimate on "estimate" version 2 {
+    StateEstimate on "estimate" version 3 {
         /// Tick, incarnation, stamps.
         header: Header,
         /// Joint positions; rad.
@@ -71,8 +71,6 @@ wire! {
         tau_disturbance: [f64; MAX_DOF],
         /// Encoder minus predicted position; rad.
         innovation: [f64; MAX_DOF],
-        /// The filter's own state, so that a restarted estimator resumes from what it last published.
-        resume: [f64; 32],
         /// One of `codes::DRIVES`, passed on.
         drive: u32,
         /// Ticks since the last fresh torque, passed on.
@@ -122,7 +120,7 @@ wire! {
 
 wire! {
     /// Where the arm is singular, or nearly: analyzer → controller.
-    SingularityReport on "singularity" version 2 {
+    SingularityReport on "singularity" version 3 {
         /// Tick, incarnation, stamps.
         header: Header,
         /// How many entries of `singularities` are meant.
@@ -143,19 +141,31 @@ wire! {
         p_BC: [f64; 3],
         /// The singularities, in an order that never changes within a run.
         singularities: [SingularityState; MAX_SINGULARITIES],
-        /// The analyzer's own state, so that a restarted one resumes from what it last published.
-        resume: [f64; 32],
     }
 }
 
 wire! {
-    /// What the arm shall do: controller → plant. Carries the reference it follows, so that the recording explains itself.
-    TorqueCommand on "torque" version 3 {
+    /// Commanded torque: controller → plant.
+    TorqueCommand on "torque" version 4 {
         /// Tick, incarnation, stamps.
         header: Header,
         /// Commanded torque Γ; N·m.
         tau: [f64; MAX_DOF],
-        /// The part that acts at the end-effector, J_rᵀF_r with compensation of gravity and Coriolis; N·m.
+        /// One of `codes::PHASES`: the run is over when the task is.
+        phase: u32,
+        /// Bit i: the torque of joint i is at its limit.
+        saturation_mask: u32,
+    }
+}
+
+const _: () = assert!(size_of::<TorqueCommand>() <= 256, "what a drive needs, at every tick");
+
+wire! {
+    /// What the control law did to arrive at its torque, and the reference it follows: controller → recorder, for judging and showing.
+    ControlState on "control_state" version 1 {
+        /// Tick, incarnation, stamps.
+        header: Header,
+        /// The part of the torque that acts at the end-effector, J_rᵀF_r with compensation of gravity and Coriolis; N·m.
         tau_task: [f64; MAX_DOF],
         /// The part that acts in the null space, N_T Γ₀; N·m.
         tau_null: [f64; MAX_DOF],
@@ -181,32 +191,27 @@ wire! {
         aux_d: [f64; MAX_SINGULARITIES],
         /// Per singularity: commanded rate of the auxiliary coordinate; rad/s.
         aux_rate_d: [f64; MAX_SINGULARITIES],
-        /// How far each joint will move while ζ is turned by null-space motion, said before it begins; rad. Zero when nothing is planned.
+        /// Planned motion of each joint while ζ is turned by null-space motion, published before it begins; rad. Zero when nothing is planned.
         planned_dq: [f64; MAX_DOF],
-        /// How long that will take, the governor's stretch included; s. Zero when nothing is planned.
+        /// Planned duration of that motion, the governor's stretch included; s. Zero when nothing is planned.
         planned_s: f64,
         /// Per singularity: one of `codes::MODES`.
         mode: [u32; MAX_SINGULARITIES],
         /// Index of the task segment.
         segment: u32,
-        /// One of `codes::PHASES`.
-        phase: u32,
-        /// Bit i: the torque of joint i is at its limit.
-        saturation_mask: u32,
         /// 1 where the goal was beyond reach and has been clipped to the boundary.
         clipped: u32,
         /// 1 + the place of the singularity whose ζ is being turned as planned, 0 when none is.
         planned: u32,
         /// One of `codes::REFUSALS`.
         refusal: u32,
-        /// The controller's own state, so that a restarted one resumes from what it last published.
-        resume: [f64; 80],
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::topics::{self, Each, Topic};
     use crate::wire::{Message, Part, Stamps};
 
     #[test]
@@ -224,7 +229,7 @@ mod tests {
     fn a_nan_is_seen_wherever_it_sits() {
         let mut command = TorqueCommand::default();
         assert!(command.is_finite());
-        command.resume[79] = f64::NAN;
+        command.tau[7] = f64::NAN;
         assert!(!command.is_finite());
         let mut report = SingularityReport::default();
         report.singularities[3].kappa_2 = f64::INFINITY;
@@ -233,19 +238,23 @@ mod tests {
 
     #[test]
     fn a_layout_that_changes_takes_a_new_version() {
-        fn of<M: Message>() -> (&'static str, usize, u64) {
-            (M::TYPE_NAME, size_of::<M>(), M::layout_hash())
+        struct Name;
+        impl Each for Name {
+            type Output = (&'static str, usize, u64);
+            fn each<M: Topic>(&mut self) -> Self::Output {
+                (M::TYPE_NAME, size_of::<M>(), M::layout_hash())
+            }
         }
-        // Whoever opens a topic from elsewhere knows it by its name: one name, one layout. A line here is never edited, only replaced by that of
-        // the next version.
+        // Other programs know a topic's layout by its type name: one name, one layout. A line here is never edited, only replaced by that of the
+        // next version.
         let known = [
             ("armplane.SensorSample.v2", 224, 0x7e70_2f41_7b85_8812),
             ("armplane.PlantState.v2", 480, 0x79ae_a02c_05c0_f6ac),
-            ("armplane.StateEstimate.v2", 608, 0x6b33_292b_f917_f588),
-            ("armplane.SingularityReport.v2", 1576, 0x590d_5084_3370_8e96),
-            ("armplane.TorqueCommand.v3", 1352, 0xa046_5e36_df45_ae3a),
+            ("armplane.StateEstimate.v3", 352, 0),
+            ("armplane.SingularityReport.v3", 1320, 0),
+            ("armplane.ControlState.v1", 0, 0),
+            ("armplane.TorqueCommand.v4", 160, 0),
         ];
-        let ours = [of::<SensorSample>(), of::<PlantState>(), of::<StateEstimate>(), of::<SingularityReport>(), of::<TorqueCommand>()];
-        assert_eq!(ours, known);
+        assert_eq!(topics::each(&mut Name), known);
     }
 }

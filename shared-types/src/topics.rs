@@ -6,7 +6,7 @@ use std::convert::Infallible;
 use std::fmt::Debug;
 use std::marker::PhantomData;
 
-use crate::messages::{PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+use crate::messages::{ControlState, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
 use crate::wire::Message;
 
 /// The list: each topic with its message, in the order in which a tick's data flows.
@@ -17,6 +17,7 @@ macro_rules! for_each_topic {
             plant_state: PlantState,
             estimate: StateEstimate,
             singularity: SingularityReport,
+            control_state: ControlState,
             torque: TorqueCommand,
         }
     };

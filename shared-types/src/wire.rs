@@ -120,6 +120,11 @@ impl Part for u32 {
         true
     }
 }
+impl Part for u64 {
+    fn is_finite(&self) -> bool {
+        true
+    }
+}
 impl Part for Header {
     fn is_finite(&self) -> bool {
         true

@@ -30,7 +30,12 @@ fn ticks(name: &str) -> Result<Vec<Tick>, Box<dyn std::error::Error>> {
     let text = sim::scenarios::text(name).ok_or("it is built in")?;
     let scenario = Scenario::parse(name, text, &["plant.model=\"reference\"".to_owned()])?;
     let mut chain = Chain::new(&model::Robot::builtin(&scenario.robot)?, &scenario)?;
-    Ok((0..600).map(|_| chain.step()).skip(400).collect())
+    let mut tick = Tick::default();
+    let next = |_| {
+        chain.step(&mut tick);
+        tick
+    };
+    Ok((0..600).map(next).skip(400).collect())
 }
 
 /// A file of kept messages as the target takes it: a choice, then the file.

@@ -7,6 +7,7 @@ use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::rc::Rc;
 
+use bytemuck::Pod;
 use message_log::{LogReader, LogWriter};
 use model::{Robot, RobotSource};
 use runtime::{ControlPage, MAX_PROCESSES, MOST_FAULTS, Manifest, RunDir};
@@ -17,7 +18,9 @@ use shared_types::scenario::{Scenario, Strategy};
 use shared_types::summary::Summary;
 use shared_types::topics::{self, COUNT, Each, TOPICS, Topic};
 use shared_types::wire::{Field, Part, Stamps};
-use shared_types::{Message, SingularityReport, SingularityState, StateEstimate, TorqueCommand};
+use shared_types::{
+    Checkpoint, ControlState, Layout, Message, PlantState, SensorSample, SingularityReport, SingularityState, StateEstimate, TorqueCommand,
+};
 
 /// A scenario is refused with a sentence, or it is valid: written out and read again it is the same.
 pub fn scenario(text: &str) {
@@ -52,7 +55,7 @@ pub fn urdf(text: &str) {
 struct Bytes<'a>(&'a [u8]);
 
 impl Bytes<'_> {
-    fn next<M: Message>(&mut self) -> M {
+    fn next<M: Pod>(&mut self) -> M {
         let mut message = M::zeroed();
         let n = self.0.len().min(size_of::<M>());
         bytemuck::bytes_of_mut(&mut message)[..n].copy_from_slice(&self.0[..n]);
@@ -62,7 +65,7 @@ impl Bytes<'_> {
 }
 
 /// Where the numbers of a message lie, in bytes from its start.
-fn numbers<M: Message>() -> Vec<usize> {
+fn numbers<M: Layout>() -> Vec<usize> {
     fn of(fields: &[Field], begin: usize, found: &mut Vec<usize>) {
         for field in fields {
             let at = begin + field.offset;
@@ -154,16 +157,18 @@ pub fn controller(bytes: &[u8]) {
     let (robot, scenario) = &*case;
     let mut cycle = controller::cycle(robot, scenario).expect("it was accepted before");
     let mut bytes = Bytes(hand.0);
+    let (mut state, mut command) = <(ControlState, TorqueCommand)>::default();
     for tick in 0..4 {
         let (mut estimate, mut report): (StateEstimate, SingularityReport) = (bytes.next(), bytes.next());
         (estimate.header.tick, report.header.tick) = (tick, tick);
-        let command = cycle.step(&estimate, &report);
+        cycle.step(&estimate, &report, &mut state, &mut command);
         is_safe(&command.tau, robot, "controller");
         assert_eq!(command.header.tick, tick);
     }
     let mut poisoned = controller::cycle(robot, scenario).expect("it was accepted before");
-    poisoned.resume(&bytes.next());
-    is_safe(&poisoned.step(&bytes.next(), &bytes.next()).tau, robot, "resumed controller");
+    poisoned.restore(&bytes.next());
+    poisoned.step(&bytes.next(), &bytes.next(), &mut state, &mut command);
+    is_safe(&command.tau, robot, "restored controller");
 }
 
 /// Whatever the drive is told, what acts on the arm is finite and within the limits, and what the sensors say is finite.
@@ -177,7 +182,8 @@ pub fn drive(bytes: &[u8]) {
         let mut command: TorqueCommand = bytes.next();
         command.phase %= 2;
         cycle.step(Some(&command));
-        let (sample, truth) = cycle.sample(tick);
+        let (mut sample, mut truth) = <(SensorSample, PlantState)>::default();
+        cycle.sample(tick, &mut sample, &mut truth);
         assert!(sample.is_finite() && truth.is_finite(), "{sample:?} {truth:?}");
         is_safe(&sample.tau_drive, robot, "drive");
     }
@@ -230,8 +236,13 @@ impl Hand<'_> {
 
     /// Puts a number somewhere in a message, stamps left out: no computation reads them.
     fn spoil<M: Message>(&mut self, message: &mut M) {
+        self.spoil_words(message, size_of::<Stamps>() / 8);
+    }
+
+    /// Puts a number somewhere behind the first words.
+    fn spoil_words<M: Pod>(&mut self, message: &mut M, first: usize) {
         let words: &mut [u64] = bytemuck::cast_slice_mut(bytemuck::bytes_of_mut(message));
-        let words = &mut words[size_of::<Stamps>() / 8..];
+        let words = &mut words[first..];
         for _ in 0..=self.byte() % 4 {
             let place = u16::from_ne_bytes(self.take()) as usize % words.len();
             words[place] = self.number(f64::from_bits(words[place])).to_bits();
@@ -240,42 +251,47 @@ impl Hand<'_> {
 }
 
 /// Numbers within what a fault's amount may be: what is larger no process need have an answer to.
-fn is_sane<M: Message>(message: &M) -> bool {
+fn is_sane<M: Layout>(message: &M) -> bool {
     let bytes = bytemuck::bytes_of(message);
     numbers::<M>().into_iter().all(|at| bytemuck::pod_read_unaligned::<f64>(&bytes[at..at + 8]).abs() <= 1e12)
 }
 
-/// What a process of the chain says, and what a run would do about it: a number that is not finite ends it, and its replacement goes on from what
-/// was said last.
-struct Life<M> {
-    last: Option<M>,
+/// A process of the chain, and what a run would do about it: an output that is not finite ends it, and its replacement goes on from the
+/// checkpoint of the tick before.
+struct Life<C> {
+    /// Of the last tick whose outputs left.
+    checkpoint: Option<C>,
     /// It has been told nothing since its beginning that it need not have an answer to.
     sane: bool,
     /// The edge refuses what is not finite.
     guarded: bool,
 }
 
-impl<M: Message> Life<M> {
+impl<C: Checkpoint> Life<C> {
     fn new(guarded: bool) -> Self {
-        Self { last: None, sane: true, guarded }
+        Self { checkpoint: None, sane: true, guarded }
     }
 
-    /// The message as it leaves; `None`: the process has died of it, and is to be begun anew.
-    fn say(&mut self, message: M) -> Option<M> {
+    /// Whether a message leaves; else the process has died of it, and is to be begun anew.
+    fn sends<M: Message>(&mut self, message: &M) -> bool {
         if message.is_finite() || !self.guarded {
-            self.last = Some(message);
-            return Some(message);
+            return true;
         }
         assert!(!self.sane, "nothing out of range has been said to it: {message:?}");
         // With its replacement, all is well again.
         self.sane = true;
-        None
+        false
     }
 
-    /// It is started again from a last message that somebody may have changed.
-    fn tampered(&mut self, hand: &mut Hand<'_>) -> Option<M> {
-        let mut last = self.last?;
-        hand.spoil(&mut last);
+    /// The tick is closed with this checkpoint.
+    fn closes(&mut self, save: impl FnOnce(&mut C)) {
+        save(self.checkpoint.get_or_insert_with(C::zeroed));
+    }
+
+    /// It is started again from a last checkpoint that somebody may have changed.
+    fn tampered(&mut self, hand: &mut Hand<'_>) -> Option<C> {
+        let mut last = self.checkpoint?;
+        hand.spoil_words(&mut last, 0);
         let is_possible = last.is_finite() || !self.guarded;
         self.sane = if is_possible { is_sane(&last) } else { self.sane };
         is_possible.then_some(last)
@@ -299,12 +315,14 @@ pub fn fingers(bytes: &[u8]) {
     let controllers = || controller::cycle(robot, scenario).expect(fit);
     let (mut estimator, mut analyzer, mut controller) = (estimators(), analyzers(), controllers());
     let (mut estimating, mut analyzing, mut controlling) = (Life::new(is_guarded), Life::new(is_guarded), Life::new(is_guarded));
+    let mut m = chain::Tick::default();
     for tick in 0..48 {
         if hand.0.is_empty() && tick > 8 || plant.is_over() {
             break;
         }
         let (touched, fate) = (hand.byte(), hand.byte());
-        let (mut sample, truth) = plant.sample(tick);
+        plant.sample(tick, &mut m.sensor, &mut m.plant_state);
+        let (mut sample, truth) = (m.sensor, m.plant_state);
         assert!(sample.is_finite() && truth.is_finite(), "{sample:?} {truth:?}");
         is_safe(&sample.tau_drive, robot, "drive");
         let command = 'chain: {
@@ -315,14 +333,18 @@ pub fn fingers(bytes: &[u8]) {
                 && let Some(last) = estimating.tampered(&mut hand)
             {
                 estimator = estimators();
-                estimator.resume(&last);
+                estimator.restore(&last);
             }
             if fate & 1 != 0 || is_guarded && !sample.is_finite() {
                 break 'chain None;
             }
-            let estimate = estimator.step(&sample);
+            estimator.step(&sample, &mut m.estimate);
+            let mut estimate = m.estimate;
             assert!(estimate.is_finite() || !sample.is_finite(), "the estimator has an answer to everything: {sample:?} {estimate:?}");
-            let Some(mut estimate) = estimating.say(estimate) else { break 'chain None };
+            if !estimating.sends(&estimate) {
+                break 'chain None;
+            }
+            estimating.closes(|out| estimator.save(out));
             if touched & 2 != 0 {
                 hand.spoil(&mut estimate);
             }
@@ -330,18 +352,20 @@ pub fn fingers(bytes: &[u8]) {
                 && let Some(last) = analyzing.tampered(&mut hand)
             {
                 analyzer = analyzers();
-                analyzer.resume(&last);
+                analyzer.restore(&last);
             }
             if fate & 2 != 0 || is_guarded && !estimate.is_finite() {
                 break 'chain None;
             }
             analyzing.sane &= is_sane(&estimate);
-            let report = analyzer.step(&estimate);
-            let Some(mut report) = analyzing.say(report) else {
+            analyzer.step(&estimate, &mut m.singularity);
+            let mut report = m.singularity;
+            if !analyzing.sends(&report) {
                 analyzer = analyzers();
-                analyzing.last.iter().for_each(|last| analyzer.resume(last));
+                analyzing.checkpoint.iter().for_each(|last| analyzer.restore(last));
                 break 'chain None;
-            };
+            }
+            analyzing.closes(|out| analyzer.save(out));
             if touched & 4 != 0 {
                 hand.spoil(&mut report);
             }
@@ -349,20 +373,22 @@ pub fn fingers(bytes: &[u8]) {
                 && let Some(last) = controlling.tampered(&mut hand)
             {
                 controller = controllers();
-                controller.resume(&last);
+                controller.restore(&last);
             }
             if fate & 4 != 0 || is_guarded && !report.is_finite() {
                 break 'chain None;
             }
             controlling.sane &= is_sane(&estimate) && is_sane(&report);
-            let command = controller.step(&estimate, &report);
+            controller.step(&estimate, &report, &mut m.control_state, &mut m.torque);
+            let mut command = m.torque;
             is_safe(&command.tau, robot, "controller");
             assert_eq!(command.header.tick, estimate.header.tick);
-            let Some(mut command) = controlling.say(command) else {
+            if !(controlling.sends(&m.control_state) && controlling.sends(&command)) {
                 controller = controllers();
-                controlling.last.iter().for_each(|last| controller.resume(last));
+                controlling.checkpoint.iter().for_each(|last| controller.restore(last));
                 break 'chain None;
-            };
+            }
+            controlling.closes(|out| controller.save(out));
             if touched & 8 != 0 {
                 hand.spoil(&mut command);
                 command.phase %= 3;
@@ -371,7 +397,8 @@ pub fn fingers(bytes: &[u8]) {
         };
         plant.step(command.as_ref());
     }
-    let (sample, truth) = plant.sample(48);
+    let (mut sample, mut truth) = (m.sensor, m.plant_state);
+    plant.sample(48, &mut sample, &mut truth);
     assert!(sample.is_finite() && truth.is_finite(), "{sample:?} {truth:?}");
 }
 

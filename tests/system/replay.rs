@@ -18,7 +18,7 @@ fn every_process_computes_again_what_it_computed_in_the_run() {
         ("plant", vec!["sensor", "plant_state"]),
         ("estimator", vec!["estimate"]),
         ("analyzer", vec!["singularity"]),
-        ("controller", vec!["torque"]),
+        ("controller", vec!["control_state", "torque"]),
     ] {
         let (code, told) = replay(&desk, &["run", "--process", process]);
         assert_eq!((code, &told["identical"], &told["difference"]), (0, &true.into(), &Value::Null), "{told}");
@@ -37,7 +37,7 @@ fn a_changed_controller_is_told_where_it_first_differs_and_by_how_much() {
     let (code, told) = replay(&desk, &["run", "--set", "segment.1.turn.by_deg=44"]);
     assert_eq!((code, &told["identical"]), (1, &false.into()), "{told}");
     let difference = &told["difference"];
-    assert!(difference["tick"].as_u64().unwrap() > 1000 && difference["topic"] == "torque", "{difference}");
+    assert!(difference["tick"].as_u64().unwrap() > 1000 && difference["topic"] == "control_state", "{difference}");
     let value = |of: &Value| of.as_str().unwrap().parse::<f64>().unwrap();
     assert_ne!(value(&difference["recorded"]), value(&difference["replayed"]));
     let fields = told["topics"][0]["fields"].as_array().unwrap();

@@ -1,10 +1,9 @@
 //! `armplane verify`: the bytes do not depend on the circumstances, and where they do, it says where.
 
 use serde_json::Value;
+use shared_types::topics::TOPICS;
 
 use crate::command::{Desk, assert_nothing_left};
-
-const TOPICS: [&str; 5] = ["sensor", "plant_state", "estimate", "singularity", "torque"];
 
 /// A short task in which a process dies and another one's messages are lost half the time.
 const FAULTS: &str = r#"

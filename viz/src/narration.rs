@@ -80,14 +80,16 @@ impl Situation {
     pub(crate) fn of(row: &TickRow) -> Self {
         let mut situation = Self { count: row.singularities().len(), ..Self::default() };
         for (i, one) in row.singularities().iter().enumerate() {
-            let mode = row.torque.map_or(MODE_REGULAR, |command| command.mode[i]);
+            let mode = row.control_state.map_or(MODE_REGULAR, |command| command.mode[i]);
             situation.singularities[i] =
                 Singular { kind: one.kind, class: one.class, inside: one.inside == 1, angular: one.angular == 1, mode };
         }
-        if let Some(command) = row.torque {
-            situation.phase = Some(command.phase);
-            situation.segment = command.segment;
-            situation.clipped = command.clipped == 1;
+        if let Some(state) = row.control_state {
+            situation.segment = state.segment;
+            situation.clipped = state.clipped == 1;
+        }
+        if let Some(torque) = row.torque {
+            situation.phase = Some(torque.phase);
         } else {
             situation.undriven = Some(row.sensor.map_or(DRIVE_ACTIVE, |sensor| sensor.drive));
         }
@@ -200,7 +202,8 @@ fn colour_name(class: u32) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::messages::{SensorSample, SingularityReport, TorqueCommand};
+    use shared_types::TorqueCommand;
+    use shared_types::messages::{ControlState, SensorSample, SingularityReport};
     use shared_types::topics::ByTopic;
 
     #[test]
@@ -209,9 +212,12 @@ mod tests {
         report.singularities[0] = SingularityState { kind: KIND_ELBOW, class: TYPE_1, ..SingularityState::default() };
         report.singularities[1] =
             SingularityState { kind: KIND_WRIST, class: TYPE_2, inside: 1, angular: 1, ..SingularityState::default() };
-        let mut command = TorqueCommand::default();
+        let (mut command, torque) = <(ControlState, TorqueCommand)>::default();
         command.mode[1] = MODE_REORIENT;
-        let row = TickRow::new(0, ByTopic { singularity: Some(&report), torque: Some(&command), ..ByTopic::default() });
+        let row = TickRow::new(
+            0,
+            ByTopic { singularity: Some(&report), control_state: Some(&command), torque: Some(&torque), ..ByTopic::default() },
+        );
         let words = Situation::of(&row).markdown();
         for expected in ["wrist singularity (type 2)", "cannot turn about ζ", "magenta arc", "**reorient**"] {
             assert!(words.contains(expected), "{expected:?} is not in {words}");

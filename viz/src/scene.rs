@@ -164,7 +164,7 @@ impl NullMotion {
                 return true;
             }
         }
-        let tracks = row.torque.is_some_and(|command| {
+        let tracks = row.control_state.is_some_and(|command| {
             let of = |(one, mode): (&SingularityState, &u32)| one.inside == 1 && one.class == TYPE_1 && *mode == MODE_TRACK;
             row.singularities().iter().zip(&command.mode).any(of)
         });
@@ -222,7 +222,7 @@ pub(crate) fn rotation(at: &Placement) -> Quat {
 mod tests {
     use super::*;
     use shared_types::codes::TYPE_2;
-    use shared_types::messages::{PlantState, SingularityReport, TorqueCommand};
+    use shared_types::messages::{ControlState, PlantState, SingularityReport};
     use shared_types::topics::ByTopic;
 
     fn wrist(s: f64, inside: u32) -> SingularityState {
@@ -294,11 +294,11 @@ mod tests {
         report.singularities[0] = SingularityState { class: TYPE_1, inside: 1, ..SingularityState::default() };
         let mut state = PlantState { R_BE: [1., 0., 0., 0., 1., 0., 0., 0., 1.], ..PlantState::default() };
         (state.qdot[2], state.V_BE[0]) = (1.0, 0.1);
-        let mut command = TorqueCommand::default();
-        let mut update = |command: &TorqueCommand| {
+        let mut command = ControlState::default();
+        let mut update = |command: &ControlState| {
             motion.update(&TickRow::new(
                 0,
-                ByTopic { plant_state: Some(&state), singularity: Some(&report), torque: Some(command), ..ByTopic::default() },
+                ByTopic { plant_state: Some(&state), singularity: Some(&report), control_state: Some(command), ..ByTopic::default() },
             ))
         };
         assert!(!update(&command), "the hand moves, and not by the null space");

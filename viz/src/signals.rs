@@ -5,7 +5,7 @@
 
 use model::Robot;
 use nalgebra::{Matrix3, Vector3};
-use shared_types::messages::{PlantState, SingularityState, TorqueCommand};
+use shared_types::messages::{ControlState, PlantState, SingularityState};
 use shared_types::topics::{ByTopic, Lent};
 use shared_types::wire::{HOPS, Stamps};
 
@@ -213,7 +213,7 @@ pub(crate) fn sample(row: &TickRow, limits: &Limits, mut put: impl FnMut(Signal,
         put(Signal::Speed, &mut qdot[..n].iter().copied());
         put(Signal::SpeedRatio, &mut ratio(qdot, &limits.speed));
     }
-    if let Some(command) = row.torque {
+    if let Some(command) = row.control_state {
         put(Signal::TorqueTask, &mut command.tau_task[..n].iter().copied());
         put(Signal::TorqueNull, &mut command.tau_null[..n].iter().copied());
         put(Signal::TorqueTaskRatio, &mut ratio(&command.tau_task, &limits.torque));
@@ -230,7 +230,7 @@ pub(crate) fn sample(row: &TickRow, limits: &Limits, mut put: impl FnMut(Signal,
     }
     if let Some(state) = row.plant_state {
         put(Signal::Contact, &mut std::iter::once(Vector3::from(state.contact_force_n).norm()));
-        if let Some(command) = row.torque {
+        if let Some(command) = row.control_state {
             let error = TaskError::new(state, command, row.singularities());
             put(Signal::PositionError, &mut error.position_m.into_iter().map(|e| 1e3 * e));
             put(Signal::OrientationError, &mut error.orientation_rad.into_iter().map(f64::to_degrees));
@@ -254,7 +254,7 @@ pub(crate) struct TaskError {
 
 impl TaskError {
     /// e = [p_d − p; log(R_d Rᵀ)], each half split into its part in span{ζ_i : inside} and the rest; base axes.
-    pub(crate) fn new(state: &PlantState, command: &TorqueCommand, singularities: &[SingularityState]) -> Self {
+    pub(crate) fn new(state: &PlantState, command: &ControlState, singularities: &[SingularityState]) -> Self {
         let p = Vector3::from(command.p_BE_d) - Vector3::from(state.p_BE);
         let R_error = Matrix3::from_column_slice(&command.R_BE_d) * Matrix3::from_column_slice(&state.R_BE).transpose();
         let r = model::rotation_log(&R_error);
@@ -309,7 +309,7 @@ mod tests {
     fn an_error_along_zeta_is_not_orthogonal_to_it() {
         let mut state = PlantState { R_BE: [1., 0., 0., 0., 1., 0., 0., 0., 1.], ..PlantState::default() };
         state.p_BE = [0.1, 0.2, 0.3];
-        let mut command = TorqueCommand { R_BE_d: state.R_BE, p_BE_d: [0.103, 0.2, 0.304], ..TorqueCommand::default() };
+        let mut command = ControlState { R_BE_d: state.R_BE, p_BE_d: [0.103, 0.2, 0.304], ..ControlState::default() };
         // A turn of 0.02 rad about z.
         command.R_BE_d = *nalgebra::Rotation3::from_axis_angle(&Vector3::z_axis(), 0.02).matrix().as_slice().first_chunk().expect("nine");
         let elbow = SingularityState { inside: 1, zeta_B: [1., 0., 0., 0., 0., 0.], ..SingularityState::default() };

@@ -175,12 +175,12 @@ impl Run {
         let null = t < 2.5;
         let (p, R) = (Vector3::from(m.plant_state.p_BE), Matrix3::from_column_slice(&m.plant_state.R_BE));
         let wobble = 2e-5 * noise(tick, 40);
-        let command = &mut m.torque;
+        let command = &mut m.control_state;
         for i in 0..6 {
             let null_part = if null && i >= 3 { tau[i] } else { 0.0 } + 2e-4 * self.effort[i] * noise(tick, 20 + i as u64);
             command.tau_null[i] = null_part;
             command.tau_task[i] = tau[i] - null_part;
-            command.tau[i] = tau[i];
+            m.torque.tau[i] = tau[i];
         }
         command.p_BE_d = (p + Vector3::new(3e-5, -1e-5, 2e-5) * (1.0 + V_norm(qdot)) + Vector3::repeat(wobble)).into();
         command.R_BE_d = *(Rotation3::from_scaled_axis(Vector3::new(4e-4, 1e-4, -2e-4) * V_norm(qdot)).matrix() * R)
@@ -190,7 +190,7 @@ impl Run {
         (command.time_scale, command.null_scale, command.task_scale) =
             (1.0 - 0.2 * rise(t, 4.6, 5.2).0 * (1.0 - rise(t, 5.8, 6.4).0), 1.0, 1.0);
         command.path_time_s = t;
-        command.phase = if t > 8.85 { PHASE_SETTLING } else { PHASE_RUNNING };
+        m.torque.phase = if t > 8.85 { PHASE_SETTLING } else { PHASE_RUNNING };
         command.segment = u32::from(t > 2.5) + u32::from(t > 4.3);
         for (i, one) in m.singularity.singularities.iter().take(3).enumerate() {
             let blend = smoothstep((one.s.abs() - one.eta_in) / (one.eta_out - one.eta_in));

@@ -3,7 +3,7 @@
 use control::{Analyzer, SetupError, wire};
 use model::{Model, Robot};
 use shared_types::scenario::Scenario;
-use shared_types::{SingularityReport, StateEstimate};
+use shared_types::{AnalyzerCheckpoint, SingularityReport, StateEstimate};
 
 /// One arm's analysis, tick by tick.
 #[derive(Clone, Debug)]
@@ -22,15 +22,20 @@ impl<const N: usize> Cycle<N> {
         Ok(Self { model: Model::new(robot, frame)?, analyzer: Analyzer::new(robot, &scenario.analysis) })
     }
 
-    /// Takes up the state that `last` carries: what a restarted analyzer does.
-    pub fn resume(&mut self, last: &SingularityReport) {
-        self.analyzer.restore(&last.resume);
+    /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its input.
+    pub fn save(&self, out: &mut AnalyzerCheckpoint) {
+        self.analyzer.save(out);
+    }
+
+    /// Takes up what [`save`](Self::save) has written: the next step continues bit for bit.
+    pub fn restore(&mut self, from: &AnalyzerCheckpoint) {
+        self.analyzer.restore(from);
     }
 
     /// The report for an estimate, at its tick. No allocation.
-    pub fn step(&mut self, estimate: &StateEstimate) -> SingularityReport {
+    pub fn step(&mut self, estimate: &StateEstimate, out: &mut SingularityReport) {
         let (q, qdot) = (wire::joints(&estimate.q), wire::joints(&estimate.qdot));
         let report = self.analyzer.step(&q, &qdot, &self.model.evaluate(&q, &qdot));
-        wire::report_message(estimate.header.tick, &report, &self.analyzer)
+        wire::report_message(estimate.header.tick, &report, out);
     }
 }

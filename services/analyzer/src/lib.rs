@@ -6,24 +6,29 @@ mod cycle;
 use model::{Refused, Robot, with_dof};
 use runtime::{ProcessError, Shell};
 use shared_types::scenario::Scenario;
-use shared_types::{SingularityReport, StateEstimate};
+use shared_types::{AnalyzerCheckpoint, SingularityReport, StateEstimate};
 
 pub use cycle::Cycle;
 
 /// The pure step, whatever the number of joints; compiled once per number, here.
 pub trait Step {
     /// The report for an estimate, at its tick.
-    fn step(&mut self, estimate: &StateEstimate) -> SingularityReport;
-    /// Takes up the state that `last` carries.
-    fn resume(&mut self, last: &SingularityReport);
+    fn step(&mut self, estimate: &StateEstimate, out: &mut SingularityReport);
+    /// Writes what must survive a restart.
+    fn save(&self, out: &mut AnalyzerCheckpoint);
+    /// Takes up what [`save`](Self::save) has written.
+    fn restore(&mut self, from: &AnalyzerCheckpoint);
 }
 
 impl<const N: usize> Step for Cycle<N> {
-    fn step(&mut self, estimate: &StateEstimate) -> SingularityReport {
-        self.step(estimate)
+    fn step(&mut self, estimate: &StateEstimate, out: &mut SingularityReport) {
+        self.step(estimate, out);
     }
-    fn resume(&mut self, last: &SingularityReport) {
-        self.resume(last);
+    fn save(&self, out: &mut AnalyzerCheckpoint) {
+        self.save(out);
+    }
+    fn restore(&mut self, from: &AnalyzerCheckpoint) {
+        self.restore(from);
     }
 }
 
@@ -44,11 +49,13 @@ pub fn run(shell: &Shell, robot: &Robot, scenario: &Scenario) -> Result<(), Proc
     let mut cycle = cycle(robot, scenario).map_err(ProcessError::setup)?;
     let mut estimates = shell.reader::<StateEstimate>()?;
     let mut reports = shell.writer::<SingularityReport>()?;
-    if let Some(last) = reports.legacy() {
-        cycle.resume(last);
-    }
+    let mut checkpoint = shell.checkpoint::<AnalyzerCheckpoint>()?;
+    checkpoint.previous().into_iter().for_each(|last| cycle.restore(last));
     while let Some(estimate) = estimates.next()? {
-        reports.send(cycle.step(estimate))?;
+        let mut report = reports.loan_as_is(estimate.header.tick)?;
+        cycle.step(estimate, &mut report);
+        cycle.save(checkpoint.slot());
+        report.send()?;
     }
     Ok(())
 }

@@ -1,16 +1,16 @@
-//! The same five pure cycles on one thread, without shared memory: the same bytes as the processes give, only quicker to reach.
+//! The pure cycles of the chain on one thread, without shared memory: the same bytes as the processes give, only quicker to reach.
 //! Tests, comparisons and sweeps use it, and `armplane run` tries its first tick here before it starts anything.
 #![allow(non_snake_case)]
 
 use model::{Refused, Robot};
 use shared_types::codes::{PHASE_REFUSED, REFUSALS, name_of};
 use shared_types::scenario::Scenario;
-use shared_types::topics::{ByTopic, Whole};
+use shared_types::topics::{self, ByTopic, Each, Topic, Whole};
 
 /// One tick of the whole chain: what each process would have published.
 pub type Tick = ByTopic<Whole>;
 
-/// The five cycles but the recorder's, hand in hand.
+/// The cycles of the chain, one after the other.
 pub struct Chain {
     plant: Box<dyn plant::Step>,
     estimator: Box<dyn estimator::Step>,
@@ -39,25 +39,32 @@ impl Chain {
         })
     }
 
-    /// One tick: sample, estimate, analyse, control, move.
-    pub fn step(&mut self) -> Tick {
-        let (mut sensor, mut plant_state) = self.plant.sample(self.tick);
-        (sensor.header.incarnation, plant_state.header.incarnation) = (1, 1);
-        let mut estimate = self.estimator.step(&sensor);
-        estimate.header.incarnation = 1;
-        let mut singularity = self.analyzer.step(&estimate);
-        singularity.header.incarnation = 1;
-        let mut torque = self.controller.step(&estimate, &singularity);
-        torque.header.incarnation = 1;
-        self.plant.step(Some(&torque));
+    /// One tick: sample, estimate, analyse, control, move. Fills the messages of the chain; those of other processes stay as they are.
+    pub fn step(&mut self, tick: &mut Tick) {
+        let Tick { sensor, plant_state, estimate, singularity, control_state, torque } = tick;
+        self.plant.sample(self.tick, sensor, plant_state);
+        self.estimator.step(sensor, estimate);
+        self.analyzer.step(estimate, singularity);
+        self.controller.step(estimate, singularity, control_state, torque);
+        topics::each(&mut First(tick));
+        self.plant.step(Some(&tick.torque));
         self.tick += 1;
-        Tick { sensor, plant_state, estimate, singularity, torque }
     }
 
     /// Whether the task is over.
     #[must_use]
     pub fn is_over(&self) -> bool {
         self.plant.is_over()
+    }
+}
+
+/// Makes each message one of its process's first incarnation.
+struct First<'a>(&'a mut Tick);
+
+impl Each for First<'_> {
+    type Output = ();
+    fn each<M: Topic>(&mut self) {
+        M::of_mut(self.0).header_mut().incarnation = 1;
     }
 }
 
@@ -73,10 +80,22 @@ pub fn without_faults(scenario: &Scenario) -> Scenario {
 /// As [`Chain::new`].
 pub fn run(robot: &Robot, scenario: &Scenario, mut each: impl FnMut(&Tick)) -> Result<(), Refused> {
     let mut chain = Chain::new(robot, scenario)?;
+    let mut tick = Tick::default();
     while !chain.is_over() {
-        each(&chain.step());
+        chain.step(&mut tick);
+        each(&tick);
     }
     Ok(())
+}
+
+/// A scenario's first tick, nothing gone wrong.
+///
+/// # Errors
+/// [`Refused`] where a cycle does not accept the robot or the scenario.
+pub fn first_tick(robot: &Robot, scenario: &Scenario) -> Result<Tick, Refused> {
+    let mut first = Tick::default();
+    Chain::new(robot, &without_faults(scenario))?.step(&mut first);
+    Ok(first)
 }
 
 /// Tries a scenario's first tick, nothing gone wrong: what the control law refuses at once is refused before any process starts.
@@ -84,10 +103,10 @@ pub fn run(robot: &Robot, scenario: &Scenario, mut each: impl FnMut(&Tick)) -> R
 /// # Errors
 /// [`Refused`] where a cycle does not accept the robot or the scenario, or the control law refuses the first tick.
 pub fn try_first_tick(robot: &Robot, scenario: &Scenario) -> Result<(), Refused> {
-    let first = Chain::new(robot, &without_faults(scenario))?.step();
+    let first = first_tick(robot, scenario)?;
     match first.torque.phase {
         PHASE_REFUSED => {
-            let why = name_of(REFUSALS, first.torque.refusal);
+            let why = name_of(REFUSALS, first.control_state.refusal);
             Err(Refused::because(format_args!("the control law refuses the start: {why}")))
         }
         _ => Ok(()),

@@ -4,7 +4,7 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-use chain::Chain;
+use chain::{Chain, Tick};
 use model::Robot;
 use shared_types::scenario::Scenario;
 
@@ -54,15 +54,13 @@ fn the_counter_counts() {
 fn no_cycle_allocates() {
     for name in sim::scenarios::names() {
         let (robot, scenario) = parsed(name, &[]);
-        let mut chain = Chain::new(&robot, &scenario).unwrap();
+        let (mut chain, mut tick) = (Chain::new(&robot, &scenario).unwrap(), Tick::default());
         // The simulator of contacts makes room for itself in its first steps.
-        (0..10).for_each(|_| {
-            chain.step();
-        });
+        (0..10).for_each(|_| chain.step(&mut tick));
         let mut ticks = 0;
         let count = counted(|| {
             while !chain.is_over() && ticks < 2_000 {
-                std::hint::black_box(chain.step());
+                chain.step(std::hint::black_box(&mut tick));
                 ticks += 1;
             }
         });
@@ -74,9 +72,14 @@ fn no_cycle_allocates() {
 fn nothing_is_allocated_where_singularities_are_found_by_number() {
     for name in ["straight-up", "elbow-in-and-out", "iiwa-posture"] {
         let (robot, scenario) = parsed(name, &["analysis.numeric=true", "plant.model=\"reference\""]);
-        let mut chain = Chain::new(&robot, &scenario).unwrap();
+        let (mut chain, mut tick) = (Chain::new(&robot, &scenario).unwrap(), Tick::default());
         let mut moved = 0.0_f64;
-        let count = counted(|| (0..1_500).for_each(|_| moved = moved.max(chain.step().torque.path_time_s)));
+        let count = counted(|| {
+            for _ in 0..1_500 {
+                chain.step(&mut tick);
+                moved = moved.max(tick.control_state.path_time_s);
+            }
+        });
         assert!(moved > 0.5, "{name}: the path goes on");
         assert_eq!(count, 0, "{name}: allocations");
     }

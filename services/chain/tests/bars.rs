@@ -63,7 +63,7 @@ fn run(robot: &Robot, scenario: &Scenario) -> Figures {
         }
         steps.push(step);
         if let Some(last) = &last {
-            let changes = (0..4).filter(|i| last.torque.mode[*i] != tick.torque.mode[*i]).count();
+            let changes = (0..4).filter(|i| last.control_state.mode[*i] != tick.control_state.mode[*i]).count();
             out.switches += changes;
             out.switch_j += if changes > 0 { jump.abs() * SWITCH_S } else { 0.0 };
         }
@@ -83,7 +83,7 @@ fn run(robot: &Robot, scenario: &Scenario) -> Figures {
 
 /// Error along the engaged singular directions, and orthogonal to them: (mm, degrees) each.
 fn split(tick: &Tick) -> ([f64; 2], [f64; 2]) {
-    let (truth, command) = (&tick.plant_state, &tick.torque);
+    let (truth, command) = (&tick.plant_state, &tick.control_state);
     let matrix = |R: &[f64; 9]| Matrix3::from_column_slice(R);
     let p = Vector3::from(command.p_BE_d) - Vector3::from(truth.p_BE);
     let w = model::rotation_log(&(matrix(&command.R_BE_d) * matrix(&truth.R_BE).transpose()));

@@ -111,7 +111,8 @@ fn evaluate<const N: usize>(robot: &Robot, frame: Option<&str>, q: &[f64], qdot:
     let mut estimate = StateEstimate::default();
     estimate.q[..n].copy_from_slice(q);
     estimate.qdot[..n].copy_from_slice(qdot);
-    let report = analyzer.step(&estimate);
+    let mut report = SingularityReport::default();
+    analyzer.step(&estimate, &mut report);
     let J = DMatrix::from_fn(6, n, |row, column| terms.J[(row, column)]);
     let (R, p) = (terms.X_BE.R, terms.X_BE.p);
     let mut singular_values: Vec<f64> = J.clone().svd(false, false).singular_values.iter().copied().collect();

@@ -55,7 +55,8 @@ fn control<const N: usize>(bencher: Bencher, text: &str, numeric: bool) {
     let mut arm = start::<N>(text, numeric);
     let qdot = SVector::<f64, N>::zeros();
     let report = arm.analyzer.step(&arm.q, &qdot, &arm.model.evaluate(&arm.q, &qdot));
-    let state = arm.controller.state();
+    let mut state = shared_types::ControllerCheckpoint::default();
+    arm.controller.save(&mut state);
     bencher.bench_local(|| {
         arm.controller.restore(&state);
         arm.controller.step(&arm.q, &qdot, &qdot, &report)

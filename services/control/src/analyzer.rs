@@ -4,15 +4,15 @@
 //! neighbourhoods with hysteresis, unit-scaled singular values, rank, determinant, manipulability.
 
 use crate::arm_family::choice::Family;
-use crate::arm_family::family::{FAMILY_STATE, Posture};
+use crate::arm_family::family::Posture;
 use crate::centre::AtCentre;
 use crate::linear::{Lu, singular_values};
 use crate::paper::neighborhood::Neighborhood;
 use crate::types::{Report, Singularity};
 use model::{Robot, Terms};
 use nalgebra::{SMatrix, SVector, Vector3};
-use shared_types::MAX_SINGULARITIES;
 use shared_types::scenario::Analysis;
+use shared_types::{AnalyzerCheckpoint, MAX_SINGULARITIES};
 
 /// Relative singular value below which a direction counts as lost; between encoder noise (1e-4) and the smallest regular one (3e-2).
 pub const RANK_TOLERANCE: f64 = 1e-3;
@@ -68,24 +68,16 @@ impl<const N: usize> Analyzer<N> {
         Report { p_BC: p_C, length_m: self.length_m, count, singularities, ..conditioning }
     }
 
-    /// What must survive a restart, for the message's `resume`.
-    #[must_use]
-    pub fn state(&self) -> [f64; 32] {
-        let mut state = [0.0; 32];
-        for (place, inside) in state.iter_mut().zip(self.inside) {
-            *place = f64::from(u8::from(inside));
-        }
-        let source = self.family.get().state();
-        state[32 - FAMILY_STATE..].copy_from_slice(&source);
-        state
+    /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its inputs.
+    pub fn save(&self, out: &mut AnalyzerCheckpoint) {
+        out.inside = self.inside.map(u32::from);
+        self.family.get().save(out);
     }
 
-    /// Takes [`state`](Self::state) back: the next step continues as if nothing had happened.
-    pub fn restore(&mut self, state: &[f64; 32]) {
-        self.inside = std::array::from_fn(|i| state[i] != 0.0);
-        let mut source = [0.0; FAMILY_STATE];
-        source.copy_from_slice(&state[32 - FAMILY_STATE..]);
-        self.family.get_mut().restore(&source);
+    /// Takes up what [`save`](Self::save) has written: the next step continues bit for bit.
+    pub fn restore(&mut self, from: &AnalyzerCheckpoint) {
+        self.inside = from.inside.map(|inside| inside != 0);
+        self.family.get_mut().restore(from);
     }
 }
 

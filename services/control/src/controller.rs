@@ -25,8 +25,8 @@ use crate::trajectory::{Path, Progress};
 use crate::types::{Class, Command, Kind, Mode, Phase, Plan, Refusal, Report, Singularity};
 use model::{Model, Robot, Terms};
 use nalgebra::{SVector, Vector6};
-use shared_types::MAX_SINGULARITIES;
 use shared_types::scenario::{Control, Scenario, Strategy};
+use shared_types::{ControllerCheckpoint, MAX_SINGULARITIES};
 
 /// Largest position error that feedback answers to, m: a goal far away must not demand the acceleration of its whole distance.
 const POSITION_ERROR_MAX: f64 = 0.05;
@@ -454,14 +454,13 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// What must survive a restart, for the message's `resume`.
-    #[must_use]
-    pub fn state(&self) -> [f64; 80] {
-        self.state.values()
+    /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its inputs.
+    pub fn save(&self, out: &mut ControllerCheckpoint) {
+        self.state.save(out);
     }
 
-    /// Takes [`state`](Self::state) back: the next tick continues as if nothing had happened.
-    pub fn restore(&mut self, state: &[f64; 80]) {
-        self.state = State::from_values(state);
+    /// Takes up what [`save`](Self::save) has written: the next tick continues bit for bit.
+    pub fn restore(&mut self, from: &ControllerCheckpoint) {
+        self.state = State::from_checkpoint(from);
     }
 }

@@ -7,9 +7,11 @@ use crate::paper::reference::Memory;
 use crate::paper::type_2::Turn;
 use crate::trajectory::Progress;
 use crate::types::{Mode, Refusal};
+use crate::wire::{joints, padded};
 use model::Pose;
-use nalgebra::{Matrix3, SVector, Vector3};
-use shared_types::MAX_SINGULARITIES;
+use nalgebra::Matrix3;
+use shared_types::checkpoints::LoopCheckpoint;
+use shared_types::{ControllerCheckpoint, MAX_SINGULARITIES};
 
 /// The state from tick to tick: all of it survives a restart.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,77 +26,73 @@ pub(crate) struct State<const N: usize> {
 }
 
 impl<const N: usize> State<N> {
-    /// The state as numbers, for the message's `resume`.
-    pub(crate) fn values(&self) -> [f64; 80] {
-        let mut out = Packer { values: [0.0; 80], at: 0 };
+    /// Writes all of it.
+    pub(crate) fn save(&self, out: &mut ControllerCheckpoint) {
         let State { progress, governor, loops, turn, refusal, path_time_s, joint_memory } = self;
-        out.put(progress.leg as f64);
-        out.put(progress.time_s);
-        out.put(flag(progress.begun));
-        progress.start.R.iter().chain(progress.start.p.iter()).for_each(|x| out.put(*x));
-        progress.by.iter().chain(progress.turn.iter()).for_each(|x| out.put(*x));
-        out.put(governor.rate);
-        out.put(governor.rate_dot);
-        out.put(governor.demand);
-        turn.from.iter().for_each(|x| out.put(*x));
-        out.put(turn.angle);
-        turn.by.iter().for_each(|x| out.put(*x));
-        out.put(turn.duration_s);
-        out.put(f64::from(refusal.code()));
-        out.put(*path_time_s);
-        out.put(flag(joint_memory.holding));
-        out.put(joint_memory.votes);
-        out.put(f64::from(joint_memory.reversed));
-        joint_memory.q.iter().for_each(|x| out.put(*x));
-        for one in loops {
-            let flags = flag(one.memory.passing) + 2.0 * flag(one.memory.holding) + 4.0 * (one.memory.side + 1.0);
-            out.put(f64::from(one.mode.code()) + 32.0 * flags);
-            out.put(one.rate);
-            out.put(one.feed_forward);
-            out.put(one.trust);
-            out.put(one.memory.passage);
+        *out = ControllerCheckpoint {
+            segment: progress.leg as u32,
+            begun: u32::from(progress.begun),
+            segment_time_s: progress.time_s,
+            path_time_s: *path_time_s,
+            p_BE_start: progress.start.p.into(),
+            R_BE_start: std::array::from_fn(|i| progress.start.R[i]),
+            translation: progress.by.into(),
+            rotation: progress.turn.into(),
+            governor_rate: governor.rate,
+            governor_rate_dot: governor.rate_dot,
+            governor_demand: governor.demand,
+            turn_from: turn.from.into(),
+            turn_angle: turn.angle,
+            turn_dq: padded(&turn.by),
+            turn_s: turn.duration_s,
+            joint_q: padded(&joint_memory.q),
+            joint_votes: joint_memory.votes,
+            joint_holding: u32::from(joint_memory.holding),
+            joint_reversed: joint_memory.reversed,
+            refusal: refusal.code(),
+            reserved: 0,
+            loops: loops.map(|one| LoopCheckpoint {
+                mode: one.mode.code(),
+                passing: u32::from(one.memory.passing),
+                holding: u32::from(one.memory.holding),
+                reserved: 0,
+                side: one.memory.side,
+                rate: one.rate,
+                feed_forward: one.feed_forward,
+                trust: one.trust,
+                passage: one.memory.passage,
+            }),
+        };
+    }
+
+    /// The state that [`save`](Self::save) has written.
+    pub(crate) fn from_checkpoint(from: &ControllerCheckpoint) -> Self {
+        Self {
+            progress: Progress {
+                leg: from.segment as usize,
+                time_s: from.segment_time_s,
+                begun: from.begun != 0,
+                start: Pose { R: Matrix3::from_column_slice(&from.R_BE_start), p: from.p_BE_start.into() },
+                by: from.translation.into(),
+                turn: from.rotation.into(),
+            },
+            governor: Governor { rate: from.governor_rate, rate_dot: from.governor_rate_dot, demand: from.governor_demand },
+            loops: from.loops.map(|one| Loop {
+                mode: Mode::from_code(one.mode).unwrap_or_default(),
+                rate: one.rate,
+                feed_forward: one.feed_forward,
+                trust: one.trust,
+                memory: Memory { passing: one.passing != 0, holding: one.holding != 0, side: one.side, passage: one.passage },
+            }),
+            turn: Turn { from: from.turn_from.into(), angle: from.turn_angle, by: joints(&from.turn_dq), duration_s: from.turn_s },
+            refusal: Refusal::from_code(from.refusal).unwrap_or_default(),
+            path_time_s: from.path_time_s,
+            joint_memory: JointMemory {
+                holding: from.joint_holding != 0,
+                votes: from.joint_votes,
+                reversed: from.joint_reversed,
+                q: joints(&from.joint_q),
+            },
         }
-        out.values
-    }
-
-    /// The state from its [`values`](Self::values).
-    pub(crate) fn from_values(values: &[f64; 80]) -> Self {
-        let mut from = values.iter().copied();
-        let mut get = || from.next().unwrap_or(0.0);
-        let (leg, time_s, begun) = (get() as usize, get(), get() != 0.0);
-        let R = Matrix3::from_iterator((0..9).map(|_| get()));
-        let mut vector = || Vector3::from_fn(|_, _| get());
-        let (p, by, turn) = (vector(), vector(), vector());
-        let progress = Progress { leg, time_s, begun, start: Pose { R, p }, by, turn };
-        let governor = Governor { rate: get(), rate_dot: get(), demand: get() };
-        let turn = Turn { from: Vector3::from_fn(|_, _| get()), angle: get(), by: SVector::from_fn(|_, _| get()), duration_s: get() };
-        let refusal = Refusal::from_code(get() as u32).unwrap_or_default();
-        let path_time_s = get();
-        let joint_memory = JointMemory { holding: get() != 0.0, votes: get(), reversed: get() as u32, q: SVector::from_fn(|_, _| get()) };
-        let loops = std::array::from_fn(|_| {
-            let packed = get() as u32;
-            let flags = packed / 32;
-            let mode = Mode::from_code(packed % 32).unwrap_or_default();
-            let [rate, feed_forward, trust, passage] = [get(), get(), get(), get()];
-            let memory = Memory { passing: flags & 1 != 0, holding: flags & 2 != 0, side: f64::from(flags / 4) - 1.0, passage };
-            Loop { mode, rate, feed_forward, trust, memory }
-        });
-        Self { progress, governor, loops, turn, refusal, path_time_s, joint_memory }
-    }
-}
-
-fn flag(x: bool) -> f64 {
-    f64::from(u8::from(x))
-}
-
-struct Packer {
-    values: [f64; 80],
-    at: usize,
-}
-
-impl Packer {
-    fn put(&mut self, x: f64) {
-        self.values[self.at] = x;
-        self.at += 1;
     }
 }

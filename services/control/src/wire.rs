@@ -1,10 +1,8 @@
 //! Messages from values and back: shared by the analyzer's and the controller's cycle.
 
-use crate::analyzer::Analyzer;
-use crate::controller::Controller;
 use crate::types::{Class, Command, Kind, Report, Singularity};
 use nalgebra::{Matrix3, SVector, Vector3, Vector6};
-use shared_types::{Header, MAX_DOF, MAX_SINGULARITIES, SingularityReport, SingularityState, TorqueCommand};
+use shared_types::{ControlState, Header, MAX_DOF, MAX_SINGULARITIES, SingularityReport, SingularityState, TorqueCommand};
 
 /// A code on the wire has no name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -28,10 +26,9 @@ pub fn padded<const N: usize>(values: &SVector<f64, N>) -> [f64; MAX_DOF] {
     std::array::from_fn(|i| if i < N { values[i] } else { 0.0 })
 }
 
-/// The analyzer's message: everything but the header's stamps and incarnation.
-#[must_use]
-pub fn report_message<const N: usize>(tick: u64, report: &Report<N>, analyzer: &Analyzer<N>) -> SingularityReport {
-    SingularityReport {
+/// Fills the analyzer's message: everything but the header's stamps and incarnation.
+pub fn report_message<const N: usize>(tick: u64, report: &Report<N>, out: &mut SingularityReport) {
+    *out = SingularityReport {
         header: Header { tick, ..Header::default() },
         count: report.count as u32,
         rank: report.rank,
@@ -60,8 +57,7 @@ pub fn report_message<const N: usize>(tick: u64, report: &Report<N>, analyzer: &
             kappa_1: s.kappa_1,
             kappa_2: s.kappa_2,
         }),
-        resume: analyzer.state(),
-    }
+    };
 }
 
 /// The report in a message.
@@ -104,12 +100,11 @@ pub fn report<const N: usize>(message: &SingularityReport) -> Result<Report<N>, 
     })
 }
 
-/// The controller's message: everything but the header's stamps and incarnation.
-#[must_use]
-pub fn command_message<const N: usize>(tick: u64, command: &Command<N>, controller: &Controller<N>) -> TorqueCommand {
-    TorqueCommand {
-        header: Header { tick, ..Header::default() },
-        tau: padded(&command.tau),
+/// Fills the controller's messages: everything but the headers' stamps and incarnation.
+pub fn command_messages<const N: usize>(tick: u64, command: &Command<N>, state: &mut ControlState, torque: &mut TorqueCommand) {
+    let header = Header { tick, ..Header::default() };
+    *state = ControlState {
+        header,
         tau_task: padded(&command.tau_task),
         tau_null: padded(&command.tau_null),
         p_BE_d: command.p_BE_d.into(),
@@ -127,13 +122,11 @@ pub fn command_message<const N: usize>(tick: u64, command: &Command<N>, controll
         planned_s: command.plan.map_or(0.0, |plan| plan.duration_s),
         mode: command.mode.map(|mode| mode.code()),
         segment: command.segment,
-        phase: command.phase.code(),
-        saturation_mask: command.saturation_mask,
         clipped: u32::from(command.clipped),
         planned: command.plan.map_or(0, |plan| plan.place as u32 + 1),
         refusal: command.refusal.code(),
-        resume: controller.state(),
-    }
+    };
+    *torque = TorqueCommand { header, tau: padded(&command.tau), phase: command.phase.code(), saturation_mask: command.saturation_mask };
 }
 
 fn column_major(R: &Matrix3<f64>) -> [f64; 9] {
@@ -143,6 +136,7 @@ fn column_major(R: &Matrix3<f64>) -> [f64; 9] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::analyzer::Analyzer;
     use crate::testing::{posture, puma, robot};
     use proptest::prelude::*;
     use shared_types::scenario::Analysis;
@@ -153,7 +147,9 @@ mod tests {
             let terms = puma().evaluate(&q, &SVector::zeros());
             let mut analyzer = Analyzer::<6>::new(robot("puma560"), &Analysis::default());
             let sent = analyzer.step(&q, &SVector::zeros(), &terms);
-            prop_assert_eq!(report::<6>(&report_message(7, &sent, &analyzer)).unwrap(), sent);
+            let mut message = SingularityReport::default();
+            report_message(7, &sent, &mut message);
+            prop_assert_eq!(report::<6>(&message).unwrap(), sent);
         }
     }
 

@@ -3,7 +3,7 @@
 use control::{Controller, Refusal, SetupError, start_posture, wire};
 use model::{Model, Robot};
 use shared_types::scenario::Scenario;
-use shared_types::{SingularityReport, StateEstimate, TorqueCommand};
+use shared_types::{ControlState, ControllerCheckpoint, SingularityReport, StateEstimate, TorqueCommand};
 
 /// One arm's control law, tick by tick.
 #[derive(Clone, Debug)]
@@ -22,18 +22,24 @@ impl<const N: usize> Cycle<N> {
         Ok(Self { controller: Controller::new(Model::new(robot, frame)?, robot, scenario, q_start)? })
     }
 
-    /// Takes up the state that `last` carries: what a restarted controller does.
-    pub fn resume(&mut self, last: &TorqueCommand) {
-        self.controller.restore(&last.resume);
+    /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its inputs.
+    pub fn save(&self, out: &mut ControllerCheckpoint) {
+        self.controller.save(out);
     }
 
-    /// The torque for an estimate and the report of the same tick, at that tick. No allocation; a report that cannot be read is refused.
-    pub fn step(&mut self, estimate: &StateEstimate, report: &SingularityReport) -> TorqueCommand {
+    /// Takes up what [`save`](Self::save) has written: the next step continues bit for bit.
+    pub fn restore(&mut self, from: &ControllerCheckpoint) {
+        self.controller.restore(from);
+    }
+
+    /// The torque for an estimate and the report of the same tick, and what the law did to arrive at it, at that tick. No allocation; a report
+    /// that cannot be read is refused.
+    pub fn step(&mut self, estimate: &StateEstimate, report: &SingularityReport, state: &mut ControlState, torque: &mut TorqueCommand) {
         let (q, qdot) = (wire::joints(&estimate.q), wire::joints(&estimate.qdot));
         let command = match wire::report(report) {
             Ok(report) => self.controller.step(&q, &qdot, &wire::joints(&estimate.tau_disturbance), &report),
             Err(_) => self.controller.refuse(&q, &qdot, Refusal::Report),
         };
-        wire::command_message(estimate.header.tick, &command, &self.controller)
+        wire::command_messages(estimate.header.tick, &command, state, torque);
     }
 }

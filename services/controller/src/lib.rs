@@ -6,24 +6,29 @@ mod cycle;
 use model::{Refused, Robot, with_dof};
 use runtime::{ProcessError, Shell};
 use shared_types::scenario::Scenario;
-use shared_types::{SingularityReport, StateEstimate, TorqueCommand};
+use shared_types::{ControlState, ControllerCheckpoint, SingularityReport, StateEstimate, TorqueCommand};
 
 pub use cycle::Cycle;
 
 /// The pure step, whatever the number of joints; compiled once per number, here.
 pub trait Step {
-    /// The torque for an estimate and the report of the same tick.
-    fn step(&mut self, estimate: &StateEstimate, report: &SingularityReport) -> TorqueCommand;
-    /// Takes up the state that `last` carries.
-    fn resume(&mut self, last: &TorqueCommand);
+    /// The torque for an estimate and the report of the same tick, and what the law did to arrive at it.
+    fn step(&mut self, estimate: &StateEstimate, report: &SingularityReport, state: &mut ControlState, torque: &mut TorqueCommand);
+    /// Writes what must survive a restart.
+    fn save(&self, out: &mut ControllerCheckpoint);
+    /// Takes up what [`save`](Self::save) has written.
+    fn restore(&mut self, from: &ControllerCheckpoint);
 }
 
 impl<const N: usize> Step for Cycle<N> {
-    fn step(&mut self, estimate: &StateEstimate, report: &SingularityReport) -> TorqueCommand {
-        self.step(estimate, report)
+    fn step(&mut self, estimate: &StateEstimate, report: &SingularityReport, state: &mut ControlState, torque: &mut TorqueCommand) {
+        self.step(estimate, report, state, torque);
     }
-    fn resume(&mut self, last: &TorqueCommand) {
-        self.resume(last);
+    fn save(&self, out: &mut ControllerCheckpoint) {
+        self.save(out);
+    }
+    fn restore(&mut self, from: &ControllerCheckpoint) {
+        self.restore(from);
     }
 }
 
@@ -44,13 +49,17 @@ pub fn run(shell: &Shell, robot: &Robot, scenario: &Scenario) -> Result<(), Proc
     let mut cycle = cycle(robot, scenario).map_err(ProcessError::setup)?;
     let mut reports = shell.reader::<SingularityReport>()?;
     let mut estimates = shell.reader::<StateEstimate>()?;
+    let mut states = shell.writer::<ControlState>()?;
     let mut torques = shell.writer::<TorqueCommand>()?;
-    if let Some(last) = torques.legacy() {
-        cycle.resume(last);
-    }
+    let mut checkpoint = shell.checkpoint::<ControllerCheckpoint>()?;
+    checkpoint.previous().into_iter().for_each(|last| cycle.restore(last));
     while let Some(report) = reports.next()? {
         let Some(estimate) = estimates.at(report.header.tick)? else { continue };
-        torques.send(cycle.step(estimate, report))?;
+        let (mut state, mut torque) = (states.loan_as_is(estimate.header.tick)?, torques.loan_as_is(estimate.header.tick)?);
+        cycle.step(estimate, report, &mut state, &mut torque);
+        cycle.save(checkpoint.slot());
+        state.send()?;
+        torque.send()?;
     }
     Ok(())
 }

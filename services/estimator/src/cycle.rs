@@ -4,7 +4,7 @@ use model::{Model, ModelError, Robot};
 use nalgebra::SVector;
 use shared_types::codes::DRIVE_BRAKED;
 use shared_types::scenario::Scenario;
-use shared_types::{Header, MAX_DOF, SensorSample, StateEstimate};
+use shared_types::{EstimatorCheckpoint, Header, MAX_DOF, SensorSample, StateEstimate};
 
 /// A predictor–corrector observer per joint with the arm's own dynamics as its predictor.
 ///
@@ -18,7 +18,7 @@ use shared_types::{Header, MAX_DOF, SensorSample, StateEstimate};
 /// A difference of encoder readings would carry their noise times 1/T; this filter carries it times about bandwidth^1.5 √(T/4).
 ///
 /// A few missing samples are predicted over. After a longer gap position and velocity begin anew, from two samples. A reading that no motion
-/// within the speed limits explains is not believed, for as long as it can be a disturbance of the line and not the arm; then its joint begins
+/// within the speed limits explains is set aside, for as long as it can be a disturbance of the line and not the arm; then its joint begins
 /// anew where it says, as fast as it has moved meanwhile: a jump is no motion, and nothing learns from it. A state that is no arm's (a reading or a
 /// torque far out of range has led there) is given up, and the next one begins at the sample, at rest.
 #[derive(Clone, Debug)]
@@ -26,7 +26,7 @@ pub struct Cycle<const N: usize> {
     model: Model<N>,
     T: f64,
     gains: Gains,
-    /// The largest believable innovation per tick; rad.
+    /// The largest innovation accepted per tick; rad.
     gate: SVector<f64, N>,
     state: Option<State<N>>,
 }
@@ -34,30 +34,27 @@ pub struct Cycle<const N: usize> {
 /// Missing samples that the model predicts over.
 const MOST_PREDICTED: u64 = 5;
 
-/// A reading is believable within what so many times the speed limit explains, and in any case within [`BELIEVED`].
+/// A reading is accepted within what so many times the speed limit explains, and in any case within [`ACCEPTED`].
 const GATE: f64 = 10.0;
 
 /// rad.
-const BELIEVED: f64 = 0.02;
+const ACCEPTED: f64 = 0.02;
 
-/// Ticks for which an unbelievable reading is set aside; then it is the truth.
+/// Ticks for which an outlier is set aside; after them the filter begins anew at the reading.
 const PATIENCE: u32 = 20;
 
 /// No arm is faster than this: the model's own terms grow with its square, and beyond it they soon leave the finite numbers; rad/s.
 const ABSURD: f64 = 1e6;
-
-/// Samples after which nothing remembers the beginning.
-const SETTLED: u32 = 2;
 
 #[derive(Clone, Copy, Debug)]
 struct State<const N: usize> {
     tick: u64,
     /// Samples since the last beginning.
     samples: u32,
-    /// Ticks since the last believable reading, per joint.
-    doubted: [u32; N],
-    /// The first reading of those, rad.
-    suspect: SVector<f64, N>,
+    /// Readings set aside in a row, per joint; ticks.
+    rejected_ticks: [u32; N],
+    /// The first of those, rad.
+    rejected_reading: SVector<f64, N>,
     q: SVector<f64, N>,
     qdot: SVector<f64, N>,
     d: SVector<f64, N>,
@@ -66,7 +63,7 @@ struct State<const N: usize> {
 impl<const N: usize> State<N> {
     /// Nothing is known but where it is.
     fn begin(tick: u64, q: SVector<f64, N>) -> Self {
-        Self { tick, samples: 0, doubted: [0; N], suspect: q, q, qdot: SVector::zeros(), d: SVector::zeros() }
+        Self { tick, samples: 0, rejected_ticks: [0; N], rejected_reading: q, q, qdot: SVector::zeros(), d: SVector::zeros() }
     }
 }
 
@@ -97,7 +94,7 @@ impl<const N: usize> Cycle<N> {
         let pole = |bandwidth: f64| libm::exp(-bandwidth * T);
         let model = Model::<N>::new(robot, None)?;
         Ok(Self {
-            gate: model.velocity().map(|limit| (GATE * limit * T).max(BELIEVED)),
+            gate: model.velocity().map(|limit| (GATE * limit * T).max(ACCEPTED)),
             model,
             T,
             gains: Gains::place(pole(scenario.estimator.bandwidth), pole(scenario.estimator.disturbance_bandwidth)),
@@ -105,21 +102,42 @@ impl<const N: usize> Cycle<N> {
         })
     }
 
-    /// Takes up the state that `last` carries: what a restarted estimator does.
-    pub fn resume(&mut self, last: &StateEstimate) {
-        let take = |values: &[f64]| SVector::from_column_slice(&values[..N]);
-        let (q, qdot, d) = (take(&last.q), take(&last.qdot), take(&last.resume));
-        self.state = Some(State { samples: SETTLED, qdot, d, ..State::begin(last.header.tick, q) });
+    /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its input.
+    pub fn save(&self, out: &mut EstimatorCheckpoint) {
+        *out = self.state.map_or_else(EstimatorCheckpoint::default, |state| EstimatorCheckpoint {
+            tick: state.tick,
+            q: padded(&state.q),
+            qdot: padded(&state.qdot),
+            disturbance: padded(&state.d),
+            rejected_reading: padded(&state.rejected_reading),
+            rejected_ticks: std::array::from_fn(|i| if i < N { state.rejected_ticks[i] } else { 0 }),
+            samples: state.samples,
+            reserved: 0,
+        });
     }
 
-    /// Whether a reading of the last sample was not believed.
+    /// Takes up what [`save`](Self::save) has written: the next step continues bit for bit.
+    pub fn restore(&mut self, from: &EstimatorCheckpoint) {
+        let take = |values: &[f64]| SVector::from_column_slice(&values[..N]);
+        self.state = (from.samples > 0).then(|| State {
+            tick: from.tick,
+            samples: from.samples,
+            rejected_ticks: std::array::from_fn(|i| from.rejected_ticks[i]),
+            rejected_reading: take(&from.rejected_reading),
+            q: take(&from.q),
+            qdot: take(&from.qdot),
+            d: take(&from.disturbance),
+        });
+    }
+
+    /// Whether a reading of the last sample was set aside.
     #[must_use]
-    pub fn doubts(&self) -> bool {
-        self.state.is_some_and(|state| state.doubted.iter().any(|ticks| *ticks > 0))
+    pub fn rejects(&self) -> bool {
+        self.state.is_some_and(|state| state.rejected_ticks.iter().any(|ticks| *ticks > 0))
     }
 
     /// The estimate at the sample's tick.
-    pub fn step(&mut self, sample: &SensorSample) -> StateEstimate {
+    pub fn step(&mut self, sample: &SensorSample, out: &mut StateEstimate) {
         let mut measured = SVector::<f64, N>::from_column_slice(&sample.q_encoder[..N]);
         let tau = SVector::<f64, N>::from_column_slice(&sample.tau_drive[..N]);
         let tick = sample.header.tick;
@@ -150,32 +168,32 @@ impl<const N: usize> Cycle<N> {
                 (State { samples: 1, ..State::begin(tick, reading) }, SVector::zeros(), SVector::zeros());
         }
         self.state = Some(state);
-        StateEstimate {
+        *out = StateEstimate {
             header: Header { stamps: sample.header.stamps, tick: sample.header.tick, ..Header::default() },
             q: padded(&state.q),
             qdot: padded(&state.qdot),
             tau_disturbance: padded(&tau_disturbance),
             innovation: padded(&innovation),
-            resume: padded(&state.d),
             drive: sample.drive,
             stale_ticks: sample.stale_ticks,
-        }
+        };
     }
 
-    /// Whether a joint's reading is to be believed; the prediction stands for one that is not.
+    /// Decides whether a joint's reading is accepted; the prediction stands in for one that is set aside.
     fn weigh(&self, joint: usize, measured: &mut f64, predicted: &mut State<N>) {
-        let doubted = predicted.doubted[joint];
+        let rejected = predicted.rejected_ticks[joint];
         if (*measured - predicted.q[joint]).abs() <= self.gate[joint] {
-            predicted.doubted[joint] = 0;
-        } else if doubted < PATIENCE {
-            if doubted == 0 {
-                predicted.suspect[joint] = *measured;
+            predicted.rejected_ticks[joint] = 0;
+        } else if rejected < PATIENCE {
+            if rejected == 0 {
+                predicted.rejected_reading[joint] = *measured;
             }
-            predicted.doubted[joint] = doubted + 1;
+            predicted.rejected_ticks[joint] = rejected + 1;
             *measured = predicted.q[joint];
         } else {
-            let (mean, limit) = ((*measured - predicted.suspect[joint]) / (f64::from(doubted) * self.T), self.model.velocity()[joint]);
-            predicted.doubted[joint] = 0;
+            let (mean, limit) =
+                ((*measured - predicted.rejected_reading[joint]) / (f64::from(rejected) * self.T), self.model.velocity()[joint]);
+            predicted.rejected_ticks[joint] = 0;
             predicted.q[joint] = *measured;
             predicted.qdot[joint] = if mean.abs() <= limit { mean } else { 0.0 };
             predicted.d[joint] = 0.0;
@@ -189,7 +207,7 @@ impl<const N: usize> Cycle<N> {
             // Long out of sight: where it is is known, and how far it has come; how fast it is the next sample tells.
             let mean = (measured - state.q) / (gap as f64 * self.T);
             let qdot = if drive == DRIVE_BRAKED { SVector::zeros() } else { mean };
-            return State { samples: 0, doubted: [0; N], q: *measured, qdot, ..*state };
+            return State { samples: 0, rejected_ticks: [0; N], q: *measured, qdot, ..*state };
         }
         if drive == DRIVE_BRAKED {
             return State { qdot: SVector::zeros(), ..*state };
@@ -230,6 +248,12 @@ mod tests {
         Scenario::parse("test", &text, &[]).unwrap()
     }
 
+    fn step<const N: usize>(estimator: &mut Cycle<N>, sample: &SensorSample) -> StateEstimate {
+        let mut estimate = StateEstimate::default();
+        estimator.step(sample, &mut estimate);
+        estimate
+    }
+
     #[test]
     fn gains_place_the_poles() {
         for (theta, phi) in [(0.74, 0.9), (0.5, 0.5), (0.8, 1.0)] {
@@ -262,7 +286,7 @@ mod tests {
                 ..Default::default()
             };
             sample.header.tick = tick;
-            estimate = estimator.step(&sample);
+            estimate = step(&mut estimator, &sample);
             if tick > 100 {
                 worst = (0..6).fold(worst, |worst, i| worst.max((estimate.qdot[i] - qdot[i]).abs()));
             }
@@ -302,9 +326,13 @@ mod tests {
             (0..6).for_each(|i| sample.q_encoder[i] = 1e-3 * (tick as f64) * (i as f64 + 1.0));
             sample
         };
-        let last = (0..10).map(|tick| whole.step(&sample(tick))).last().unwrap();
-        second.resume(&last);
-        assert_eq!(whole.step(&sample(10)), second.step(&sample(10)));
+        for tick in 0..10 {
+            step(&mut whole, &sample(tick));
+        }
+        let mut last = EstimatorCheckpoint::default();
+        whole.save(&mut last);
+        second.restore(&last);
+        assert_eq!(step(&mut whole, &sample(10)), step(&mut second, &sample(10)));
     }
 
     #[test]
@@ -320,11 +348,11 @@ mod tests {
                 sample.q_encoder[0] = if (50..150).contains(&tick) { q + jump } else { q };
                 let terms = estimator.model.evaluate(&SVector::from_column_slice(&place[..6]), &SVector::zeros());
                 sample.tau_drive = padded(&terms.gravity);
-                let estimate = estimator.step(&sample);
+                let estimate = step(&mut estimator, &sample);
                 let fastest = estimate.qdot.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
                 assert!(tick < 40 || fastest < 0.7, "jump {jump}, tick {tick}: {fastest} rad/s");
-                let is_doubtful = (50..50 + u64::from(PATIENCE)).contains(&tick) || (150..150 + u64::from(PATIENCE)).contains(&tick);
-                assert!(tick < 40 || estimator.doubts() == is_doubtful, "jump {jump}, tick {tick}");
+                let is_outlier = (50..50 + u64::from(PATIENCE)).contains(&tick) || (150..150 + u64::from(PATIENCE)).contains(&tick);
+                assert!(tick < 40 || estimator.rejects() == is_outlier, "jump {jump}, tick {tick}");
                 let is_back = !(48..175).contains(&tick);
                 assert!(tick < 40 || !is_back || (estimate.q[0] - q).abs() < 1e-3, "jump {jump}, tick {tick}: {}", estimate.q[0] - q);
             }
@@ -351,18 +379,19 @@ mod tests {
                         0 => sample.q_encoder[1] = huge,
                         1 => sample.tau_drive[2] = huge,
                         _ => {
-                            let last = StateEstimate {
-                                header: sample.header,
+                            let last = EstimatorCheckpoint {
+                                tick,
                                 q: place,
                                 qdot: [huge; 8],
-                                resume: [-huge; 32],
+                                disturbance: [-huge; 8],
+                                samples: 2,
                                 ..Default::default()
                             };
-                            estimator.resume(&last);
+                            estimator.restore(&last);
                         }
                     }
                 }
-                let estimate = estimator.step(&sample);
+                let estimate = step(&mut estimator, &sample);
                 assert!(estimate.is_finite(), "{what}, tick {tick}: {estimate:?}");
                 let error = (0..6).fold(0.0_f64, |error, i| error.max((estimate.q[i] - place[i]).abs()));
                 assert!(tick < 65 || error < 0.01, "{what}, tick {tick}: still {error} rad away");

@@ -6,29 +6,34 @@ mod cycle;
 use model::{Refused, Robot, with_dof};
 use runtime::{ProcessError, Shell};
 use shared_types::scenario::Scenario;
-use shared_types::{SensorSample, StateEstimate};
+use shared_types::{EstimatorCheckpoint, SensorSample, StateEstimate};
 
 pub use cycle::Cycle;
 
 /// The pure step, whatever the number of joints; compiled once per number, here.
 pub trait Step {
     /// The estimate at the sample's tick.
-    fn step(&mut self, sample: &SensorSample) -> StateEstimate;
-    /// Takes up the state that `last` carries.
-    fn resume(&mut self, last: &StateEstimate);
-    /// Whether a reading of the last sample was not believed.
-    fn doubts(&self) -> bool;
+    fn step(&mut self, sample: &SensorSample, out: &mut StateEstimate);
+    /// Writes what must survive a restart.
+    fn save(&self, out: &mut EstimatorCheckpoint);
+    /// Takes up what [`save`](Self::save) has written.
+    fn restore(&mut self, from: &EstimatorCheckpoint);
+    /// Whether a reading of the last sample was set aside.
+    fn rejects(&self) -> bool;
 }
 
 impl<const N: usize> Step for Cycle<N> {
-    fn step(&mut self, sample: &SensorSample) -> StateEstimate {
-        self.step(sample)
+    fn step(&mut self, sample: &SensorSample, out: &mut StateEstimate) {
+        self.step(sample, out);
     }
-    fn resume(&mut self, last: &StateEstimate) {
-        self.resume(last);
+    fn save(&self, out: &mut EstimatorCheckpoint) {
+        self.save(out);
     }
-    fn doubts(&self) -> bool {
-        self.doubts()
+    fn restore(&mut self, from: &EstimatorCheckpoint) {
+        self.restore(from);
+    }
+    fn rejects(&self) -> bool {
+        self.rejects()
     }
 }
 
@@ -49,15 +54,16 @@ pub fn run(shell: &Shell, robot: &Robot, scenario: &Scenario) -> Result<(), Proc
     let mut cycle = cycle(robot, scenario).map_err(ProcessError::setup)?;
     let mut sensors = shell.reader::<SensorSample>()?;
     let mut estimates = shell.writer::<StateEstimate>()?;
-    if let Some(last) = estimates.legacy() {
-        cycle.resume(last);
-    }
+    let mut checkpoint = shell.checkpoint::<EstimatorCheckpoint>()?;
+    checkpoint.previous().into_iter().for_each(|last| cycle.restore(last));
     while let Some(sample) = sensors.next()? {
-        let estimate = cycle.step(sample);
-        if cycle.doubts() {
+        let mut estimate = estimates.loan_as_is(sample.header.tick)?;
+        cycle.step(sample, &mut estimate);
+        if cycle.rejects() {
             shell.mark_message_fault_detected();
         }
-        estimates.send(estimate)?;
+        cycle.save(checkpoint.slot());
+        estimate.send()?;
     }
     Ok(())
 }

@@ -195,12 +195,12 @@ mod tests {
         let mut found = expected;
         found.header.stamps.sent_ns[0] = 7;
         assert_eq!(first_difference(&expected, &found), None, "stamps are not compared");
-        found.mode[3] = 5;
-        found.tau_null[7] = -0.5;
+        found.saturation_mask = 5;
+        found.tau[7] = -0.5;
         let difference = first_difference(&expected, &found).unwrap();
-        assert_eq!((&*difference.field, &*difference.expected, &*difference.found), ("tau_null[7]", "0.0", "-0.5"));
-        found.tau_null[7] = 0.0;
-        assert_eq!(first_difference(&expected, &found).unwrap().field, "mode[3]");
+        assert_eq!((&*difference.field, &*difference.expected, &*difference.found), ("tau[7]", "0.0", "-0.5"));
+        found.tau[7] = 0.0;
+        assert_eq!(first_difference(&expected, &found).unwrap().field, "saturation_mask");
     }
 
     #[test]
@@ -235,7 +235,7 @@ mod tests {
             differences.add(&expected, &found);
         }
         let mut poisoned = expected;
-        poisoned.aux_d[3] = f64::NAN;
+        poisoned.tau[3] = f64::NAN;
         differences.add(&expected, &poisoned);
         let fields = differences.fields();
         assert_eq!(fields.iter().map(|field| &*field.field).collect::<Vec<_>>(), ["tau", "aux_d", "phase"]);

@@ -81,11 +81,10 @@ impl<const N: usize> Cycle<N> {
     /// What the sensors say at `tick`, and the truth; incarnation and stamps are the caller's to fill.
     ///
     /// A pure function of the state and `tick`: asking twice gives the same.
-    #[must_use]
-    pub fn sample(&self, tick: u64) -> (SensorSample, PlantState) {
+    pub fn sample(&self, tick: u64, sample: &mut SensorSample, truth: &mut PlantState) {
         let (x, touch, applied) = (self.plant.state(), self.plant.touch(), self.drive.applied());
         let header = Header { tick, ..Header::default() };
-        let sample = SensorSample {
+        *sample = SensorSample {
             header,
             q_encoder: padded(&self.trouble.read(tick, &self.encoders.read(tick, &x.q))),
             tau_drive: padded(&applied.tau),
@@ -95,7 +94,7 @@ impl<const N: usize> Cycle<N> {
         let X_BE = self.plant.model().forward_kinematics(&x.q);
         let mut R_BE = [0.0; 9];
         R_BE.copy_from_slice(X_BE.R.as_slice());
-        let truth = PlantState {
+        *truth = PlantState {
             header,
             q: padded(&x.q),
             qdot: padded(&x.qdot),
@@ -112,7 +111,6 @@ impl<const N: usize> Cycle<N> {
             drive_flags: applied.flags,
             refused: self.drive.refused(),
         };
-        (sample, truth)
     }
 
     /// Takes up the faults that concern `tick`, before its sample.
@@ -181,6 +179,12 @@ mod tests {
         SVector::from_column_slice(&values[..6])
     }
 
+    fn sampled(cycle: &Cycle<6>, tick: u64) -> (SensorSample, PlantState) {
+        let (mut sample, mut truth) = <(SensorSample, PlantState)>::default();
+        cycle.sample(tick, &mut sample, &mut truth);
+        (sample, truth)
+    }
+
     /// Gravity compensation plus `extra`.
     fn command(truth: &PlantState, extra: [f64; 6]) -> TorqueCommand {
         let (q, qdot) = (joints(&truth.q), joints(&truth.qdot));
@@ -192,10 +196,10 @@ mod tests {
     fn the_messages_say_what_the_arm_does() {
         let mut cycle = cycle(&scenario());
         for tick in 0..500 {
-            let (_, truth) = cycle.sample(tick);
+            let (_, truth) = sampled(&cycle, tick);
             cycle.step(Some(&command(&truth, [10.0, -5.0, 3.0, 1.0, 0.5, 0.2])));
         }
-        let (sample, truth) = cycle.sample(500);
+        let (sample, truth) = sampled(&cycle, 500);
         assert!(sample.is_finite() && truth.is_finite());
         assert_eq!((sample.header().tick, truth.header().tick), (500, 500));
         let count = std::f64::consts::TAU / 65536.0;
@@ -205,7 +209,7 @@ mod tests {
         assert!(truth.qdot[0] > 0.1 && truth.V_BE[..3].iter().any(|v| v.abs() > 0.01), "it moves");
         // The twist is the pose's rate.
         cycle.step(Some(&command(&truth, [0.0; 6])));
-        let (_, next) = cycle.sample(501);
+        let (_, next) = sampled(&cycle, 501);
         for i in 0..3 {
             let mean = 0.5 * (truth.V_BE[i] + next.V_BE[i]);
             assert!(((next.p_BE[i] - truth.p_BE[i]) * 1000.0 - mean).abs() < 1e-5);
@@ -221,7 +225,7 @@ mod tests {
             let mut cycle = cycle(&Scenario { seed, ..scenario() });
             let mut bytes = Vec::new();
             for tick in 0..300 {
-                let (sample, truth) = cycle.sample(tick);
+                let (sample, truth) = sampled(&cycle, tick);
                 bytes.extend_from_slice(sample.content());
                 bytes.extend_from_slice(truth.content());
                 // Some torques are missing: the noise does not shift.
@@ -238,17 +242,17 @@ mod tests {
         let mut cycle = cycle(&scenario());
         let limits = &*ARM;
         let mut tick = 0;
-        let mut last = cycle.sample(0).1;
+        let mut last = sampled(&cycle, 0).1;
         let mut next = |cycle: &mut Cycle<6>, command: Option<TorqueCommand>| {
             cycle.step(command.as_ref());
             tick += 1;
-            let truth = cycle.sample(tick).1;
+            let truth = sampled(cycle, tick).1;
             let step = (joints(&truth.tau) - joints(&last.tau)).component_div(limits.effort()).amax();
             assert!(step <= 0.5 + 1e-12, "torque step {step} of the limit");
             last = truth;
             truth
         };
-        let mut truth = cycle.sample(0).1;
+        let mut truth = sampled(&cycle, 0).1;
         for _ in 0..300 {
             let go_on = command(&truth, [25.0, -10.0, 8.0, 2.0, 1.0, 1.0]);
             truth = next(&mut cycle, Some(go_on));
@@ -289,16 +293,16 @@ mod tests {
     #[test]
     fn a_torque_that_is_not_a_number_never_reaches_the_arm() {
         let mut cycle = cycle(&scenario());
-        let mut poison = command(&cycle.sample(0).1, [0.0; 6]);
+        let mut poison = command(&sampled(&cycle, 0).1, [0.0; 6]);
         poison.tau[2] = f64::NAN;
         for tick in 1..=2000 {
             poison.header.tick = tick - 1;
             cycle.step(Some(&poison));
-            let (sample, truth) = cycle.sample(tick);
+            let (sample, truth) = sampled(&cycle, tick);
             assert!(sample.is_finite() && truth.is_finite());
             assert_eq!((truth.drive_flags & DRIVE_REFUSED, truth.refused), (DRIVE_REFUSED, tick as u32));
         }
-        assert_eq!(cycle.sample(0).1.drive, DRIVE_BRAKED);
+        assert_eq!(sampled(&cycle, 0).1.drive, DRIVE_BRAKED);
     }
 
     #[test]
@@ -306,7 +310,7 @@ mod tests {
         let ticks = |phase: u32, most: u64| {
             let mut cycle = cycle(&scenario());
             (1..=most).find(|_| {
-                let (_, truth) = cycle.sample(0);
+                let (_, truth) = sampled(&cycle, 0);
                 cycle.step(Some(&TorqueCommand { phase, ..command(&truth, [0.0; 6]) }));
                 cycle.is_over()
             })

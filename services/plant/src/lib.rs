@@ -15,7 +15,7 @@ pub use cycle::Cycle;
 /// The pure step, whatever the number of joints; compiled once per number, here.
 pub trait Step {
     /// What the sensors say at `tick`, and the truth.
-    fn sample(&self, tick: u64) -> (SensorSample, PlantState);
+    fn sample(&self, tick: u64, sample: &mut SensorSample, truth: &mut PlantState);
     /// Moves the arm to the next tick under `command` (`None`: none came).
     fn step(&mut self, command: Option<&TorqueCommand>);
     /// Takes up the faults that concern `tick`, before its sample.
@@ -25,8 +25,8 @@ pub trait Step {
 }
 
 impl<const N: usize> Step for Cycle<N> {
-    fn sample(&self, tick: u64) -> (SensorSample, PlantState) {
-        self.sample(tick)
+    fn sample(&self, tick: u64, sample: &mut SensorSample, truth: &mut PlantState) {
+        self.sample(tick, sample, truth);
     }
     fn step(&mut self, command: Option<&TorqueCommand>) {
         self.step(command);
@@ -71,9 +71,10 @@ pub fn run(shell: &Shell, robot: &Robot, scenario: &Scenario) -> Result<(), Proc
         if was_afflicted || !strikes.is_empty() {
             cycle.afflict(tick, &strikes);
         }
-        let (sample, truth) = cycle.sample(tick);
-        sensors.send(sample)?;
-        truths.send(truth)?;
+        let (mut sample, mut truth) = (sensors.loan_as_is(tick)?, truths.loan_as_is(tick)?);
+        cycle.sample(tick, &mut sample, &mut truth);
+        sample.send()?;
+        truth.send()?;
         cycle.step(torques.arriving(tick, pace.deadline_ns())?);
         if cycle.is_over() {
             break;

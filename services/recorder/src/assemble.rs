@@ -88,6 +88,7 @@ pub struct Assembler {
     /// What there is, by tick.
     rows: VecDeque<Box<Row>>,
     given: Option<Box<Row>>,
+    #[allow(clippy::vec_box, reason = "a row stays where it is while its place in the queue changes")]
     spare: Vec<Box<Row>>,
     next: u64,
     /// What a tick is whole with.

@@ -115,10 +115,10 @@ impl Judge {
         self.turns.tick(&tick, self.joints.count());
         self.task.tick(&error);
         self.joints.tick(&tick, switches, &mut event);
-        self.latency.measure_hops(tick.command);
+        self.latency.measure_hops(tick.torque);
         self.latency.measure_chain(tick.sensor);
-        self.clipped |= tick.command.clipped != 0;
-        (self.phase, self.refusal) = (tick.command.phase, tick.command.refusal);
+        self.clipped |= tick.control.clipped != 0;
+        (self.phase, self.refusal) = (tick.torque.phase, tick.control.refusal);
         self.ticks += 1;
     }
 

@@ -141,7 +141,7 @@ mod tests {
     fn message(tick: u64) -> TorqueCommand {
         let mut message = TorqueCommand::default();
         message.header.tick = tick;
-        message.resume[63] = tick as f64;
+        message.tau[7] = tick as f64;
         message
     }
 

@@ -65,8 +65,8 @@ mod tests {
     fn the_guilty_field_is_named() {
         let mut command = TorqueCommand::default();
         assert_eq!(first_not_finite(&command), None);
-        command.tau_null[7] = f64::NEG_INFINITY;
-        assert_eq!(first_not_finite(&command), Some("tau_null"));
+        command.tau[7] = f64::NEG_INFINITY;
+        assert_eq!(first_not_finite(&command), Some("tau"));
         let mut report = SingularityReport::default();
         report.singularities[1].zeta_B[2] = f64::NAN;
         assert_eq!(first_not_finite(&report), Some("singularities"));

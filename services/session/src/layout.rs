@@ -17,7 +17,7 @@ use crate::runs::Run;
 pub fn save_blueprint(run: &Run, layout: Layout, path: &Path) -> Result<(), Failure> {
     let job = run.job()?;
     let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
-    let first = chain::Chain::new(&robot, &chain::without_faults(&job.scenario)).map_err(Failure::input)?.step();
+    let first = chain::first_tick(&robot, &job.scenario).map_err(Failure::input)?;
     let info = RunInfo { scenario: &job.scenario, robot: &robot, run: &job.run, version: &job.version, seed: job.scenario.seed };
     let row = TickRow::new(0, first.lent());
     with_dof!(robot.dof(), N => viz::save_blueprint::<N>(path, &info, &row, layout)).unwrap_or(Ok(())).map_err(Failure::work)

@@ -146,7 +146,7 @@ fn every_number_is_read_back() {
     for (tick, m) in sent.iter().enumerate() {
         assert_eq!(q[tick].as_deref(), Some(&m.plant_state.q[..6]), "tick {tick}");
         assert_eq!(s[tick], Some(m.singularity.singularities[..3].iter().map(|one| one.s as f32).collect()), "tick {tick}");
-        assert_eq!(torque[tick], Some(m.torque.tau_null[..6].iter().map(|tau| *tau as f32).collect()), "tick {tick}");
+        assert_eq!(torque[tick], Some(m.control_state.tau_null[..6].iter().map(|tau| *tau as f32).collect()), "tick {tick}");
     }
 }
 

@@ -180,11 +180,13 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             self.lanes.drive = Some(sensor.drive);
             self.lane(row.tick, "drive", name_of(DRIVES, sensor.drive));
         }
-        if let Some(command) = row.torque {
-            if self.lanes.phase != Some(command.phase) {
-                self.lanes.phase = Some(command.phase);
-                self.lane(row.tick, "phase", name_of(PHASES, command.phase));
-            }
+        if let Some(torque) = row.torque
+            && self.lanes.phase != Some(torque.phase)
+        {
+            self.lanes.phase = Some(torque.phase);
+            self.lane(row.tick, "phase", name_of(PHASES, torque.phase));
+        }
+        if let Some(command) = row.control_state {
             for i in 0..self.subject.singularities.len().min(MAX_SINGULARITIES) {
                 let mode = command.mode[i];
                 if self.lanes.modes[i] != Some(mode) {
@@ -216,7 +218,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
     pub(super) fn see(&mut self, row: &TickRow) {
         let Some(q) = row.q() else { return };
         let links = self.arm.link_poses(&SVector::from_column_slice(&q[..N])).map(|X| placement(&X));
-        let desired = row.torque.map(|command| pose(&command.p_BE_d, &command.R_BE_d));
+        let desired = row.control_state.map(|command| pose(&command.p_BE_d, &command.R_BE_d));
         let hand = row
             .plant_state
             .map(|state| pose(&state.p_BE, &state.R_BE))

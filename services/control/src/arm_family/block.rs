@@ -3,7 +3,9 @@
 
 use super::screws::Screws;
 use crate::linear::one_sided_jacobi;
+use crate::wire::{joints, padded};
 use nalgebra::{SMatrix, SVector, Vector6};
+use shared_types::checkpoints::BlockCheckpoint;
 
 /// Length below which a row is noise and v comes from its companions.
 const TINY: f64 = 1e-7;
@@ -23,8 +25,6 @@ pub struct Block<const N: usize> {
     pub(super) U: [[f64; 6]; 6],
     pub(super) v: [SVector<f64, N>; 6],
     pub(super) sigma: [f64; 6],
-    /// Signs of σ to begin with; 0: from the decomposition.
-    pub(super) signs: [f64; 6],
     pub(super) begun: bool,
 }
 
@@ -37,7 +37,6 @@ impl<const N: usize> Block<N> {
             U: std::array::from_fn(|i| std::array::from_fn(|k| if i == k { 1.0 } else { 0.0 })),
             v: [SVector::zeros(); 6],
             sigma: [0.0; 6],
-            signs: [0.0; 6],
             begun: false,
         };
         for row in rows {
@@ -179,7 +178,7 @@ impl<const N: usize> Block<N> {
             tiny[i] = size < TINY;
             if !tiny[i] {
                 let v = X[i] / size;
-                let other_side = if self.signs[i] != 0.0 { self.signs[i] < 0.0 } else { self.begun && v.dot(&self.v[i]) < 0.0 };
+                let other_side = self.begun && v.dot(&self.v[i]) < 0.0;
                 self.v[i] = if other_side { -v } else { v };
             }
         }
@@ -192,7 +191,6 @@ impl<const N: usize> Block<N> {
         for i in 0..n {
             self.sigma[i] = self.v[i].dot(&X[i]);
         }
-        self.signs = [0.0; 6];
         if !self.begun {
             self.begun = true;
             self.order();
@@ -254,7 +252,19 @@ impl<const N: usize> Block<N> {
         crate::linear::Lu::new(M).map_or(0.0, |lu| lu.determinant())
     }
 
-    /// Removes what rounding and packing have done to U.
+    /// All that the next decomposition begins with.
+    pub(super) fn checkpoint(&self) -> BlockCheckpoint {
+        BlockCheckpoint { U: self.U, v: self.v.map(|v| padded(&v)), sigma: self.sigma, begun: u32::from(self.begun), reserved: 0 }
+    }
+
+    pub(super) fn restore(&mut self, from: &BlockCheckpoint) {
+        self.U = from.U;
+        self.v = from.v.map(|v| joints(&v));
+        self.sigma = from.sigma;
+        self.begun = from.begun != 0;
+    }
+
+    /// Removes what rounding has done to U.
     fn orthonormalise(&mut self) {
         for i in 0..self.count {
             for j in 0..i {

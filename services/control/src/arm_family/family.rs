@@ -9,10 +9,7 @@ use crate::trajectory::Ahead;
 use crate::types::Singularity;
 use model::Terms;
 use nalgebra::{SVector, Vector3, Vector6};
-use shared_types::MAX_SINGULARITIES;
-
-/// Numbers of a family's own state that survive a restart.
-pub const FAMILY_STATE: usize = 24;
+use shared_types::{AnalyzerCheckpoint, MAX_SINGULARITIES};
 
 /// The arm at one tick.
 #[derive(Clone, Copy, Debug)]
@@ -87,11 +84,9 @@ pub trait ArmFamily<const N: usize> {
     /// Largest share of any rate limit on each stretch of the path ahead; nothing is foreseen without formulas.
     fn foresee(&self, _at: &Foresight<'_, N>, _out: &mut Foreseen) {}
 
-    /// What must survive a restart.
-    fn state(&self) -> [f64; FAMILY_STATE] {
-        [0.0; FAMILY_STATE]
-    }
+    /// Writes what must survive a restart; nothing where everything is computed anew from each posture.
+    fn save(&self, _out: &mut AnalyzerCheckpoint) {}
 
-    /// Takes [`state`](Self::state) back.
-    fn restore(&mut self, _state: &[f64; FAMILY_STATE]) {}
+    /// Takes up what [`save`](Self::save) has written.
+    fn restore(&mut self, _from: &AnalyzerCheckpoint) {}
 }

@@ -19,7 +19,7 @@
 use super::axes::{frame, meeting};
 use super::block::Block;
 use super::classify::{Verdict, classify};
-use super::family::{ArmFamily, FAMILY_STATE, Posture, Situation};
+use super::family::{ArmFamily, Posture, Situation};
 use super::screws::Screws;
 use crate::centre::AtCentre;
 use crate::linear::stack;
@@ -28,9 +28,10 @@ use crate::paper::type_2::TURNS;
 use crate::types::{Class, Kind, Singularity};
 use model::{Model, Robot, Terms};
 use nalgebra::{SMatrix, SVector, Vector3};
-use shared_types::MAX_SINGULARITIES;
+use shared_types::checkpoints::PlaceCheckpoint;
 use shared_types::random::Uniform;
 use shared_types::scenario::{Analysis, BySingularity};
+use shared_types::{AnalyzerCheckpoint, MAX_SINGULARITIES};
 
 /// Damping of the fold's feed-forward, on s.
 const MU: f64 = 0.02;
@@ -306,85 +307,36 @@ impl<const N: usize> ArmFamily<N> for Numeric<N> {
         (s.kappa_2.abs() > TURNS).then(|| s.aux_row * (angle / s.kappa_2))
     }
 
-    fn state(&self) -> [f64; FAMILY_STATE] {
-        let mut out = [0.0; FAMILY_STATE];
-        // 36 numbers of U in 18, signs and places in one, κ₁ and κ₂ of each place in four.
-        let entries: [f64; 36] = std::array::from_fn(|e| match (self.block_count, e / 6, e % 6) {
-            (1, i, k) => self.blocks[0].U[i][k],
-            (_, i, k) if i < 3 && k < 3 => self.blocks[0].U[i][k],
-            (_, i, k) if i >= 3 && k >= 3 => self.blocks[1].U[i - 3][k - 3],
-            _ => 0.0,
-        });
-        for (place, pair) in out.iter_mut().zip(entries.chunks(2)) {
-            *place = pack(pair[0], pair[1]);
+    fn save(&self, out: &mut AnalyzerCheckpoint) {
+        for (out, block) in out.blocks.iter_mut().zip(&self.blocks) {
+            *out = block.checkpoint();
         }
-        let mut code = f64::from(u8::from(self.blocks[0].begun));
-        for block in &self.blocks {
-            for sigma in block.sigma {
-                code = 2.0 * code + f64::from(u8::from(sigma < 0.0));
-            }
+        for (out, place) in out.places.iter_mut().zip(&self.places) {
+            *out = PlaceCheckpoint {
+                index: place.index as u32,
+                class: place.verdict.class.code(),
+                angular: u32::from(place.angular),
+                latched: u32::from(place.latched),
+                flipped: u32::from(place.flipped),
+                reserved: 0,
+                kappa_1: place.verdict.kappa_1,
+                kappa_2: place.verdict.kappa_2,
+            };
         }
-        for place in &self.places {
-            let flags = u32::from(place.angular) + 2 * u32::from(place.latched) + 4 * (place.verdict.class.code() & 3);
-            code = 256.0 * code + f64::from(flags + 16 * place.index as u32 + 128 * u32::from(place.flipped));
-        }
-        out[18] = code;
-        for (to, place) in out[19..23].iter_mut().zip(&self.places) {
-            *to = pack(place.verdict.kappa_1 / KAPPA_MAX, place.verdict.kappa_2 / KAPPA_MAX);
-        }
-        out
     }
 
-    fn restore(&mut self, state: &[f64; FAMILY_STATE]) {
-        let mut code = state[18] as u64;
-        let mut places = self.places;
-        for (place, kappas) in places.iter_mut().zip(&state[19..23]).rev() {
-            let one = code % 256;
-            code /= 256;
-            let [kappa_1, kappa_2] = unpack(*kappas).map(|x| x * KAPPA_MAX);
-            let class = Class::from_code((one / 4 % 4) as u32).unwrap_or_default();
-            let index = ((one / 16 % 8) as usize).min(self.blocks[place.block].count - 1);
-            let verdict = Verdict { class, kappa_1, kappa_2, distance: 0.0 };
-            let (angular, latched, flipped) = (one & 1 != 0, one & 2 != 0, one & 128 != 0);
+    fn restore(&mut self, from: &AnalyzerCheckpoint) {
+        for (block, from) in self.blocks.iter_mut().zip(&from.blocks) {
+            block.restore(from);
+        }
+        for (place, from) in self.places.iter_mut().zip(&from.places) {
+            let class = Class::from_code(from.class).unwrap_or_default();
+            let verdict = Verdict { class, kappa_1: from.kappa_1, kappa_2: from.kappa_2, distance: 0.0 };
+            let index = (from.index as usize).min(self.blocks[place.block].count.saturating_sub(1));
+            let (angular, latched, flipped) = (from.angular != 0, from.latched != 0, from.flipped != 0);
             *place = Place { angular, latched, flipped, verdict, index, block: place.block };
         }
-        if code >> 12 != 1 {
-            return;
-        }
-        self.places = places;
-        for (b, block) in self.blocks.iter_mut().enumerate() {
-            for i in 0..6 {
-                let bit = code >> (11 - (6 * b + i)) & 1;
-                block.signs[i] = if bit == 1 { -1.0 } else { 1.0 };
-                for k in 0..6 {
-                    let own = self.block_count == 1 || (i < 3 && k < 3);
-                    let e = if b == 1 && self.block_count == 2 { 6 * (i + 3) + k + 3 } else { 6 * i + k };
-                    if own {
-                        block.U[i][k] = unpack(state[e / 2])[e % 2];
-                    }
-                }
-            }
-            block.begun = true;
-        }
     }
-}
-
-/// Largest κ that survives a restart.
-const KAPPA_MAX: f64 = 64.0;
-
-/// Counts per unit of a packed number: 25 bits each, so that two fit the 53 of a float.
-const COUNTS: f64 = 16_777_216.0;
-
-/// Two numbers in [−1, 1] in one.
-fn pack(a: f64, b: f64) -> f64 {
-    let count = |x: f64| libm::rint((x.clamp(-1.0, 1.0) + 1.0) * (0.5 * COUNTS));
-    count(a) * (2.0 * COUNTS) + count(b)
-}
-
-fn unpack(x: f64) -> [f64; 2] {
-    let a = libm::floor(x / (2.0 * COUNTS));
-    let number = |count: f64| count / (0.5 * COUNTS) - 1.0;
-    [number(a), number(x - a * 2.0 * COUNTS)]
 }
 
 fn unit(v: &Vector3<f64>) -> (Vector3<f64>, f64) {

@@ -5,6 +5,7 @@ use crate::types::{Phase, Refusal};
 use crate::{Analyzer, Controller, start_posture};
 use nalgebra::SVector;
 use shared_types::scenario::Scenario;
+use shared_types::{AnalyzerCheckpoint, ControllerCheckpoint};
 
 fn figure_5() -> (Scenario, Controller<6>, Analyzer<6>, SVector<f64, 6>) {
     let scenario = scenario(include_str!("../../../../sim/scenarios/fig5-wrist-rotation.toml"), &[]);
@@ -22,8 +23,11 @@ fn a_restarted_controller_and_analyzer_continue_bit_for_bit() {
     for k in 0..2600 {
         if k % 333 == 0 {
             let (_, mut other, mut eyes, _) = figure_5();
-            other.restore(&controller.state());
-            eyes.restore(&analyzer.state());
+            let (mut control, mut analysis) = <(ControllerCheckpoint, AnalyzerCheckpoint)>::default();
+            controller.save(&mut control);
+            analyzer.save(&mut analysis);
+            other.restore(&control);
+            eyes.restore(&analysis);
             twins = Some((other, eyes));
         }
         let terms = puma().evaluate(&q, &qdot);

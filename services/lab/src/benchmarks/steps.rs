@@ -72,6 +72,7 @@ pub fn steps(robot: &Robot, scenario: &Scenario, which: &str) -> Result<Vec<Benc
     let mut estimator = estimator::cycle(robot, scenario).map_err(Failure::work)?;
     let mut analyzer = analyzer::cycle(robot, scenario).map_err(Failure::work)?;
     let mut controller = controller::cycle(robot, scenario).map_err(Failure::work)?;
+    let mut m = chain::Tick::default();
     let mut times: [_; 5] = std::array::from_fn(|_| histogram());
     for tick in 0.. {
         if plant.is_over() {
@@ -83,15 +84,15 @@ pub fn steps(robot: &Robot, scenario: &Scenario, which: &str) -> Result<Vec<Benc
             times.saturating_record(now - last);
             last = now;
         };
-        let (sensor, _) = plant.sample(tick);
+        plant.sample(tick, &mut m.sensor, &mut m.plant_state);
         lap(&mut times[0]);
-        let estimate = estimator.step(&sensor);
+        estimator.step(&m.sensor, &mut m.estimate);
         lap(&mut times[1]);
-        let report = analyzer.step(&estimate);
+        analyzer.step(&m.estimate, &mut m.singularity);
         lap(&mut times[2]);
-        let command = controller.step(&estimate, &report);
+        controller.step(&m.estimate, &m.singularity, &mut m.control_state, &mut m.torque);
         lap(&mut times[3]);
-        plant.step(Some(&command));
+        plant.step(Some(&m.torque));
         lap(&mut times[4]);
     }
     let of = |index: usize| Distribution::of(&times[index]);
@@ -102,7 +103,7 @@ pub fn steps(robot: &Robot, scenario: &Scenario, which: &str) -> Result<Vec<Benc
     let mut whole = histogram();
     while !chain.is_over() {
         let began = now_ns();
-        black_box(chain.step());
+        chain.step(black_box(&mut m));
         whole.saturating_record(now_ns() - began);
     }
     Ok(vec![

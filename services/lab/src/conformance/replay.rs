@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use message_log::{Difference, LogReader};
+use message_log::{Difference, LogError, LogReader};
 use model::{Refused, Robot};
 use runtime::leaves_as;
 use session::{Failure, JOB, Observer, Progress, SUMMARY, load};
@@ -12,7 +12,10 @@ use shared_types::fault::{Fault, Kind, ScheduledFault};
 use shared_types::job::Job;
 use shared_types::scenario::Scenario;
 use shared_types::summary::Summary;
-use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+use shared_types::{
+    AnalyzerCheckpoint, Checkpoint, ControlState, ControllerCheckpoint, EstimatorCheckpoint, Message, PlantState, SensorSample,
+    SingularityReport, StateEstimate, TorqueCommand,
+};
 
 use super::inputs::{Cursor, InOrder, Inputs};
 use super::outputs::{Comparison, Topic};
@@ -78,23 +81,26 @@ pub fn replay(run: &Path, process: Replayable, settings: &[String], observer: Ob
     observer(Progress::Begin { title: &scenario.name, length: scenario.planned_ticks(), unit: "ticks" });
     let refused = |error: Refused| Failure::input(error);
     let replayed = match process {
-        Replayable::Estimator => tape.step::<_, _, StateEstimate>(
+        Replayable::Estimator => tape.step::<_, StateEstimate, EstimatorCheckpoint, _>(
             tape.open::<SensorSample>()?,
             || estimator::cycle(&robot, &scenario).map_err(refused),
-            |cycle, sample| cycle.step(&sample),
-            |cycle, last| cycle.resume(last),
+            |cycle, sample, estimate| cycle.step(&sample, estimate),
+            |cycle, out| cycle.save(out),
+            |cycle, last| cycle.restore(last),
         ),
-        Replayable::Analyzer => tape.step::<_, _, SingularityReport>(
+        Replayable::Analyzer => tape.step::<_, SingularityReport, AnalyzerCheckpoint, _>(
             tape.open::<StateEstimate>()?,
             || analyzer::cycle(&robot, &scenario).map_err(refused),
-            |cycle, estimate| cycle.step(&estimate),
-            |cycle, last| cycle.resume(last),
+            |cycle, estimate, report| cycle.step(&estimate, report),
+            |cycle, out| cycle.save(out),
+            |cycle, last| cycle.restore(last),
         ),
-        Replayable::Controller => tape.step::<_, _, TorqueCommand>(
+        Replayable::Controller => tape.step::<_, Control, ControllerCheckpoint, _>(
             (tape.open::<SingularityReport>()?, tape.open::<StateEstimate>()?),
             || controller::cycle(&robot, &scenario).map_err(refused),
-            |cycle, (report, estimate)| cycle.step(&estimate, &report),
-            |cycle, last| cycle.resume(last),
+            |cycle, (report, estimate), out| cycle.step(&estimate, &report, &mut out.state, &mut out.torque),
+            |cycle, out| cycle.save(out),
+            |cycle, last| cycle.restore(last),
         ),
         Replayable::Plant => tape.plant(&robot, &scenario),
     }?;
@@ -168,48 +174,48 @@ impl Tape<'_> {
     }
 
     /// Computes every recorded output again from the inputs of its tick. A process that was started again in the run is so here: a fresh
-    /// step that takes up what its predecessor said last. What the process computed and a fault kept from leaving is computed too: its state
-    /// goes on from it.
-    fn step<Step, In: Inputs, Out: Message>(
+    /// step that takes up the checkpoint of the last tick that was computed before. Also computed is what a fault kept from leaving: the
+    /// process's state goes on from it.
+    fn step<In: Inputs, Out: Outputs, C: Checkpoint, Step>(
         &self,
         mut inputs: In,
         fresh: impl Fn() -> Result<Step, Failure>,
-        compute: impl Fn(&mut Step, In::Of) -> Out,
-        resume: impl Fn(&mut Step, &Out),
+        compute: impl Fn(&mut Step, In::Of, &mut Out),
+        save: impl Fn(&Step, &mut C),
+        restore: impl Fn(&mut Step, &C),
     ) -> Result<Replayed, Failure> {
-        let mut outputs = self.in_order::<Out>()?;
-        let (mut step, mut comparison) = (fresh()?, Comparison::<Out>::default());
-        let (mut last, mut incarnation, mut without_input) = (None::<Out>, 1, 0);
-        while let Some(recorded) = outputs.next_message().map_err(Failure::work)? {
+        let mut outputs = Out::open(self)?;
+        let mut step = fresh()?;
+        let (mut computed, mut checkpoint, mut has_computed) = (Out::empty(), C::zeroed(), false);
+        let (mut incarnation, mut without_input) = (1, 0);
+        while let Some(recorded) = Out::next(&mut outputs).map_err(Failure::work)? {
             let header = *recorded.header();
             while let Some(tick) = inputs.next_tick().map_err(Failure::work)?.filter(|tick| *tick < header.tick) {
                 let input = inputs.at(tick).map_err(Failure::work)?;
                 if let Some(input) = input.filter(|_| self.was_withheld(tick)) {
-                    last = Some(compute(&mut step, input));
+                    compute(&mut step, input, &mut computed);
+                    save(&step, &mut checkpoint);
+                    has_computed = true;
                 }
             }
             if incarnation != header.incarnation {
                 (step, incarnation) = (fresh()?, header.incarnation);
-                if let Some(last) = &last {
-                    resume(&mut step, last);
+                if has_computed {
+                    restore(&mut step, &checkpoint);
                 }
             }
             match inputs.at(header.tick).map_err(Failure::work)? {
                 Some(input) => {
-                    let computed = compute(&mut step, input);
-                    let mut sent = computed;
-                    leaves_as(&mut sent, &self.strikes, self.process);
-                    comparison.take(&recorded, sent);
-                    last = Some(if self.was_shaped(header.tick) { computed } else { recorded });
+                    compute(&mut step, input, &mut computed);
+                    save(&step, &mut checkpoint);
+                    has_computed = true;
+                    Out::compare(&mut outputs, &recorded, computed, self).map_err(Failure::work)?;
                 }
-                None => {
-                    without_input += 1;
-                    last = Some(recorded);
-                }
+                None => without_input += 1,
             }
             (self.observer)(Progress::Position(header.tick));
         }
-        Ok(Replayed { topics: vec![comparison.topic()], without_input, ended: String::new() })
+        Ok(Replayed { topics: Out::topics(outputs), without_input, ended: String::new() })
     }
 
     fn was_shaped(&self, tick: u64) -> bool {
@@ -229,6 +235,7 @@ impl Tape<'_> {
         let of_physics = |strike: &&ScheduledFault| matches!(strike.kind(), Some(Kind::Sensor | Kind::Drive));
         let faults: Vec<ScheduledFault> = self.strikes.iter().filter(of_physics).copied().collect();
         let (mut sensor, mut state) = (Comparison::<SensorSample>::default(), Comparison::<PlantState>::default());
+        let (mut sampled, mut moved) = <(SensorSample, PlantState)>::default();
         let mut ended = String::new();
         let mut truth: Option<PlantState> = truths.next_message().map_err(Failure::work)?;
         let mut next = samples.next_message().map_err(Failure::work)?;
@@ -245,9 +252,10 @@ impl Tape<'_> {
             if was_struck || !strikes.is_empty() {
                 cycle.afflict(tick, &strikes);
             }
-            let (mut sampled, moved) = cycle.sample(tick);
-            leaves_as(&mut sampled, &self.strikes, self.process);
-            sensor.take(&recorded, sampled);
+            cycle.sample(tick, &mut sampled, &mut moved);
+            let mut sent = sampled;
+            leaves_as(&mut sent, &self.strikes, self.process);
+            sensor.take(&recorded, sent);
             if let Some(truth) = &truth {
                 state.take(truth, moved);
             }
@@ -264,5 +272,87 @@ impl Tape<'_> {
             (self.observer)(Progress::Position(tick));
         }
         Ok(Replayed { topics: vec![sensor.topic(), state.topic()], without_input: 0, ended })
+    }
+}
+
+/// What a step puts out at a tick; the last of the messages is the one that faults shape, and that says which incarnation computed it.
+trait Outputs: Copy {
+    /// Messages to be filled.
+    fn empty() -> Self;
+    /// The recorded ones, and how they compare with the computed ones.
+    type Recorded;
+    /// The message that faults shape.
+    type Last: Message;
+    /// Opens the record.
+    fn open(tape: &Tape<'_>) -> Result<Self::Recorded, Failure>;
+    /// The next recorded message.
+    fn next(recorded: &mut Self::Recorded) -> Result<Option<Self::Last>, LogError>;
+    /// Compares what was recorded at the tick of `last` with what was computed.
+    fn compare(recorded: &mut Self::Recorded, last: &Self::Last, computed: Self, tape: &Tape<'_>) -> Result<(), LogError>;
+    /// What came of each topic.
+    fn topics(recorded: Self::Recorded) -> Vec<Topic>;
+}
+
+impl<M: Message> Outputs for M {
+    type Recorded = (InOrder<M>, Comparison<M>);
+    type Last = M;
+    fn empty() -> Self {
+        M::zeroed()
+    }
+    fn open(tape: &Tape<'_>) -> Result<Self::Recorded, Failure> {
+        Ok((tape.in_order()?, Comparison::default()))
+    }
+    fn next((messages, _): &mut Self::Recorded) -> Result<Option<M>, LogError> {
+        messages.next_message()
+    }
+    fn compare((_, comparison): &mut Self::Recorded, last: &M, mut computed: M, tape: &Tape<'_>) -> Result<(), LogError> {
+        leaves_as(&mut computed, &tape.strikes, tape.process);
+        comparison.take(last, computed);
+        Ok(())
+    }
+    fn topics((_, comparison): Self::Recorded) -> Vec<Topic> {
+        vec![comparison.topic()]
+    }
+}
+
+/// What the controller puts out at a tick.
+#[derive(Clone, Copy, Default)]
+struct Control {
+    state: ControlState,
+    torque: TorqueCommand,
+}
+
+/// The record of the controller's topics, each with how it compares.
+struct ControlRecord {
+    states: Cursor<ControlState>,
+    torques: InOrder<TorqueCommand>,
+    state: Comparison<ControlState>,
+    torque: Comparison<TorqueCommand>,
+}
+
+impl Outputs for Control {
+    type Recorded = ControlRecord;
+    type Last = TorqueCommand;
+    fn empty() -> Self {
+        Self::default()
+    }
+    fn open(tape: &Tape<'_>) -> Result<ControlRecord, Failure> {
+        let (states, torques) = (tape.open()?, tape.in_order()?);
+        Ok(ControlRecord { states, torques, state: Comparison::default(), torque: Comparison::default() })
+    }
+    fn next(recorded: &mut ControlRecord) -> Result<Option<TorqueCommand>, LogError> {
+        recorded.torques.next_message()
+    }
+    fn compare(recorded: &mut ControlRecord, last: &TorqueCommand, computed: Self, tape: &Tape<'_>) -> Result<(), LogError> {
+        if let Some(state) = recorded.states.at(last.header.tick)? {
+            recorded.state.take(&state, computed.state);
+        }
+        let mut torque = computed.torque;
+        leaves_as(&mut torque, &tape.strikes, tape.process);
+        recorded.torque.take(last, torque);
+        Ok(())
+    }
+    fn topics(recorded: ControlRecord) -> Vec<Topic> {
+        vec![recorded.state.topic(), recorded.torque.topic()]
     }
 }

@@ -60,7 +60,7 @@ impl JointMeter {
     fn measure_loads(&mut self, tick: &Tick<'_>) {
         let n = self.count();
         let joints = &mut self.summary;
-        let tau = &tick.command.tau[..n];
+        let tau = &tick.torque.tau[..n];
         for (i, torque) in tau.iter().enumerate() {
             joints.speed_max_ratio = larger(joints.speed_max_ratio, share(tick.truth.qdot[i], self.limits.velocity[i]));
             joints.torque_max_ratio = larger(joints.torque_max_ratio, share(*torque, self.limits.effort[i]));
@@ -74,7 +74,7 @@ impl JointMeter {
         }
         joints.q_end.clear();
         joints.q_end.extend_from_slice(&tick.truth.q[..n]);
-        joints.saturated_ticks += u64::from(tick.command.saturation_mask != 0);
+        joints.saturated_ticks += u64::from(tick.torque.saturation_mask != 0);
         let last = self.last_tau.get_or_insert_default();
         last.clear();
         last.extend_from_slice(tau);
@@ -86,7 +86,7 @@ impl JointMeter {
         if changes > 0
             && let Some(last) = &self.last_tau
         {
-            let jump: f64 = last.iter().enumerate().map(|(i, before)| (tick.command.tau[i] - before) * tick.truth.qdot[i]).sum();
+            let jump: f64 = last.iter().enumerate().map(|(i, before)| (tick.torque.tau[i] - before) * tick.truth.qdot[i]).sum();
             self.summary.switch_energy_j += jump.abs() * SWITCH_S;
         }
     }
@@ -97,7 +97,7 @@ impl JointMeter {
         for (is_reached, limit) in [
             (tick.truth.limit_mask & bit != 0, stop),
             (!within(share(tick.truth.qdot[i], self.limits.velocity[i]), 1.0), "speed"),
-            ((tick.command.saturation_mask | tick.truth.saturation_mask) & bit != 0, "torque"),
+            ((tick.torque.saturation_mask | tick.truth.saturation_mask) & bit != 0, "torque"),
         ] {
             if !is_reached {
                 continue;

@@ -66,16 +66,16 @@ impl SingularityMeter {
                 summary.zeta_turned_deg = larger(summary.zeta_turned_deg, turned);
             }
             watched.inside = inside;
-            let mode = tick.command.mode[i];
+            let mode = tick.control.mode[i];
             if mode != watched.mode {
                 watched.mode = mode;
                 self.modes.push(ModeChange {
-                    tick: tick.command.header.tick,
+                    tick: tick.torque.header.tick,
                     singularity: summary.name.clone(),
                     mode: codes::name_of(codes::MODES, mode).to_owned(),
                 });
             }
-            watched.hold(tick.command.header.tick, error, goal, &mut events);
+            watched.hold(tick.torque.header.tick, error, goal, &mut events);
         }
         self.modes.len() - before
     }

@@ -23,7 +23,7 @@ impl TaskError {
     /// Finite for every pair of poses that are finite.
     #[must_use]
     pub fn of(tick: &Tick<'_>) -> Self {
-        let (truth, command) = (tick.truth, tick.command);
+        let (truth, command) = (tick.truth, tick.control);
         let position = Vector3::from(command.p_BE_d) - Vector3::from(truth.p_BE);
         let orientation = model::rotation_log(&(matrix(&command.R_BE_d) * matrix(&truth.R_BE).transpose()));
         let (mut across_m, mut across_rad) = (position, orientation);

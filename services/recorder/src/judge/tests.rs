@@ -2,7 +2,7 @@
 
 use shared_types::codes;
 use shared_types::scenario::Goal;
-use shared_types::{PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+use shared_types::topics::{ByTopic, Whole};
 
 use super::latency::Span;
 use super::{Judge, Limits, Tick, Verdict};
@@ -14,31 +14,35 @@ fn limits() -> Limits {
     Limits { names, middle: vec![0.0; 6], effort: vec![10.0; 6], velocity: vec![2.0; 6] }
 }
 
-fn judged(ticks: u64, shape: impl Fn(u64, &mut SensorSample, &mut PlantState, &mut SingularityReport, &mut TorqueCommand)) -> Verdict {
+fn judged(ticks: u64, shape: impl Fn(u64, &mut ByTopic<Whole>)) -> Verdict {
     let mut judge = Judge::new(limits(), Goal::default(), ticks as f64);
     for k in 0..ticks {
-        let (mut sensor, mut truth, mut report, mut command) = Default::default();
-        let estimate = StateEstimate::default();
-        (sensor, truth) = (SensorSample { ..sensor }, PlantState { R_BE: IDENTITY, ..truth });
-        (report, command) = (SingularityReport { ..report }, TorqueCommand { R_BE_d: IDENTITY, ..command });
-        sensor.header.tick = k;
-        command.header.tick = k;
-        command.phase = if k + 1 == ticks { codes::PHASE_DONE } else { codes::PHASE_RUNNING };
-        shape(k, &mut sensor, &mut truth, &mut report, &mut command);
-        judge.tick(Tick { sensor: &sensor, truth: &truth, estimate: &estimate, report: &report, command: &command });
+        let mut m = upright(k);
+        m.torque.phase = if k + 1 == ticks { codes::PHASE_DONE } else { codes::PHASE_RUNNING };
+        shape(k, &mut m);
+        judge.tick(Tick::of(&m.lent()).unwrap());
     }
     judge.verdict()
 }
 
+/// A tick of an arm whose end-effector has the base's orientation, as desired.
+fn upright(tick: u64) -> ByTopic<Whole> {
+    let mut m = ByTopic::<Whole>::default();
+    (m.plant_state.R_BE, m.control_state.R_BE_d) = (IDENTITY, IDENTITY);
+    (m.sensor.header.tick, m.plant_state.header.tick) = (tick, tick);
+    (m.control_state.header.tick, m.torque.header.tick) = (tick, tick);
+    m
+}
+
 #[test]
 fn a_perfect_run_reaches_its_goal() {
-    let verdict = judged(10, |_, _, _, _, _| ());
+    let verdict = judged(10, |_, _| ());
     assert_eq!((verdict.outcome.as_str(), verdict.completed, verdict.ticks), ("goal reached", true, 10));
 }
 
 #[test]
 fn an_error_at_the_end_misses_the_goal_and_says_by_how_much() {
-    let verdict = judged(10, |k, _, truth, _, _| truth.p_BE[0] = if k == 9 { 2e-3 } else { 0.0 });
+    let verdict = judged(10, |k, m| m.plant_state.p_BE[0] = if k == 9 { 2e-3 } else { 0.0 });
     assert_eq!(verdict.outcome, "goal missed");
     assert!(verdict.reason.contains("end position off by 2.000 mm, allowed 1 mm"), "{}", verdict.reason);
     assert!((verdict.task.position_max_mm - 2.0).abs() < 1e-12);
@@ -46,12 +50,12 @@ fn an_error_at_the_end_misses_the_goal_and_says_by_how_much() {
 
 #[test]
 fn an_error_along_the_singular_direction_is_not_across_it() {
-    let verdict = judged(10, |k, _, truth, report, command| {
-        report.count = 1;
-        report.singularities[0].zeta_B[0] = 1.0;
-        report.singularities[0].inside = 1;
-        command.mode[0] = codes::MODE_TRACK;
-        truth.p_BE[0] = if k == 4 { 5e-3 } else { 0.0 };
+    let verdict = judged(10, |k, m| {
+        m.singularity.count = 1;
+        m.singularity.singularities[0].zeta_B[0] = 1.0;
+        m.singularity.singularities[0].inside = 1;
+        m.control_state.mode[0] = codes::MODE_TRACK;
+        m.plant_state.p_BE[0] = if k == 4 { 5e-3 } else { 0.0 };
     });
     assert!(verdict.task.position_max_mm > 4.9 && verdict.task.orthogonal_max_mm < 1e-12);
     assert_eq!(verdict.outcome, "goal reached");
@@ -60,10 +64,10 @@ fn an_error_along_the_singular_direction_is_not_across_it() {
 
 #[test]
 fn the_angle_through_which_zeta_turns_is_measured_from_the_entry() {
-    let verdict = judged(91, |k, _, _, report, _| {
-        report.count = 1;
+    let verdict = judged(91, |k, m| {
+        m.singularity.count = 1;
         let angle = (k as f64).to_radians();
-        let zeta = &mut report.singularities[0];
+        let zeta = &mut m.singularity.singularities[0];
         (zeta.angular, zeta.inside, zeta.kind) = (1, 1, codes::KIND_WRIST);
         (zeta.zeta_B[3], zeta.zeta_B[4]) = (angle.cos(), angle.sin());
     });
@@ -73,12 +77,12 @@ fn the_angle_through_which_zeta_turns_is_measured_from_the_entry() {
 
 #[test]
 fn a_switch_puts_in_the_power_that_jumps() {
-    let verdict = judged(20, |k, _, truth, report, command| {
-        report.count = 1;
-        command.mode[0] = if k >= 10 { codes::MODE_TRACK } else { codes::MODE_REGULAR };
+    let verdict = judged(20, |k, m| {
+        m.singularity.count = 1;
+        m.control_state.mode[0] = if k >= 10 { codes::MODE_TRACK } else { codes::MODE_REGULAR };
         // 4 N·m at 0.5 rad/s against 1 N·m at 1 rad/s: 1 W for 25 ms.
-        (command.tau[0], command.tau[1]) = if k >= 10 { (4.0, -1.0) } else { (0.0, 0.0) };
-        (truth.qdot[0], truth.qdot[1]) = (0.5, 1.0);
+        (m.torque.tau[0], m.torque.tau[1]) = if k >= 10 { (4.0, -1.0) } else { (0.0, 0.0) };
+        (m.plant_state.qdot[0], m.plant_state.qdot[1]) = (0.5, 1.0);
     });
     assert_eq!(verdict.joints.switches, 1);
     assert!((verdict.joints.switch_energy_j - 0.025).abs() < 1e-12, "{}", verdict.joints.switch_energy_j);
@@ -86,13 +90,13 @@ fn a_switch_puts_in_the_power_that_jumps() {
 
 #[test]
 fn a_turn_is_followed_from_its_announcement_to_its_end() {
-    let verdict = judged(30, |k, _, truth, report, command| {
-        report.count = 2;
-        report.singularities[1].kind = codes::KIND_WRIST;
+    let verdict = judged(30, |k, m| {
+        m.singularity.count = 2;
+        m.singularity.singularities[1].kind = codes::KIND_WRIST;
         if (10..20).contains(&k) {
-            (command.planned, command.planned_s, command.planned_dq[3]) = (2, 0.009, 1.5);
+            (m.control_state.planned, m.control_state.planned_s, m.control_state.planned_dq[3]) = (2, 0.009, 1.5);
         }
-        truth.q[3] = 0.1 * k.clamp(10, 20) as f64;
+        m.plant_state.q[3] = 0.1 * k.clamp(10, 20) as f64;
     });
     let turn = &verdict.turns[0];
     assert_eq!((verdict.turns.len(), turn.tick, turn.singularity.as_str()), (1, 10, "wrist"));
@@ -102,15 +106,15 @@ fn a_turn_is_followed_from_its_announcement_to_its_end() {
 
 #[test]
 fn a_refusal_says_why() {
-    let verdict = judged(5, |_, _, _, _, command| (command.phase, command.refusal) = (codes::PHASE_REFUSED, codes::REFUSAL_ROOM));
+    let verdict = judged(5, |_, m| (m.torque.phase, m.control_state.refusal) = (codes::PHASE_REFUSED, codes::REFUSAL_ROOM));
     assert!(verdict.reason.contains("the joints have no room for it"), "{}", verdict.reason);
 }
 
 #[test]
 fn loads_are_ratios_and_steps_have_a_tail() {
-    let verdict = judged(100, |k, _, truth, _, command| {
-        command.tau[1] = if k == 50 { 5.0 } else { 0.0 };
-        truth.qdot[2] = if k == 3 { -1.0 } else { 0.0 };
+    let verdict = judged(100, |k, m| {
+        m.torque.tau[1] = if k == 50 { 5.0 } else { 0.0 };
+        m.plant_state.qdot[2] = if k == 3 { -1.0 } else { 0.0 };
     });
     assert!((verdict.joints.torque_max_ratio - 0.5).abs() < 1e-12 && (verdict.joints.torque_step_max_ratio - 0.5).abs() < 1e-12);
     assert!((verdict.joints.speed_max_ratio - 0.5).abs() < 1e-12);
@@ -119,14 +123,14 @@ fn loads_are_ratios_and_steps_have_a_tail() {
 
 #[test]
 fn latencies_come_from_the_stamps_and_an_unfinished_run_is_stopped() {
-    let verdict = judged(10, |k, sensor, _, _, command| {
+    let verdict = judged(10, |k, m| {
         let start = 1_000_000 * (k + 1);
-        sensor.header.stamps.sent_ns[0] = start;
-        sensor.header.stamps.received_ns[0] = start - 900_000;
-        command.header.stamps.sent_ns[0] = start;
-        command.header.stamps.received_ns[1] = start + 2_000;
-        command.header.stamps.sent_ns[1] = start + 5_000;
-        command.phase = codes::PHASE_RUNNING;
+        m.sensor.header.stamps.sent_ns[0] = start;
+        m.sensor.header.stamps.received_ns[0] = start - 900_000;
+        m.torque.header.stamps.sent_ns[0] = start;
+        m.torque.header.stamps.received_ns[1] = start + 2_000;
+        m.torque.header.stamps.sent_ns[1] = start + 5_000;
+        m.torque.phase = codes::PHASE_RUNNING;
     });
     assert_eq!(verdict.outcome, "stopped");
     let hop = &verdict.latency_us["plant to estimator"];
@@ -141,13 +145,10 @@ fn on_a_grid_latencies_count_from_the_due_time_and_skipped_points_count_too() {
     let (due, sent, received) = ([10, 11, 14, 15].map(|ms| ms * MS), [10_000, 11_200, 14_000, 15_000], [0, 10_500, 13_500, 13_500]);
     let mut judge = Judge::new(limits(), Goal::default(), 4.0).on_grid(MS);
     for k in 0..4 {
-        let mut sensor = SensorSample::default();
-        sensor.header.tick = k as u64;
-        (sensor.header.stamps.due_ns, sensor.header.stamps.sent_ns[0]) = (due[k], sent[k] * 1000);
-        sensor.header.stamps.received_ns[0] = received[k] * 1000;
-        let (truth, estimate) = (PlantState { R_BE: IDENTITY, ..PlantState::default() }, StateEstimate::default());
-        let (report, command) = (SingularityReport::default(), TorqueCommand { R_BE_d: IDENTITY, ..TorqueCommand::default() });
-        judge.tick(Tick { sensor: &sensor, truth: &truth, estimate: &estimate, report: &report, command: &command });
+        let mut m = upright(k as u64);
+        let stamps = &mut m.sensor.header.stamps;
+        (stamps.due_ns, stamps.sent_ns[0], stamps.received_ns[0]) = (due[k], sent[k] * 1000, received[k] * 1000);
+        judge.tick(Tick::of(&m.lent()).unwrap());
     }
     let mut chain: Vec<f64> =
         judge.latency.of(Span::Chain).iter_recorded().map(|bucket| bucket.value_iterated_to() as f64 / MS as f64).collect();
@@ -163,15 +164,15 @@ fn on_a_grid_latencies_count_from_the_due_time_and_skipped_points_count_too() {
 #[test]
 fn nan_misses_the_goal() {
     for at in [4, 9] {
-        let verdict = judged(10, |k, _, truth, _, _| truth.p_BE[0] = if k == at { f64::NAN } else { 0.0 });
+        let verdict = judged(10, |k, m| m.plant_state.p_BE[0] = if k == at { f64::NAN } else { 0.0 });
         assert_eq!(verdict.outcome, "goal missed", "{}", verdict.reason);
         assert!(verdict.task.position_max_mm.is_nan() && verdict.task.orthogonal_max_mm.is_nan());
     }
-    let verdict = judged(10, |k, _, _, _, command| command.R_BE_d[0] = if k == 9 { f64::NAN } else { 1.0 });
+    let verdict = judged(10, |k, m| m.control_state.R_BE_d[0] = if k == 9 { f64::NAN } else { 1.0 });
     assert_eq!(verdict.outcome, "goal missed");
     assert!(verdict.task.final_orientation_deg.is_nan() && verdict.reason.contains("end orientation off by NaN"), "{}", verdict.reason);
-    let verdict = judged(10, |k, _, truth, _, command| {
-        (truth.qdot[1], command.tau[2]) = if k == 3 { (f64::NAN, f64::NAN) } else { (0.0, 0.0) };
+    let verdict = judged(10, |k, m| {
+        (m.plant_state.qdot[1], m.torque.tau[2]) = if k == 3 { (f64::NAN, f64::NAN) } else { (0.0, 0.0) };
     });
     let joints = &verdict.joints;
     assert!(joints.speed_max_ratio.is_nan() && joints.torque_max_ratio.is_nan() && joints.torque_step_max_ratio.is_nan());
@@ -181,9 +182,9 @@ fn nan_misses_the_goal() {
 /// A half turn off is 180° off, and a rotation whose trace rounds to more than 3 is not off at all.
 #[test]
 fn both_ends_of_the_rotation_error_are_finite() {
-    let verdict = judged(10, |_, _, truth, _, _| truth.R_BE = [1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, -1.0]);
+    let verdict = judged(10, |_, m| m.plant_state.R_BE = [1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, -1.0]);
     assert_eq!((verdict.outcome.as_str(), verdict.task.final_orientation_deg), ("goal missed", 180.0));
-    let verdict = judged(10, |_, _, truth, _, _| truth.R_BE[0] = 1.0 + 4e-16);
+    let verdict = judged(10, |_, m| m.plant_state.R_BE[0] = 1.0 + 4e-16);
     assert_eq!((verdict.outcome.as_str(), verdict.task.final_orientation_deg), ("goal reached", 0.0));
 }
 
@@ -191,16 +192,14 @@ fn both_ends_of_the_rotation_error_are_finite() {
 fn every_limit_is_in_the_reason_and_in_the_events() {
     let mut judge = Judge::new(limits(), Goal::default(), 10.0);
     for k in 0..10 {
-        let (sensor, estimate, report) = Default::default();
-        let mut truth = PlantState { R_BE: IDENTITY, ..PlantState::default() };
-        let mut command = TorqueCommand { R_BE_d: IDENTITY, phase: codes::PHASE_DONE, ..TorqueCommand::default() };
-        truth.header.tick = k;
+        let mut m = upright(k);
+        m.torque.phase = codes::PHASE_DONE;
         if (3..7).contains(&k) {
-            (truth.limit_mask, truth.q[3]) = (1 << 3, -1.0);
-            truth.qdot[1] = 2.1;
-            command.saturation_mask = 1 << 5;
+            (m.plant_state.limit_mask, m.plant_state.q[3]) = (1 << 3, -1.0);
+            m.plant_state.qdot[1] = 2.1;
+            m.torque.saturation_mask = 1 << 5;
         }
-        judge.tick(Tick { sensor: &sensor, truth: &truth, estimate: &estimate, report: &report, command: &command });
+        judge.tick(Tick::of(&m.lent()).unwrap());
     }
     let events: Vec<_> = judge.events().collect();
     let expected = ["joint2 above its speed limit", "joint4 against its lower stop", "joint6 at its torque limit"];
@@ -215,11 +214,11 @@ fn every_limit_is_in_the_reason_and_in_the_events() {
 #[test]
 fn a_hold_beyond_the_goal_is_counted_and_named() {
     let held = |mode: u32, off_m: f64| {
-        judged(20, move |k, _, truth, report, command| {
-            (report.count, report.singularities[0].kind) = (1, codes::KIND_ELBOW);
-            report.singularities[0].zeta_B[0] = 1.0;
+        judged(20, move |k, m| {
+            (m.singularity.count, m.singularity.singularities[0].kind) = (1, codes::KIND_ELBOW);
+            m.singularity.singularities[0].zeta_B[0] = 1.0;
             let is_held = (5..12).contains(&k);
-            (command.mode[0], truth.p_BE[0]) = if is_held { (mode, off_m) } else { (codes::MODE_TRACK, 0.0) };
+            (m.control_state.mode[0], m.plant_state.p_BE[0]) = if is_held { (mode, off_m) } else { (codes::MODE_TRACK, 0.0) };
         })
     };
     let verdict = held(codes::MODE_HOLD, 24e-3);

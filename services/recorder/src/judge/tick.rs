@@ -2,7 +2,9 @@
 
 use nalgebra::Vector3;
 use shared_types::topics::{ByTopic, Lent};
-use shared_types::{MAX_SINGULARITIES, PlantState, SensorSample, SingularityReport, SingularityState, StateEstimate, TorqueCommand};
+use shared_types::{
+    ControlState, MAX_SINGULARITIES, PlantState, SensorSample, SingularityReport, SingularityState, StateEstimate, TorqueCommand,
+};
 
 /// One tick, whole: a message of each topic.
 #[derive(Clone, Copy, Debug)]
@@ -16,7 +18,9 @@ pub struct Tick<'a> {
     /// From the analyzer.
     pub report: &'a SingularityReport,
     /// From the controller.
-    pub command: &'a TorqueCommand,
+    pub control: &'a ControlState,
+    /// From the controller.
+    pub torque: &'a TorqueCommand,
 }
 
 impl<'a> Tick<'a> {
@@ -28,7 +32,8 @@ impl<'a> Tick<'a> {
             truth: messages.plant_state?,
             estimate: messages.estimate?,
             report: messages.singularity?,
-            command: messages.torque?,
+            control: messages.control_state?,
+            torque: messages.torque?,
         })
     }
 }

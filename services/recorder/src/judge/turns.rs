@@ -17,7 +17,7 @@ pub(super) struct TurnMeter {
 struct Turn {
     summary: TurnSummary,
     q_start: Vec<f64>,
-    /// `TorqueCommand::planned` while it lasts, and the task segment; 0 once it is over.
+    /// `ControlState::planned` while it lasts, and the task segment; 0 once it is over.
     planned: u32,
     segment: u32,
 }
@@ -25,7 +25,7 @@ struct Turn {
 impl TurnMeter {
     /// Takes in a tick of an arm of `n` joints.
     pub(super) fn tick(&mut self, tick: &Tick<'_>, n: usize) {
-        let command = tick.command;
+        let command = tick.control;
         let place = (command.planned as usize).wrapping_sub(1);
         let going_on =
             self.turns.last().is_some_and(|turn| turn.planned != 0 && (turn.planned, turn.segment) == (command.planned, command.segment));

@@ -5,7 +5,7 @@
 use std::any::Any;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
-use shared_types::{MAX_SINGULARITIES, Message, SensorSample, SingularityReport, TorqueCommand};
+use shared_types::{ControlState, MAX_SINGULARITIES, Message, SensorSample, SingularityReport, TorqueCommand};
 
 /// Buckets per factor of two: a bucket is an eighth of its value wide, at most.
 const SPLIT_BITS: u32 = 3;
@@ -131,7 +131,8 @@ impl LiveStateCells {
             }
         } else if let Some(command) = message.downcast_ref::<TorqueCommand>() {
             self.phase.store(command.phase, Ordering::Relaxed);
-            self.mode.iter().zip(command.mode).for_each(|(shown, mode)| shown.store(mode, Ordering::Relaxed));
+        } else if let Some(state) = message.downcast_ref::<ControlState>() {
+            self.mode.iter().zip(state.mode).for_each(|(shown, mode)| shown.store(mode, Ordering::Relaxed));
         } else if let Some(sample) = message.downcast_ref::<SensorSample>() {
             self.drive.store(sample.drive, Ordering::Relaxed);
             self.stale_ticks.store(sample.stale_ticks, Ordering::Relaxed);
@@ -222,10 +223,11 @@ mod tests {
         let live_state = LiveStateCells::default();
         let mut report = SingularityReport { count: 2, ..SingularityReport::default() };
         (report.singularities[1].s, report.singularities[1].inside, report.singularities[1].kind) = (-0.25, 1, 3);
-        let mut command = TorqueCommand { phase: 1, ..TorqueCommand::default() };
-        command.mode[1] = 5;
+        let mut state = ControlState::default();
+        state.mode[1] = 5;
         live_state.note(&report);
-        live_state.note(&command);
+        live_state.note(&state);
+        live_state.note(&TorqueCommand { phase: 1, ..TorqueCommand::default() });
         live_state.note(&SensorSample { drive: 2, stale_ticks: 7, ..SensorSample::default() });
         let seen = live_state.read();
         assert_eq!((seen.singularities.len(), seen.phase, seen.drive, seen.stale_ticks), (2, 1, 2, 7));

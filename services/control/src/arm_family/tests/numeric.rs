@@ -6,6 +6,7 @@ use crate::types::{Class, Report, Singularity};
 use model::{Model, Robot};
 use nalgebra::{SVector, Vector6};
 use proptest::prelude::*;
+use shared_types::AnalyzerCheckpoint;
 use shared_types::random::Uniform;
 use shared_types::scenario::Analysis;
 use std::sync::OnceLock;
@@ -221,11 +222,6 @@ proptest! {
     fn measures_and_directions_are_continuous_along_a_path(a in prop::array::uniform7(-2.0..2.0), b in prop::array::uniform7(-2.0..2.0)) {
         continuous_on_every_arm(a, b)?;
     }
-
-    #[test]
-    fn a_restart_changes_nothing(q in prop::array::uniform6(-2.0..2.0), qdot in prop::array::uniform6(-1.0..1.0)) {
-        resumed(q, qdot)?;
-    }
 }
 
 proptest! {
@@ -238,7 +234,6 @@ proptest! {
     }
 
     #[test]
-    #[ignore = "known gap: a restart within a tick of a zero crossing can take up the other sign"]
     fn a_restart_changes_nothing_anywhere(q in prop::array::uniform6(-2.0..2.0), qdot in prop::array::uniform6(-1.0..1.0)) {
         resumed(q, qdot)?;
     }
@@ -261,11 +256,12 @@ fn resumed(q: [f64; 6], qdot: [f64; 6]) -> Result<(), TestCaseError> {
             q += qdot * 1e-3;
         }
         let mut two = arm.analyzer();
-        two.restore(&one.state());
-        let (x, y) = (arm.step(&mut one, &q, &qdot), arm.step(&mut two, &q, &qdot));
-        for (x, y) in x.meant().iter().zip(y.meant()) {
-            prop_assert!((x.s - y.s).abs() < 1e-6 && (x.zeta_B - y.zeta_B).norm() < 1e-4, "{x:?} {y:?}");
-            prop_assert_eq!(x.class, y.class);
+        let mut checkpoint = AnalyzerCheckpoint::default();
+        one.save(&mut checkpoint);
+        two.restore(&checkpoint);
+        for _ in 0..3 {
+            prop_assert_eq!(arm.step(&mut one, &q, &qdot), arm.step(&mut two, &q, &qdot));
+            q += qdot * 1e-3;
         }
     }
     Ok(())

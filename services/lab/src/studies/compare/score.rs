@@ -124,14 +124,14 @@ impl<const N: usize> Meter<N> {
         let TaskError { position, orientation } = TaskError::of(tick);
         self.along = [larger(self.along[0], position[2]), larger(self.along[1], orientation[2])];
         self.stopped_by_plant |= tick.truth.limit_mask != 0 || tick.truth.drive != DRIVE_ACTIVE && tick.truth.header.tick > 0;
-        let tau = SVector::<f64, N>::from_fn(|i, _| tick.command.tau[i]);
+        let tau = SVector::<f64, N>::from_fn(|i, _| tick.torque.tau[i]);
         if let Some(last) = self.last_tau.replace(tau) {
             self.jumps(tick, &(tau - last));
         }
     }
 
     fn jumps(&mut self, tick: &recorder::Tick<'_>, step: &SVector<f64, N>) {
-        let k = tick.command.header.tick;
+        let k = tick.torque.header.tick;
         let mut any = false;
         for i in 0..N {
             if step[i].abs() <= JUMP * self.model.effort()[i] {

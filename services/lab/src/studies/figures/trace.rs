@@ -102,7 +102,7 @@ fn sized<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<Trace, Re
     chain::run(robot, scenario, |tick| {
         let Some(judged) = recorder::Tick::of(&tick.lent()) else { return };
         let error = TaskError::of(&judged);
-        let recorder::Tick { truth, report, command, .. } = judged;
+        let recorder::Tick { truth, report, control, .. } = judged;
         let q = SVector::<f64, N>::from_fn(|i, _| truth.q[i]);
         let terms = model.evaluate(&q, &SVector::zeros());
         let (p, R) = (Vector3::from(truth.p_BE), Matrix3::from_column_slice(&truth.R_BE));
@@ -114,7 +114,7 @@ fn sized<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<Trace, Re
             qdot: truth.qdot[..N].to_vec(),
             arm: [Vector3::zeros()].into_iter().chain(terms.p).chain([p]).chain(hand).collect(),
             p,
-            p_d: command.p_BE_d.into(),
+            p_d: control.p_BE_d.into(),
             R,
             error_mm: error.position,
             error_deg: error.orientation,
@@ -122,7 +122,7 @@ fn sized<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<Trace, Re
             zeta: singularities.iter().map(|s| zeta(&s.zeta_B, s.angular != 0)).collect(),
             inside: singularities.iter().map(|s| s.inside != 0).collect(),
             kind: singularities.iter().map(|s| s.kind).collect(),
-            segment: command.segment,
+            segment: control.segment,
         });
     })?;
     Ok(trace)

@@ -1,0 +1,173 @@
+//! What a process that is started again needs of its own past. Arrays of joints are zero beyond the arm's own joints. Frames: B base,
+//! C the wrist centre. A checkpoint is filled at every tick and taken up by the process's replacement, which then goes on bit for bit.
+
+#![allow(non_snake_case)]
+
+use crate::wire::wire;
+use crate::{MAX_DOF, MAX_SINGULARITIES};
+
+wire! {
+    /// State of the estimator's filter after a tick.
+    EstimatorCheckpoint checkpoint version 1 {
+        /// Tick of the last sample taken in.
+        tick: u64,
+        /// Joint positions; rad.
+        q: [f64; MAX_DOF],
+        /// Joint velocities; rad/s.
+        qdot: [f64; MAX_DOF],
+        /// Acceleration that the model does not explain; rad/s².
+        disturbance: [f64; MAX_DOF],
+        /// First of the readings set aside in a row, per joint; rad.
+        rejected_reading: [f64; MAX_DOF],
+        /// Readings set aside in a row, per joint; ticks.
+        rejected_ticks: [u32; MAX_DOF],
+        /// Samples taken in since the filter began.
+        samples: u32,
+        /// Zero in this version.
+        reserved: u32,
+    }
+}
+
+wire! {
+    /// A block of the unit-scaled Jacobian, decomposed as Σ u_i σ_i v_iᵀ with signs and order that are continuous in time.
+    BlockCheckpoint {
+        /// Row i: the left vector u_i on the block's own rows; dimensionless.
+        U: [[f64; 6]; 6],
+        /// Row i: the right vector v_i on all joints; dimensionless.
+        v: [[f64; MAX_DOF]; 6],
+        /// σ_i, signed; dimensionless.
+        sigma: [f64; 6],
+        /// 1 once a posture has been decomposed, else 0.
+        begun: u32,
+        /// Zero in this version.
+        reserved: u32,
+    }
+}
+
+wire! {
+    /// One place of the report: which direction of its block is followed there, and what is known of its singularity.
+    PlaceCheckpoint {
+        /// Index of the direction in its block.
+        index: u32,
+        /// One of `codes::TYPES`.
+        class: u32,
+        /// 1 where ζ is a rotation.
+        angular: u32,
+        /// 1 while the type is kept: near the neighbourhood and inside.
+        latched: u32,
+        /// 1 where ζ points against the measured direction: a fold is left against it.
+        flipped: u32,
+        /// Zero in this version.
+        reserved: u32,
+        /// Second-order motion along ζ per null motion.
+        kappa_1: f64,
+        /// Turning rate of ζ per null motion.
+        kappa_2: f64,
+    }
+}
+
+wire! {
+    /// State of the analyzer after a tick.
+    AnalyzerCheckpoint checkpoint version 1 {
+        /// Per singularity: 1 inside its neighbourhood.
+        inside: [u32; MAX_SINGULARITIES],
+        /// Decomposition of the Jacobian; of arms that are analysed by number only.
+        blocks: [BlockCheckpoint; 2],
+        /// Per singularity, of such arms only.
+        places: [PlaceCheckpoint; MAX_SINGULARITIES],
+    }
+}
+
+wire! {
+    /// One auxiliary loop and the reference that drives it.
+    LoopCheckpoint {
+        /// One of `codes::MODES`.
+        mode: u32,
+        /// 1 while the singularity is passed through with ζ off the direction of travel.
+        passing: u32,
+        /// 1 while the desired motion leaves ζ undetermined.
+        holding: u32,
+        /// Zero in this version.
+        reserved: u32,
+        /// Side of the fold: −1 or +1; 0 before the first tick.
+        side: f64,
+        /// Commanded rate of the auxiliary coordinate; rad/s.
+        rate: f64,
+        /// Its low-passed change; rad/s².
+        feed_forward: f64,
+        /// The error's share in β, 0 to 1.
+        trust: f64,
+        /// Angle of ζ's companion in the forearm while passing through; rad.
+        passage: f64,
+    }
+}
+
+wire! {
+    /// State of the controller after a tick.
+    ControllerCheckpoint checkpoint version 1 {
+        /// Index of the task segment; the number of segments once the path is finished.
+        segment: u32,
+        /// 1 once the segment's goal has been fixed.
+        begun: u32,
+        /// Time in the segment, on the path's clock; after the path, time since its end; s.
+        segment_time_s: f64,
+        /// Time on the path's clock since the start; s.
+        path_time_s: f64,
+        /// Desired end-effector position in B at the segment's start; m.
+        p_BE_start: [f64; 3],
+        /// Desired end-effector rotation in B at the segment's start, column-major.
+        R_BE_start: [f64; 9],
+        /// Translation over the segment; m.
+        translation: [f64; 3],
+        /// Rotation vector over the segment; rad.
+        rotation: [f64; 3],
+        /// Speed of the path's clock against real time, 0 to 1.
+        governor_rate: f64,
+        /// Its change; 1/s.
+        governor_rate_dot: f64,
+        /// Demand of the tick before, as a share of what the arm can do.
+        governor_demand: f64,
+        /// ζ in B when its null-space turn began.
+        turn_from: [f64; 3],
+        /// The turn's whole angle; rad.
+        turn_angle: f64,
+        /// Planned motion of each joint over the turn; rad.
+        turn_dq: [f64; MAX_DOF],
+        /// Planned duration of the turn, 0 before it begins; s.
+        turn_s: f64,
+        /// Positions held, or reference positions, of laws that work on joints; rad.
+        joint_q: [f64; MAX_DOF],
+        /// Ticks that spoke for Type 1 less those for Type 2, of the hold-and-blend law.
+        joint_votes: f64,
+        /// 1 while `joint_q` is held.
+        joint_holding: u32,
+        /// Bit i: joint i is pushed downwards.
+        joint_reversed: u32,
+        /// One of `codes::REFUSALS`.
+        refusal: u32,
+        /// Zero in this version.
+        reserved: u32,
+        /// Per singularity.
+        loops: [LoopCheckpoint; MAX_SINGULARITIES],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wire::Layout;
+
+    #[test]
+    fn a_layout_that_changes_takes_a_new_version() {
+        fn of<C: Layout>() -> (&'static str, usize, u64) {
+            (C::TYPE_NAME, size_of::<C>(), C::layout_hash())
+        }
+        // A line here is never edited, only replaced by that of the next version.
+        let known = [
+            ("armplane.EstimatorCheckpoint.v1", 0, 0),
+            ("armplane.AnalyzerCheckpoint.v1", 0, 0),
+            ("armplane.ControllerCheckpoint.v1", 0, 0),
+        ];
+        assert_eq!([of::<EstimatorCheckpoint>(), of::<AnalyzerCheckpoint>(), of::<ControllerCheckpoint>()], known);
+    }
+}
