@@ -164,9 +164,9 @@ mod tests {
         }
         // A line here is never edited, only replaced by that of the next version.
         let known = [
-            ("armplane.EstimatorCheckpoint.v1", 0, 0),
-            ("armplane.AnalyzerCheckpoint.v1", 0, 0),
-            ("armplane.ControllerCheckpoint.v1", 0, 0),
+            ("armplane.EstimatorCheckpoint.v1", 304, 0xd9b2_059f_1704_a896),
+            ("armplane.AnalyzerCheckpoint.v1", 1632, 0xedd8_c6ab_5322_1018),
+            ("armplane.ControllerCheckpoint.v1", 608, 0x80c2_53e3_b5f5_ba0a),
         ];
         assert_eq!([of::<EstimatorCheckpoint>(), of::<AnalyzerCheckpoint>(), of::<ControllerCheckpoint>()], known);
     }

@@ -250,10 +250,10 @@ mod tests {
         let known = [
             ("armplane.SensorSample.v2", 224, 0x7e70_2f41_7b85_8812),
             ("armplane.PlantState.v2", 480, 0x79ae_a02c_05c0_f6ac),
-            ("armplane.StateEstimate.v3", 352, 0),
-            ("armplane.SingularityReport.v3", 1320, 0),
-            ("armplane.ControlState.v1", 0, 0),
-            ("armplane.TorqueCommand.v4", 160, 0),
+            ("armplane.StateEstimate.v3", 352, 0xa6db_319b_182c_8cc6),
+            ("armplane.SingularityReport.v3", 1320, 0xdb2a_4781_2801_9786),
+            ("armplane.ControlState.v1", 640, 0x7f12_e438_4055_36c2),
+            ("armplane.TorqueCommand.v4", 160, 0xe2ca_20d2_b380_3975),
         ];
         assert_eq!(topics::each(&mut Name), known);
     }
