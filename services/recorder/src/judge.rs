@@ -110,7 +110,7 @@ impl Judge {
                 events.push((k, text));
             }
         };
-        let error = TaskError::of(&tick);
+        let error = TaskError::on(&tick, self.joints.served());
         let switches = self.singularities.tick(&tick, &error, &self.goal, &mut event);
         self.turns.tick(&tick, self.joints.count());
         self.task.tick(&error);

@@ -158,6 +158,7 @@ fn take<const N: usize>(row: &Row, judge: &mut Judge, tape: &mut Tape<N>) {
 pub fn limits(robot: &Robot) -> Limits {
     let of = |value: fn(&model::Joint) -> f64| robot.joints.iter().map(value).collect();
     Limits {
+        served: robot.task.0,
         names: robot.joints.iter().map(|joint| joint.name.clone()).collect(),
         middle: of(|joint| 0.5 * (joint.lower + joint.upper)),
         effort: of(|joint| joint.effort),

@@ -15,9 +15,11 @@ const STEP_MOST: f64 = 1e3;
 /// Time over which the jump of a switch is taken back, s: the default velocity feedback's, 1/k_v.
 const SWITCH_S: f64 = 0.025;
 
-/// The arm's limits, one entry a joint.
+/// The arm's limits: task axes, and one entry a joint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Limits {
+    /// The task axes that the arm serves: errors on others are not its own.
+    pub served: [bool; 6],
     /// Names.
     pub names: Vec<String>,
     /// Half-way between the position limits, rad (m for a sliding joint).
@@ -41,6 +43,11 @@ pub(super) struct JointMeter {
 impl JointMeter {
     pub(super) fn new(limits: Limits) -> Self {
         Self { limits, summary: JointSummary::default(), torque_steps: new(), last_tau: None }
+    }
+
+    /// The task axes that the arm serves.
+    pub(super) fn served(&self) -> &[bool; 6] {
+        &self.limits.served
     }
 
     /// Number of joints.

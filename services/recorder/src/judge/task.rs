@@ -23,9 +23,19 @@ impl TaskError {
     /// Finite for every pair of poses that are finite.
     #[must_use]
     pub fn of(tick: &Tick<'_>) -> Self {
+        Self::on(tick, &[true; 6])
+    }
+
+    /// [`of`](Self::of) on the task axes `served` alone (x, y, z, rx, ry, rz of the base): an arm of fewer axes has no say in the others.
+    #[must_use]
+    pub fn on(tick: &Tick<'_>, served: &[bool; 6]) -> Self {
         let (truth, command) = (tick.truth, tick.control);
+        // Times zero, not zero: a NaN stays one.
+        let kept = |axis: usize| if served[axis] { 1.0 } else { 0.0 };
         let position = Vector3::from(command.p_BE_d) - Vector3::from(truth.p_BE);
+        let position = Vector3::from_fn(|i, _| position[i] * kept(i));
         let orientation = model::rotation_log(&(matrix(&command.R_BE_d) * matrix(&truth.R_BE).transpose()));
+        let orientation = Vector3::from_fn(|i, _| orientation[i] * kept(3 + i));
         let (mut across_m, mut across_rad) = (position, orientation);
         for (i, singularity) in active(tick.report).iter().enumerate() {
             if command.mode[i] == MODE_REGULAR && singularity.inside == 0 {

@@ -11,7 +11,7 @@ const IDENTITY: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
 
 fn limits() -> Limits {
     let names = (1..=6).map(|i| format!("joint{i}")).collect();
-    Limits { names, middle: vec![0.0; 6], effort: vec![10.0; 6], velocity: vec![2.0; 6] }
+    Limits { served: [true; 6], names, middle: vec![0.0; 6], effort: vec![10.0; 6], velocity: vec![2.0; 6] }
 }
 
 fn judged(ticks: u64, shape: impl Fn(u64, &mut ByTopic<Whole>)) -> Verdict {
@@ -228,4 +228,18 @@ fn a_hold_beyond_the_goal_is_counted_and_named() {
     for quiet in [held(codes::MODE_HOLD, 0.5e-3), held(codes::MODE_TRACK, 24e-3)] {
         assert!(quiet.singularities[0].hold_ticks == 0 && !quiet.reason.contains("held"), "{}", quiet.reason);
     }
+}
+
+/// A planar arm turns its end-effector where it goes; only the axes it serves are judged, and a NaN on the others is a NaN.
+#[test]
+fn only_served_axes_are_judged() {
+    let planar = || Limits { served: [true, true, false, false, false, false], ..limits() };
+    let error = |x_m: f64, z_m: f64| {
+        let mut all = ByTopic::<Whole>::default();
+        (all.plant_state.R_BE, all.control_state.R_BE_d) = ([0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0], IDENTITY);
+        (all.plant_state.p_BE[0], all.plant_state.p_BE[2]) = (x_m, z_m);
+        super::TaskError::on(&Tick::of(&all.lent()).unwrap(), &planar().served)
+    };
+    assert_eq!((error(2e-3, 5e-3).position[0], error(2e-3, 5e-3).orientation[0]), (2.0, 0.0));
+    assert!(error(0.0, f64::NAN).position[0].is_nan());
 }
