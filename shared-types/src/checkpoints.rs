@@ -104,7 +104,7 @@ wire! {
 
 wire! {
     /// State of the controller after a tick.
-    ControllerCheckpoint checkpoint version 1 {
+    ControllerCheckpoint checkpoint version 2 {
         /// Index of the task segment; the number of segments once the path is finished.
         segment: u32,
         /// 1 once the segment's goal has been fixed.
@@ -113,6 +113,8 @@ wire! {
         segment_time_s: f64,
         /// Time on the path's clock since the start; s.
         path_time_s: f64,
+        /// The path plan's own clock; s.
+        route_time_s: f64,
         /// Desired end-effector position in B at the segment's start; m.
         p_BE_start: [f64; 3],
         /// Desired end-effector rotation in B at the segment's start, column-major.
@@ -166,7 +168,7 @@ mod tests {
         let known = [
             ("armplane.EstimatorCheckpoint.v1", 304, 0xd9b2_059f_1704_a896),
             ("armplane.AnalyzerCheckpoint.v1", 1632, 0xedd8_c6ab_5322_1018),
-            ("armplane.ControllerCheckpoint.v1", 608, 0x80c2_53e3_b5f5_ba0a),
+            ("armplane.ControllerCheckpoint.v2", 616, 0xc788_2021_689d_66a5),
         ];
         assert_eq!([of::<EstimatorCheckpoint>(), of::<AnalyzerCheckpoint>(), of::<ControllerCheckpoint>()], known);
     }

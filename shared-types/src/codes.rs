@@ -93,6 +93,10 @@ codes! {
         REFUSAL_ROOM = 5 "the singular direction cannot be turned as asked: the joints have no room for it; ask for less, or start elsewhere",
         /// The torque is not a finite number.
         REFUSAL_TORQUE = 6 "the torque is not a finite number",
+        /// No route follows the path within the joint limits.
+        REFUSAL_ROUTE = 7 "the path cannot be followed within the joint limits from this start posture; start in another posture, or lead the path elsewhere",
+        /// A joint is about to reach its limit.
+        REFUSAL_LIMIT = 8 "a joint came too near to its limit and the arm was stopped before it; start in another posture, or end the path earlier",
     }
 }
 

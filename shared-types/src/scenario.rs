@@ -522,11 +522,15 @@ pub struct Goal {
     pub orthogonal_mm: f64,
     /// The same for orientation; degrees.
     pub orthogonal_deg: f64,
+    /// How far the arm may leave the commanded path on purpose, to pass a singularity; mm.
+    pub path_mm: f64,
+    /// The same for orientation; degrees.
+    pub path_deg: f64,
 }
 
 impl Default for Goal {
     fn default() -> Self {
-        Self { position_mm: 1.0, orientation_deg: 0.5, orthogonal_mm: 1.0, orthogonal_deg: 0.5 }
+        Self { position_mm: 1.0, orientation_deg: 0.5, orthogonal_mm: 1.0, orthogonal_deg: 0.5, path_mm: 1.0, path_deg: 0.5 }
     }
 }
 
@@ -717,6 +721,8 @@ impl Scenario {
         positive("goal.orientation_deg", self.goal.orientation_deg)?;
         positive("goal.orthogonal_mm", self.goal.orthogonal_mm)?;
         positive("goal.orthogonal_deg", self.goal.orthogonal_deg)?;
+        positive("goal.path_mm", self.goal.path_mm)?;
+        positive("goal.path_deg", self.goal.path_deg)?;
         self.strikes(|_| Some(0)).map(drop)
     }
 

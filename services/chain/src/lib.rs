@@ -103,7 +103,12 @@ pub fn first_tick(robot: &Robot, scenario: &Scenario) -> Result<Tick, Refused> {
 /// # Errors
 /// [`Refused`] where a cycle does not accept the robot or the scenario, or the control law refuses the first tick.
 pub fn try_first_tick(robot: &Robot, scenario: &Scenario) -> Result<(), Refused> {
-    let first = first_tick(robot, scenario)?;
+    let mut chain = Chain::new(robot, &without_faults(scenario))?;
+    if let Some(obstacle) = chain.controller.obstacle() {
+        return Err(Refused::because(obstacle));
+    }
+    let mut first = Tick::default();
+    chain.step(&mut first);
     match first.torque.phase {
         PHASE_REFUSED => {
             let why = name_of(REFUSALS, first.control_state.refusal);

@@ -10,6 +10,7 @@ use crate::continuous::auxiliary::{Gains, Loop};
 use crate::continuous::blended;
 use crate::continuous::foresight::{FORESEEN_STEP_S, Foreseen, Foresight};
 use crate::continuous::governor::{Governor, Load};
+use crate::continuous::guide::Guide;
 use crate::continuous::saturation::{Limited, limit};
 use crate::continuous::turn_plan;
 use crate::law::{Active, Actives, LawError, Torques, Wanted};
@@ -17,6 +18,7 @@ use crate::linear::{angular, clamp_norm, linear, rotation_log, stack};
 use crate::paper::reference::{Memory, Target};
 use crate::paper::type_2::Turn;
 use crate::paper::{chang_khatib, null_space, type_1, type_2};
+use crate::route_ahead::route_ahead;
 use crate::setup::{SetupError, posture_goals};
 use crate::state::State;
 use crate::telemetry::Telemetry;
@@ -48,6 +50,10 @@ pub struct Controller<const N: usize> {
     q_start: SVector<f64, N>,
     /// Posture goal of each leg.
     postures: Vec<SVector<f64, N>>,
+    /// The plan of the whole path.
+    guide: Guide<N>,
+    /// Why the path cannot be followed.
+    obstacle: Option<String>,
     state: State<N>,
 }
 
@@ -60,25 +66,42 @@ impl<const N: usize> Controller<N> {
         let rest = model.evaluate(&q_start, &SVector::zeros());
         let mut analyzer = Analyzer::new(robot, &scenario.analysis);
         let report = analyzer.step(&q_start, &SVector::zeros(), &rest);
+        let family = analyzer.family().clone();
+        let path = Path::new(scenario, &report)?;
+        let postures = posture_goals(robot, scenario, &q_start)?;
+        let fresh = Analyzer::new(robot, &scenario.analysis);
+        let (plan, obstacle) = match route_ahead(&model, robot, scenario, &path, &fresh, &q_start, &postures) {
+            Ok(plan) => (plan, None),
+            Err(obstacle) => (None, Some(obstacle)),
+        };
         Ok(Self {
-            path: Path::new(scenario, &report)?,
-            family: analyzer.family().clone(),
+            path,
+            family,
             scenario: scenario.clone(),
             task: robot.task.0,
             length_m: robot.length_m,
             q_start,
-            postures: posture_goals(robot, scenario, &q_start)?,
+            postures,
+            guide: Guide::new(plan),
             state: State {
                 progress: Progress::at(rest.X_BE),
                 governor: Governor::default(),
                 loops: [Loop::default(); MAX_SINGULARITIES],
                 turn: Turn::none(),
-                refusal: Refusal::None,
+                refusal: if obstacle.is_some() { Refusal::Route } else { Refusal::None },
                 path_time_s: 0.0,
+                route_time_s: 0.0,
                 joint_memory: JointMemory::at(q_start),
             },
+            obstacle,
             model,
         })
+    }
+
+    /// Why the path cannot be followed, found before the first tick: the controller then refuses from the first tick on.
+    #[must_use]
+    pub fn obstacle(&self) -> Option<&str> {
+        self.obstacle.as_deref()
     }
 
     /// One tick: the torque for this state.
@@ -130,21 +153,25 @@ impl<const N: usize> Controller<N> {
         let motion = self.desired_motion(state, now);
         let auxiliary = self.auxiliary_coordinates(state, now, &motion)?;
         let torques = self.torques(state, now, &motion, &auxiliary.actives)?;
-        let limited = self.limits(now, &torques)?;
+        let limited = self.limits(now, &motion, &torques)?;
         let command = self.command(state, now, &motion, &auxiliary, &limited);
         self.clock(state, now, &motion, &torques, auxiliary.load);
         Ok(command)
     }
 
     /// Step 1: the desired motion of E and C, the pose error, and a* = a_d + k_v(V_d − V) + k_p e, the error bounded.
-    fn desired_motion(&self, state: &mut State<N>, now: &Inputs<'_, N>) -> Motion {
+    fn desired_motion(&self, state: &mut State<N>, now: &Inputs<'_, N>) -> Motion<N> {
         let before = state.progress.leg;
         self.path.advance(&mut state.progress, 0.0, now.report);
         if state.progress.leg != before {
             state.turn = Turn::none();
         }
         let clock = state.governor.rate;
-        let desired_E = self.path.desired(&state.progress, clock, state.governor.rate_dot);
+        let reorients = self.path.leg(state.progress.leg).is_some_and(|leg| leg.reorient.is_some());
+        let planned = self.guide.at(state.progress.leg, state.route_time_s).filter(|_| !reorients);
+        // The path waits while the plan turns ζ.
+        let pace = planned.map_or(1.0, |plan| plan.pace);
+        let desired_E = self.path.desired(&state.progress, clock * pace, state.governor.rate_dot * pace);
         let desired = desired_E.at(now.p_EC);
         let turn_error = rotation_log(&(desired.R * now.terms.X_BE.R.transpose()));
         let error = stack(&(desired.p - now.at.p), &turn_error);
@@ -153,18 +180,19 @@ impl<const N: usize> Controller<N> {
         let Control { k_p, k_v, .. } = self.scenario.control;
         Motion {
             leg: self.path.leg(state.progress.leg).copied(),
+            planned,
             clock,
             desired_E,
             desired,
-            V_nominal: self.path.desired(&state.progress, 1.0, 0.0).at(now.p_EC).V,
-            a_feed: self.path.desired(&state.progress, clock, 0.0).at(now.p_EC).a,
+            V_nominal: self.path.desired(&state.progress, pace, 0.0).at(now.p_EC).V,
+            a_feed: self.path.desired(&state.progress, clock * pace, 0.0).at(now.p_EC).a,
             error,
             a: desired.a + (desired.V - V) * k_v + feedback * k_p,
         }
     }
 
     /// Step 2: for each singularity, the target by its type, the mode by the transition table, and the auxiliary loop's demand.
-    fn auxiliary_coordinates(&self, state: &mut State<N>, now: &Inputs<'_, N>, motion: &Motion) -> Result<Auxiliary<N>, LawError> {
+    fn auxiliary_coordinates(&self, state: &mut State<N>, now: &Inputs<'_, N>, motion: &Motion<N>) -> Result<Auxiliary<N>, LawError> {
         let control = &self.scenario.control;
         let ahead = self.path.ahead(&state.progress, *now.p_EC);
         let mut out = Auxiliary { actives: Actives::none(), telemetry: Telemetry::default(), load: 0.0 };
@@ -185,7 +213,16 @@ impl<const N: usize> Controller<N> {
                 governed: control.governor,
             };
             let branch = motion.leg.map_or(0, |leg| leg.branch);
-            let by_type = self.target(singularity, &situation, branch, &mut state.loops[i].memory);
+            let by_type = match &motion.planned {
+                // A fold with a formula keeps it; the plan decides its side.
+                Some(_) if singularity.class == Class::Type1 && singularity.kind != Kind::Numeric => {
+                    let memory = &mut state.loops[i].memory;
+                    memory.side = self.guide.side(singularity, now.q, state.route_time_s).unwrap_or(memory.side);
+                    self.target(singularity, &situation, 0, memory)
+                }
+                Some(planned) => self.guide.target(singularity, planned, now.q, motion.clock),
+                None => self.target(singularity, &situation, branch, &mut state.loops[i].memory),
+            };
             let target = match motion.leg.and_then(|leg| leg.reorient.map(|(place, angle)| (place, angle, leg.duration_s))) {
                 Some((place, angle, duration_s)) if place == i => self.reorient(state, now, singularity, angle, duration_s)?,
                 _ => by_type,
@@ -198,6 +235,9 @@ impl<const N: usize> Controller<N> {
             };
             if self.is_ours() {
                 out.load = out.load.max(demand.load);
+                if motion.planned.is_some() {
+                    out.load = out.load.max(Guide::<N>::waiting(target.error, demand.beta));
+                }
             }
             out.telemetry.note(i, one, singularity, &target, &demand);
             if one.engaged() {
@@ -246,7 +286,7 @@ impl<const N: usize> Controller<N> {
     }
 
     /// Step 3: torques by the scenario's law.
-    fn torques(&self, state: &mut State<N>, now: &Inputs<'_, N>, motion: &Motion, actives: &Actives<N>) -> Result<Torques<N>, LawError> {
+    fn torques(&self, state: &mut State<N>, now: &Inputs<'_, N>, motion: &Motion<N>, actives: &Actives<N>) -> Result<Torques<N>, LawError> {
         let Control { k_p, k_v, baseline: tuned, .. } = &self.scenario.control;
         let wanted = &Wanted {
             A: &now.terms.A,
@@ -257,7 +297,7 @@ impl<const N: usize> Controller<N> {
             a_path: self.along_path(&motion.V_nominal, &motion.a),
             V: motion.V_nominal,
             a_feed: motion.a_feed,
-            posture: (self.posture(state) - now.q) * (0.25 * k_p) - now.qdot * *k_v,
+            posture: self.posture_acceleration(state, now, motion),
         };
         let arm = &resolved_rate::Arm {
             q: now.q,
@@ -291,10 +331,16 @@ impl<const N: usize> Controller<N> {
     ///
     /// # Errors
     /// [`LawError::Speed`] where no clock is slow enough for the joint speeds.
-    fn limits(&self, now: &Inputs<'_, N>, torques: &Torques<N>) -> Result<Limited<N>, LawError> {
+    fn limits(&self, now: &Inputs<'_, N>, motion: &Motion<N>, torques: &Torques<N>) -> Result<Limited<N>, LawError> {
         let share = self.speed_share(torques);
-        if self.is_ours() && self.scenario.control.governor && share > HOPELESS {
+        if self.is_ours() && self.scenario.control.governor && motion.planned.is_none() && share > HOPELESS {
             return Err(LawError::Speed { share });
+        }
+        let limits = (self.model.lower(), self.model.upper());
+        if self.is_ours()
+            && let Some(joint) = Guide::nears_limit(motion.planned.as_ref(), (now.q, now.qdot), limits)
+        {
+            return Err(LawError::Limit { joint });
         }
         let mut bias = now.terms.bias();
         if self.scenario.control.compensate_disturbance {
@@ -304,7 +350,7 @@ impl<const N: usize> Controller<N> {
     }
 
     /// Step 5: the path's clock moves on, at the speed that the governor gives it for the next tick.
-    fn clock(&self, state: &mut State<N>, now: &Inputs<'_, N>, motion: &Motion, torques: &Torques<N>, auxiliary_load: f64) {
+    fn clock(&self, state: &mut State<N>, now: &Inputs<'_, N>, motion: &Motion<N>, torques: &Torques<N>, auxiliary_load: f64) {
         let clock = motion.clock;
         if self.scenario.control.governor {
             let A = &now.terms.A;
@@ -313,12 +359,16 @@ impl<const N: usize> Controller<N> {
                 holding: now.terms.gravity,
                 following: (A * torques.qddot_path + now.terms.coriolis) / (clock * clock),
                 braking: A * torques.qdot_nominal,
-                foreseen: self.foresee(state, now),
+                foreseen: if motion.planned.is_some() { Foreseen::default() } else { self.foresee(state, now) },
+                planned: self.guide.speed(motion.planned.as_ref(), state.route_time_s, clock),
             };
             state.governor.step(&load, self.model.effort(), self.scenario.dt_s());
         }
-        state.progress.time_s += clock * self.scenario.dt_s();
-        state.path_time_s += clock * self.scenario.dt_s();
+        let step = clock * self.scenario.dt_s();
+        let on_path = self.guide.path_time(state.route_time_s, step);
+        state.route_time_s += step;
+        state.progress.time_s += on_path;
+        state.path_time_s += on_path;
     }
 
     /// The demand of the path ahead.
@@ -353,7 +403,7 @@ impl<const N: usize> Controller<N> {
         &self,
         state: &State<N>,
         now: &Inputs<'_, N>,
-        motion: &Motion,
+        motion: &Motion<N>,
         auxiliary: &Auxiliary<N>,
         limited: &Limited<N>,
     ) -> Command<N> {
@@ -369,7 +419,7 @@ impl<const N: usize> Controller<N> {
             V_BE_d: desired_E.V,
             error: stack(&(desired_E.p - now.terms.X_BE.p), &angular(error)),
             path_time_s: state.path_time_s,
-            time_scale: motion.clock,
+            time_scale: motion.clock * motion.planned.map_or(1.0, |plan| plan.pace),
             null_scale: limited.null_scale,
             task_scale: limited.task_scale,
             beta: telemetry.beta,
@@ -386,6 +436,16 @@ impl<const N: usize> Controller<N> {
             saturation_mask: limited.mask,
             clipped: telemetry.clipped,
             refusal: Refusal::None,
+        }
+    }
+
+    /// The acceleration wanted in the null space: towards the planned posture, or the commanded one where there is a command.
+    fn posture_acceleration(&self, state: &State<N>, now: &Inputs<'_, N>, motion: &Motion<N>) -> SVector<f64, N> {
+        let Control { k_p, k_v, .. } = self.scenario.control;
+        let commanded = self.scenario.segment.iter().any(|segment| segment.posture_deg.is_some());
+        match &motion.planned {
+            Some(plan) if !commanded => (plan.q - now.q) * (0.25 * k_p) + (plan.dq * motion.clock - now.qdot) * k_v,
+            _ => (self.posture(state) - now.q) * (0.25 * k_p) - now.qdot * k_v,
         }
     }
 

@@ -22,6 +22,12 @@ pub enum LawError {
         /// Largest share of a speed limit at full clock speed.
         share: f64,
     },
+    /// A joint is about to reach its limit.
+    #[error("joint {} is about to reach its limit", joint + 1)]
+    Limit {
+        /// Index of the joint.
+        joint: usize,
+    },
     /// The joint limits leave no room to turn ζ.
     #[error("turning ζ by {angle_deg:.1}° would take a joint beyond its limits, either way round")]
     Room {
@@ -45,6 +51,7 @@ impl LawError {
         match self {
             Self::Solve(_) | Self::Operational(_) | Self::TooManyRows { .. } => Refusal::Singular,
             Self::Speed { .. } => Refusal::Speed,
+            Self::Limit { .. } => Refusal::Limit,
             Self::Room { .. } => Refusal::Room,
         }
     }

@@ -36,6 +36,7 @@ mod controller;
 pub mod law;
 pub mod linear;
 pub mod paper;
+mod route_ahead;
 mod setup;
 mod state;
 mod telemetry;

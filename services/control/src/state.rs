@@ -22,18 +22,21 @@ pub(crate) struct State<const N: usize> {
     pub(crate) turn: Turn<N>,
     pub(crate) refusal: Refusal,
     pub(crate) path_time_s: f64,
+    /// The plan's own clock, s.
+    pub(crate) route_time_s: f64,
     pub(crate) joint_memory: JointMemory<N>,
 }
 
 impl<const N: usize> State<N> {
     /// Writes all of it.
     pub(crate) fn save(&self, out: &mut ControllerCheckpoint) {
-        let State { progress, governor, loops, turn, refusal, path_time_s, joint_memory } = self;
+        let State { progress, governor, loops, turn, refusal, path_time_s, route_time_s, joint_memory } = self;
         *out = ControllerCheckpoint {
             segment: progress.leg as u32,
             begun: u32::from(progress.begun),
             segment_time_s: progress.time_s,
             path_time_s: *path_time_s,
+            route_time_s: *route_time_s,
             p_BE_start: progress.start.p.into(),
             R_BE_start: std::array::from_fn(|i| progress.start.R[i]),
             translation: progress.by.into(),
@@ -87,6 +90,7 @@ impl<const N: usize> State<N> {
             turn: Turn { from: from.turn_from.into(), angle: from.turn_angle, by: joints(&from.turn_dq), duration_s: from.turn_s },
             refusal: Refusal::from_code(from.refusal).unwrap_or_default(),
             path_time_s: from.path_time_s,
+            route_time_s: from.route_time_s,
             joint_memory: JointMemory {
                 holding: from.joint_holding != 0,
                 votes: from.joint_votes,

@@ -1,6 +1,7 @@
 //! The inputs and intermediate results of one tick of the controller.
 
 use crate::centre::{AtCentre, PoseMotion};
+use crate::continuous::path_plan::Sample;
 use crate::law::Actives;
 use crate::telemetry::Telemetry;
 use crate::trajectory::Leg;
@@ -24,10 +25,12 @@ pub(crate) struct Inputs<'a, const N: usize> {
 
 /// Step 1's result: the desired motion and the acceleration that follows it.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Motion {
+pub(crate) struct Motion<const N: usize> {
     /// The leg of the path, while it lasts.
     pub(crate) leg: Option<Leg>,
-    /// Speed of the path's clock.
+    /// The planned posture, where the leg is planned.
+    pub(crate) planned: Option<Sample<N>>,
+    /// Speed of the clock; the path's own runs at it, or waits.
     pub(crate) clock: f64,
     /// Desired motion of E.
     pub(crate) desired_E: PoseMotion,

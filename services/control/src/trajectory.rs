@@ -82,6 +82,16 @@ pub struct Leg {
     pub branch: i32,
 }
 
+impl Leg {
+    /// Whether its goal depends on a singular direction at the moment when it begins.
+    #[must_use]
+    pub fn is_relative(&self) -> bool {
+        self.reorient.is_some()
+            || matches!(self.translation, Translation::Along(Direction::Zeta(_), _))
+            || matches!(self.rotation, Rotation::About(Direction::Zeta(_), _))
+    }
+}
+
 /// The whole task.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Path {

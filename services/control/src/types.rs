@@ -106,6 +106,10 @@ coded! {
         Room = REFUSAL_ROOM,
         /// The torque is not finite.
         Torque = REFUSAL_TORQUE,
+        /// No route follows the path within the joint limits.
+        Route = REFUSAL_ROUTE,
+        /// A joint is about to reach its limit.
+        Limit = REFUSAL_LIMIT,
     }
 }
 

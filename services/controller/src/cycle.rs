@@ -22,6 +22,12 @@ impl<const N: usize> Cycle<N> {
         Ok(Self { controller: Controller::new(Model::new(robot, frame)?, robot, scenario, q_start)? })
     }
 
+    /// Why the path cannot be followed, found before the first tick.
+    #[must_use]
+    pub fn obstacle(&self) -> Option<&str> {
+        self.controller.obstacle()
+    }
+
     /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its inputs.
     pub fn save(&self, out: &mut ControllerCheckpoint) {
         self.controller.save(out);

@@ -18,6 +18,8 @@ pub trait Step {
     fn save(&self, out: &mut ControllerCheckpoint);
     /// Takes up what [`save`](Self::save) has written.
     fn restore(&mut self, from: &ControllerCheckpoint);
+    /// Why the path cannot be followed, found before the first tick, in words.
+    fn obstacle(&self) -> Option<&str>;
 }
 
 impl<const N: usize> Step for Cycle<N> {
@@ -29,6 +31,9 @@ impl<const N: usize> Step for Cycle<N> {
     }
     fn restore(&mut self, from: &ControllerCheckpoint) {
         self.restore(from);
+    }
+    fn obstacle(&self) -> Option<&str> {
+        self.obstacle()
     }
 }
 

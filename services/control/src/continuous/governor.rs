@@ -34,6 +34,8 @@ pub struct Load<const N: usize> {
     pub braking: SVector<f64, N>,
     /// Shares of rate limits on the path ahead.
     pub foreseen: Foreseen,
+    /// Fastest clock that the path plan allows, up to 1.
+    pub planned: f64,
 }
 
 /// The clock's speed.
@@ -78,11 +80,13 @@ impl Governor {
             let there = MARGIN / share.max(1e-9);
             target = target.min((there * there + 2.0 * PLANNED * hardest * k as f64 * FORESEEN_STEP_S).sqrt());
         }
-        let target = target.clamp(SLOWEST, 1.0);
+        // The plan knows of places that need a slower clock than any demand measured so far.
+        let slowest = SLOWEST.min(load.planned);
+        let target = target.max(SLOWEST).min(load.planned);
         let lag = if target < self.rate { DOWN } else { UP };
         let wanted = ((target - self.rate) / lag).clamp(-hardest, hardest);
         self.rate_dot += (wanted - self.rate_dot) * dt / (SMOOTH + dt);
-        let next = (self.rate + self.rate_dot * dt).clamp(SLOWEST, 1.0);
+        let next = (self.rate + self.rate_dot * dt).clamp(slowest.min(self.rate), 1.0);
         self.rate_dot = (next - self.rate) / dt;
         self.rate = next;
     }
@@ -100,6 +104,7 @@ mod tests {
             following: Vector1::new(following),
             braking: Vector1::new(0.1),
             foreseen: Foreseen::default(),
+            planned: 1.0,
         }
     }
 

@@ -6,5 +6,7 @@ pub mod auxiliary;
 pub mod blended;
 pub mod foresight;
 pub mod governor;
+pub mod guide;
+pub mod path_plan;
 pub mod saturation;
 pub mod turn_plan;

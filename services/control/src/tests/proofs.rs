@@ -274,6 +274,7 @@ fn a_feasible_path_runs_at_full_clock_speed() {
         following: Vector1::new(4.0),
         braking: Vector1::new(0.1),
         foreseen: Foreseen { demand: [0.94; FORESEEN] },
+        planned: 1.0,
     };
     // The demand has been there before: a rising one is extrapolated.
     let mut governor = Governor { demand: 0.94, ..Governor::default() };

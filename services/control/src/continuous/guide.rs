@@ -1,0 +1,99 @@
+//! The path plan at work: what it says of auxiliary coordinates, posture and clock at each tick (+).
+//!
+//! Reduces to the paper's law: without a plan nothing changes, and on a feasible path the planned coordinate is the one that the path needs.
+
+use super::path_plan::{PathPlan, Sample};
+use crate::paper::reference::Target;
+use crate::types::{Mode, Singularity};
+use nalgebra::SVector;
+
+/// Error of a planned auxiliary coordinate from which, and at which, the clock waits for it, rad.
+const WAIT_FROM: f64 = 0.05;
+const WAIT_TO: f64 = 0.25;
+/// Demand on the clock that makes it wait.
+const WAIT: f64 = 20.0;
+/// Coordinate of a fold within which the plan decides the side.
+const SIDE_CHANGE: f64 = 0.02;
+/// Coordinate beyond which the plan is on a side.
+const SIDE: f64 = 1e-3;
+/// How far ahead of the present the plan is asked for that side, s.
+const SOON_S: f64 = 0.15;
+/// Lag of the clock behind its target, s.
+const LAG_S: f64 = 0.04;
+/// Distance in which a refused arm comes to rest, per speed, s: 1/(k_v/2), and a reserve.
+const STOPPING_S: f64 = 0.06;
+/// Joint speed below which a joint is at rest, rad/s.
+const RESTING: f64 = 0.02;
+/// Distance from the plan beyond which it leads nowhere, rad.
+const STRAYED: f64 = 0.02;
+
+/// The plan of a task, where there is one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Guide<const N: usize> {
+    plan: Option<PathPlan<N>>,
+}
+
+impl<const N: usize> Guide<N> {
+    /// By a plan, or by none.
+    #[must_use]
+    pub fn new(plan: Option<PathPlan<N>>) -> Self {
+        Self { plan }
+    }
+
+    /// The planned posture at the route's time `route_s` in the leg of this index; `None` where the leg is not planned.
+    #[must_use]
+    pub fn at(&self, leg: usize, route_s: f64) -> Option<Sample<N>> {
+        let plan = self.plan.as_ref()?;
+        let after = leg == plan.legs() && route_s >= plan.duration_s();
+        (leg < plan.legs() || after).then(|| plan.at(route_s))
+    }
+
+    /// The target of an auxiliary coordinate: its gradient times the way to the planned posture.
+    #[must_use]
+    pub fn target(&self, s: &Singularity<N>, planned: &Sample<N>, q: &SVector<f64, N>, clock: f64) -> Target {
+        let mode = if planned.pace == 0.0 { Mode::Reorient } else { Mode::Track };
+        Target { error: s.aux_row.dot(&(planned.q - q)), rate: s.aux_row.dot(&planned.dq) * clock, weight: 1.0, mode, clipped: false }
+    }
+
+    /// The side of a fold on which the plan leaves it, −1 or +1; `None` away from the fold.
+    #[must_use]
+    pub fn side(&self, s: &Singularity<N>, q: &SVector<f64, N>, route_s: f64) -> Option<f64> {
+        let soon = s.aux + s.aux_row.dot(&(self.plan.as_ref()?.at(route_s + SOON_S).q - q));
+        (s.aux.abs() < SIDE_CHANGE && soon.abs() > SIDE).then(|| soon.signum())
+    }
+
+    /// Demand on the clock by a coordinate that is not where it is planned.
+    #[must_use]
+    pub fn waiting(error: f64, beta: f64) -> f64 {
+        (1.0 - beta) * ((error.abs() - WAIT_FROM) / (WAIT_TO - WAIT_FROM)).clamp(0.0, 1.0) * WAIT
+    }
+
+    /// Fastest clock that the plan allows from now until the clock's lag has passed.
+    #[must_use]
+    pub fn speed(&self, planned: Option<&Sample<N>>, route_s: f64, clock: f64) -> f64 {
+        match (&self.plan, planned) {
+            (Some(plan), Some(now)) => now.speed.min(plan.at(route_s + clock * LAG_S).speed),
+            _ => 1.0,
+        }
+    }
+
+    /// Path time that passes while the route's clock goes on by `step_s`, s.
+    #[must_use]
+    pub fn path_time(&self, route_s: f64, step_s: f64) -> f64 {
+        self.plan.as_ref().map_or(step_s, |plan| plan.at(route_s + step_s).t - plan.at(route_s).t)
+    }
+
+    /// A joint that could not be stopped before its limit later than now, where no plan leads it away from there.
+    #[must_use]
+    pub fn nears_limit(
+        planned: Option<&Sample<N>>,
+        (q, qdot): (&SVector<f64, N>, &SVector<f64, N>),
+        (lower, upper): (&SVector<f64, N>, &SVector<f64, N>),
+    ) -> Option<usize> {
+        (0..N).find(|&i| {
+            let stop = q[i] + qdot[i] * STOPPING_S;
+            let beyond = qdot[i] > RESTING && stop > upper[i] || qdot[i] < -RESTING && stop < lower[i];
+            beyond && planned.is_none_or(|plan| (plan.q[i] - q[i]).abs() > STRAYED)
+        })
+    }
+}

@@ -1,0 +1,176 @@
+//! Inverse kinematics by Newton steps, in units in which a metre and a radian compare.
+
+use crate::linear::{angular, linear, rotation_log, stack, symmetric_eigen};
+use model::{Model, Pose};
+use nalgebra::{SMatrix, SVector, Vector3, Vector6};
+
+/// Unit-scaled singular value below which a Newton step asks nothing of a direction.
+const FLOOR: f64 = 1e-6;
+/// Unit-scaled pose error at which a posture counts as a solution: 0.4 nm, 1e-9 rad.
+pub(super) const SOLVED: f64 = 1e-9;
+/// Newton steps towards one pose.
+const STEPS: usize = 12;
+/// The same where damping leaves an error anyway.
+const DAMPED_STEPS: usize = 3;
+/// Largest joint motion of one Newton step, rad.
+const STRIDE: f64 = 0.4;
+
+/// The kinematics of C, a point of the end-effector link, on the task's axes; lengths are divided by `length_m`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Kinematics<'a, const N: usize> {
+    pub(super) model: &'a Model<N>,
+    /// C in the end-effector's axes, m.
+    pub(super) p_EC: Vector3<f64>,
+    /// Which of the six task axes count.
+    pub(super) task: [bool; 6],
+    /// The length that makes metres and radians comparable, m.
+    pub(super) length_m: f64,
+}
+
+/// Eigenvectors of JᵀJ, smallest eigenvalue first, with J itself.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Spectrum<const N: usize> {
+    pub(super) J: SMatrix<f64, 6, N>,
+    pub(super) sigma: [f64; N],
+    pub(super) v: [SVector<f64, N>; N],
+    /// Joints more than task axes.
+    pub(super) free: usize,
+}
+
+impl<const N: usize> Spectrum<N> {
+    /// The smallest singular value of the task.
+    pub(super) fn smallest(&self) -> f64 {
+        self.sigma.get(self.free).copied().unwrap_or(0.0)
+    }
+
+    /// σ_k v_k's left vector: the task direction that the joint motion `v` moves, not normalised where it moves nothing.
+    pub(super) fn lost(&self, k: usize) -> Vector6<f64> {
+        // The left vector of a vanishing σ: what no joint motion with a larger σ produces. Left to the caller for k with σ_k > 0.
+        self.J * self.v[k]
+    }
+
+    /// Σ v_k (J v_k)ᵀe/(σ_k² + λ²) over what is above the floor: the shortest joint motion for the task displacement `e`.
+    pub(super) fn solve(&self, e: &Vector6<f64>, damping: f64) -> SVector<f64, N> {
+        let mut dq = SVector::zeros();
+        for k in self.free..N {
+            let square = self.sigma[k] * self.sigma[k];
+            if self.sigma[k] > FLOOR {
+                dq += self.v[k] * (self.lost(k).dot(e) / (square + damping * damping));
+            }
+        }
+        dq
+    }
+
+    /// The share of `dq` that moves nothing.
+    pub(super) fn null_part(&self, dq: &SVector<f64, N>) -> SVector<f64, N> {
+        self.v[..self.free].iter().fold(SVector::zeros(), |sum, v| sum + v * v.dot(dq))
+    }
+}
+
+impl<const N: usize> Kinematics<'_, N> {
+    /// The pose of C.
+    pub(super) fn pose(&self, q: &SVector<f64, N>) -> Pose {
+        let X = self.model.forward_kinematics(q);
+        Pose { R: X.R, p: X.p + X.R * self.p_EC }
+    }
+
+    /// From `X` to `X_d`, unit-scaled, on the task's axes.
+    pub(super) fn error(&self, X_d: &Pose, X: &Pose) -> Vector6<f64> {
+        let e = stack(&((X_d.p - X.p) / self.length_m), &rotation_log(&(X_d.R * X.R.transpose())));
+        Vector6::from_fn(|k, _| if self.task[k] { e[k] } else { 0.0 })
+    }
+
+    /// The spectrum of the unit-scaled Jacobian at C.
+    pub(super) fn spectrum(&self, q: &SVector<f64, N>) -> Spectrum<N> {
+        let mut J = self.model.jacobian(q);
+        let r = self.model.forward_kinematics(q).R * self.p_EC;
+        for mut column in J.column_iter_mut() {
+            let w = Vector3::new(column[3], column[4], column[5]);
+            let v = w.cross(&r);
+            for k in 0..3 {
+                column[k] = (column[k] + v[k]) / self.length_m;
+            }
+            for (k, counts) in self.task.iter().enumerate() {
+                if !counts {
+                    column[k] = 0.0;
+                }
+            }
+        }
+        let (values, vectors) = symmetric_eigen(&J.tr_mul(&J));
+        let mut order: [usize; N] = std::array::from_fn(|i| i);
+        order.sort_by(|a, b| values[*a].total_cmp(&values[*b]));
+        let rows = self.task.iter().filter(|counts| **counts).count();
+        Spectrum {
+            J,
+            // The norm of J·v resolves what the square root of an eigenvalue's rounding would not.
+            sigma: std::array::from_fn(|k| (J * vectors.column(order[k])).norm()),
+            v: std::array::from_fn(|k| vectors.column(order[k]).into_owned()),
+            free: N.saturating_sub(rows),
+        }
+    }
+
+    /// The solution that continues `guess`; `drift` is null-space motion wanted on the way.
+    ///
+    /// Returns the posture and the pose error that is left: at most [`SOLVED`] (or `enough`) where it converged.
+    pub(super) fn solve(
+        &self,
+        X_d: &Pose,
+        guess: &SVector<f64, N>,
+        drift: &SVector<f64, N>,
+        damping: f64,
+        enough: f64,
+    ) -> (SVector<f64, N>, Vector6<f64>) {
+        let mut q = *guess;
+        let mut drift = *drift;
+        let mut e = self.error(X_d, &self.pose(&q));
+        for _ in 0..if damping == 0.0 || enough > SOLVED { STEPS } else { DAMPED_STEPS } {
+            let wanted = drift.amax() > 0.0;
+            if e.norm() < enough && !wanted {
+                break;
+            }
+            let spectrum = self.spectrum(&q);
+            let mut dq = spectrum.solve(&e, damping);
+            if wanted {
+                dq += spectrum.null_part(&drift);
+                drift = SVector::zeros();
+            }
+            let size = dq.amax();
+            if !size.is_finite() {
+                break;
+            }
+            if size > STRIDE {
+                dq *= STRIDE / size;
+            }
+            q += dq;
+            e = self.error(X_d, &self.pose(&q));
+            if size < 1e-13 {
+                break;
+            }
+        }
+        (q, e)
+    }
+
+    /// Largest part of a unit-scaled error over what is allowed of it: position (m) and orientation (rad).
+    pub(super) fn excess(&self, e: &Vector6<f64>, position_m: f64, orientation_rad: f64) -> f64 {
+        (linear(e).norm() * self.length_m / position_m).max(angular(e).norm() / orientation_rad)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{posture, puma};
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn newton_finds_a_near_pose(q in posture(puma()), by in prop::array::uniform6(-0.05..0.05)) {
+            let arm = Kinematics { model: puma(), p_EC: Vector3::zeros(), task: [true; 6], length_m: 0.43 };
+            prop_assume!(arm.spectrum(&q).smallest() > 0.05);
+            let there = arm.pose(&(q + SVector::from(by)));
+            let (found, e) = arm.solve(&there, &q, &SVector::zeros(), 0.0, SOLVED);
+            prop_assert!(e.norm() < SOLVED, "{e}");
+            prop_assert!(arm.error(&there, &arm.pose(&found)).norm() < 1e-8);
+        }
+    }
+}

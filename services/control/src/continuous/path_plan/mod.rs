@@ -1,0 +1,219 @@
+//! The whole path, looked along before the arm moves: postures for every pose of it, or the reason why there are none (+).
+//!
+//! A route is a chain of postures q(t) that continue one another from the start posture, within the joint limits, with as little extra time as possible.
+//! Where the arm is singular the route decides: ζ is turned by a self-motion while the path waits (Type 2), a fold is left on one side (Type 1), or the
+//! lock is passed with ζ off the direction of travel, within what the user allows. The route's own clock u runs as the path's does, but also while the
+//! path waits. PURE and deterministic; bounded by [`LAYERS`] layers a leg and 20 postures a layer; allocates, so it runs before the first tick only.
+
+mod inverse;
+mod request;
+mod route;
+mod schedule;
+
+pub use request::{Request, Turning};
+pub use schedule::{PathPlan, Sample};
+
+use crate::trajectory::Progress;
+use crate::types::Kind;
+use inverse::{Kinematics, SOLVED};
+use model::{Model, Pose};
+use nalgebra::{SVector, Vector3};
+use request::{analyse, centre};
+use route::{Block, Bounds, Furthest, Knot, Search, Stretch};
+
+/// Most layers of a leg.
+pub const LAYERS: usize = 40;
+/// Layers of all legs together, where a task has many.
+const LAYERS_IN_ALL: usize = 4000;
+/// Seeds from which a pose is looked for anywhere in the joint space.
+const SEEDS: u32 = 48;
+
+/// Why there is no route.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Infeasible {
+    /// Index of the leg.
+    pub leg: usize,
+    /// Time on the path's clock to which the best route comes, s.
+    pub time_s: f64,
+    /// What ends it.
+    pub obstacle: Obstacle,
+}
+
+/// What ends the best route.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Obstacle {
+    /// A joint would leave its limits.
+    Limit {
+        /// Index of the joint.
+        joint: usize,
+        /// Its limit, rad (m).
+        limit: f64,
+    },
+    /// The path leaves the reachable space between reachable ends.
+    Reach,
+    /// No posture continues the motion, though the poses are within reach.
+    Discontinuous,
+}
+
+/// A plan for the whole path, or as far as it lies within reach.
+///
+/// # Errors
+/// [`Infeasible`] where no continuous motion within the limits follows the path. A leg whose goal is beyond reach is no such case: the plan ends
+/// where that leg begins.
+pub fn plan<const N: usize>(request: &Request<'_, N>) -> Result<PathPlan<N>, Infeasible> {
+    let quick = attempt(request, false, &[]);
+    if quick.as_ref().is_ok_and(PathPlan::is_easy) {
+        return quick.map_err(|(error, _)| error);
+    }
+    let times = match &quick {
+        Ok(plan) => plan.singular_times(request),
+        Err((_, knots)) => schedule::singular_times(request, knots),
+    };
+    let redundant = N > request.task.iter().filter(|counts| **counts).count();
+    if times.is_empty() && !redundant {
+        return quick.map_err(|(error, _)| error);
+    }
+    match (quick, attempt(request, redundant, &times)) {
+        (Ok(one), Ok(two)) => Ok(if two.cost() < one.cost() { two } else { one }),
+        (Ok(one), Err(_)) => Ok(one),
+        (Err(_), Ok(two)) => Ok(two),
+        (Err(_), Err((error, _))) => Err(error),
+    }
+}
+
+/// One search; `times` are further layers, on the path's clock.
+fn attempt<const N: usize>(request: &Request<'_, N>, fan: bool, times: &[f64]) -> Result<PathPlan<N>, (Infeasible, Vec<Knot<N>>)> {
+    let Request { model, path, q_start, .. } = *request;
+    let mut analyzer = request.analyzer.clone();
+    let mut report = analyse(&mut analyzer, model, &q_start);
+    let arm = Kinematics { model, p_EC: centre(model, &q_start, &report), task: request.task, length_m: request.length_m };
+    let bounds = Bounds {
+        lower: *model.lower(),
+        upper: *model.upper(),
+        velocity: *model.velocity(),
+        position_m: request.position_m,
+        orientation_rad: request.orientation_rad,
+    };
+    let mut search = Search::new(arm, bounds, q_start);
+    let mut layer = vec![0];
+    let mut progress = Progress::at(model.forward_kinematics(&q_start));
+    path.advance(&mut progress, 0.0, &report);
+    let (mut from_s, mut analysed) = (0.0, 0);
+    let mut ends = vec![];
+    let legs = (0..).take_while(|i| path.leg(*i).is_some()).count();
+    let most = (LAYERS_IN_ALL / legs.max(1)).clamp(4, LAYERS);
+    let elbow = |q: &SVector<f64, N>| {
+        let report = analyse(&mut request.analyzer.clone(), model, q);
+        report.meant().iter().find(|s| s.kind == Kind::Elbow).or(report.meant().first()).map_or(0.0, |s| s.aux)
+    };
+    while let Some(leg) = path.leg(progress.leg).copied() {
+        let begun = progress;
+        let pose = |t: f64| {
+            let X = path.desired(&Progress { time_s: t, ..begun }, 1.0, 0.0).at(&arm.p_EC);
+            Pose { R: X.R, p: X.p }
+        };
+        let mut blocked = false;
+        if let Some((place, angle)) = leg.reorient {
+            let node = search.best(&layer).unwrap_or_default();
+            let q = search.node(node).q;
+            // Where ζ cannot be turned the controller says so when the leg begins.
+            let by = (request.turning)(&q, &report, place, angle).unwrap_or_else(SVector::zeros);
+            let knots = (1..=24).map(|k| {
+                let t = leg.duration_s * f64::from(k) / 24.0;
+                let x = path.fraction(&Progress { time_s: t, ..begun })[0];
+                Knot { t: from_s + t, q: q + by * x, waits: false }
+            });
+            layer = search.append(node, knots.collect()).into_iter().collect();
+        } else {
+            let goal = request.postures.get(progress.leg).copied().flatten();
+            let before = progress.leg.checked_sub(1).and_then(|i| request.postures.get(i).copied().flatten()).unwrap_or(q_start);
+            let ramp = |t: f64| before + (goal.unwrap_or(before) - before) * path.ramp(&Progress { time_s: t, ..begun });
+            let still = begun.by == Vector3::zeros() && begun.turn == Vector3::zeros() && goal.is_none();
+            let count = if still { 1 } else { most };
+            let mut layers: Vec<f64> = (1..=count).map(|k| leg.duration_s * k as f64 / count as f64).collect();
+            layers.extend(times.iter().map(|t| t - from_s).filter(|t| *t > 1e-6 && *t < leg.duration_s - 1e-6));
+            layers.sort_by(f64::total_cmp);
+            layers.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
+            let stretch = Stretch {
+                from_s,
+                duration_s: leg.duration_s,
+                pose: &pose,
+                branch: leg.branch,
+                side: &elbow,
+                posture: goal.is_some().then_some(&ramp as &dyn Fn(f64) -> SVector<f64, N>),
+                layers: &layers,
+                fan: fan && !still,
+            };
+            let found = search.leg(&stretch, &layer);
+            blocked = found.is_empty();
+            if !blocked {
+                layer = found;
+            }
+        }
+        if blocked {
+            let goal = pose(leg.duration_s);
+            let far = search.furthest.unwrap_or(Furthest { t: from_s, q: q_start, block: Block::End });
+            if !search.is_exhausted() && !reachable(&arm, &goal, &far.q) {
+                // Beyond reach: the controller clips the goal to the boundary, and says so.
+                break;
+            }
+            let beyond = pose((far.t - from_s + 0.01 * leg.duration_s).min(leg.duration_s));
+            let obstacle = match far.block {
+                _ if search.is_exhausted() => Obstacle::Discontinuous,
+                Block::Limit { joint, value } => {
+                    let (low, high) = (model.lower()[joint], model.upper()[joint]);
+                    Obstacle::Limit { joint, limit: if value - low < high - value { low } else { high } }
+                }
+                Block::End if !reachable(&arm, &beyond, &far.q) => Obstacle::Reach,
+                Block::End => Obstacle::Discontinuous,
+            };
+            let knots = search.chain(search.deepest());
+            return Err((Infeasible { leg: progress.leg, time_s: far.t, obstacle }, knots));
+        }
+        let relative = path.leg(progress.leg + 1).is_some_and(crate::trajectory::Leg::is_relative);
+        if relative {
+            let node = search.best(&layer).unwrap_or_default();
+            layer = vec![node];
+            let chain = search.chain(node);
+            for knot in &chain[analysed..] {
+                report = analyse(&mut analyzer, model, &knot.q);
+            }
+            analysed = chain.len();
+        }
+        from_s += leg.duration_s;
+        ends.push(from_s);
+        let mut next = begun;
+        next.time_s = leg.duration_s;
+        path.advance(&mut next, 0.0, &report);
+        progress = Progress { time_s: 0.0, ..next };
+    }
+    let node = search.best(&layer).unwrap_or_default();
+    let cost = search.node(node).cost;
+    Ok(PathPlan::new(request, &arm, &search.chain(node), &ends, cost))
+}
+
+/// Whether any posture, within the limits or not, has this pose.
+fn reachable<const N: usize>(arm: &Kinematics<'_, N>, X: &Pose, near: &SVector<f64, N>) -> bool {
+    let zero = SVector::zeros();
+    let solves = |q: &SVector<f64, N>| {
+        // With damping first: far from a solution a plain Newton step leads anywhere.
+        let rough = [0.2, 0.1, 0.1, 0.03, 0.01].iter().fold(*q, |q, damping| arm.solve(X, &q, &zero, *damping, 1e-3).0);
+        arm.solve(X, &rough, &zero, 1e-3, 1e-6).1.norm() < 1e-4 || arm.solve(X, &rough, &zero, 0.0, SOLVED).1.norm() < 1e-6
+    };
+    let middle = spread(arm.model, 0);
+    let beside = |k: u32| near + (spread(arm.model, k) - middle) * 0.2;
+    solves(near) || (0..SEEDS).any(|k| solves(&beside(k)) || solves(&spread(arm.model, k)))
+}
+
+/// The `k`-th of a sequence of postures that fills the joint ranges evenly: additive recurrence with the roots of primes.
+fn spread<const N: usize>(model: &Model<N>, k: u32) -> SVector<f64, N> {
+    const PRIMES: [f64; 8] = [2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0, 19.0];
+    SVector::from_fn(|i, _| {
+        let x = (f64::from(k + 1) * PRIMES[i % PRIMES.len()].sqrt()).fract();
+        let (low, high) = (model.lower()[i].max(-3.2), model.upper()[i].min(3.2));
+        low + x * (high - low)
+    })
+}
+
+#[cfg(test)]
+mod tests;
