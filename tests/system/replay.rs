@@ -40,7 +40,8 @@ fn a_changed_controller_is_told_where_it_first_differs_and_by_how_much() {
     assert!(difference["tick"].as_u64().unwrap() > 1000 && difference["topic"] == "control_state", "{difference}");
     let value = |of: &Value| of.as_str().unwrap().parse::<f64>().unwrap();
     assert_ne!(value(&difference["recorded"]), value(&difference["replayed"]));
-    let fields = told["topics"][0]["fields"].as_array().unwrap();
+    let torque = told["topics"].as_array().unwrap().iter().find(|topic| topic["topic"] == "torque").unwrap();
+    let fields = torque["fields"].as_array().unwrap();
     let of = |name: &str| fields.iter().find(|field| field["field"] == name).unwrap_or_else(|| panic!("{name}: {told}"));
     let tau = of("tau");
     let (recorded, replayed) = (value(&tau["recorded"]), value(&tau["replayed"]));
