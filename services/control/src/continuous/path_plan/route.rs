@@ -29,8 +29,10 @@ const SAME: f64 = 0.03;
 const LOCKED: f64 = 2e-3;
 /// σ below which other ways on are looked for.
 const NEAR: f64 = 0.2;
-/// Damping of a step that may leave the path: weak, and by this factor of the orientation that is allowed.
+/// Dampings of a step that may leave the path: a weak one goes around a lock as far as it can, a strong one straight past it; that one grows with the
+/// orientation that is allowed.
 const DAMPING: f64 = 0.03;
+const STRONG_DAMPING: f64 = 0.1;
 const DAMPING_PER_RAD: f64 = 3.0;
 /// Distance that a route keeps from every joint limit, rad (m): encoder noise and what tracking costs.
 const CLEAR: f64 = 2e-3;
@@ -234,10 +236,8 @@ impl<'a, const N: usize> Search<'a, N> {
         let near = spectrum.smallest() < NEAR;
         if near {
             ways.push(Way { damping: DAMPING, ..straight });
-            let strong = DAMPING_PER_RAD * self.bounds.orientation_rad;
-            if strong > DAMPING {
-                ways.push(Way { damping: strong, ..straight });
-            }
+            let strong = STRONG_DAMPING.max(DAMPING_PER_RAD * self.bounds.orientation_rad);
+            ways.push(Way { damping: strong, ..straight });
         }
         let mut out = vec![];
         let mut stuck = false;
