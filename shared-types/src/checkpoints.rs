@@ -57,18 +57,20 @@ wire! {
         latched: u32,
         /// 1 where ζ points against the measured direction: a fold is left against it.
         flipped: u32,
-        /// Zero in this version.
-        reserved: u32,
+        /// Where it is reported, of arms with spare joints; elsewhere the place itself says.
+        place: u32,
         /// Second-order motion along ζ per null motion.
         kappa_1: f64,
         /// Turning rate of ζ per null motion.
         kappa_2: f64,
+        /// Auxiliary row, of arms with spare joints: a unit vector in the null space of the kept rows; dimensionless.
+        direction: [f64; MAX_DOF],
     }
 }
 
 wire! {
     /// State of the analyzer after a tick.
-    AnalyzerCheckpoint checkpoint version 1 {
+    AnalyzerCheckpoint checkpoint version 2 {
         /// Per singularity: 1 inside its neighbourhood.
         inside: [u32; MAX_SINGULARITIES],
         /// Decomposition of the Jacobian; of arms that are analysed by number only.
@@ -167,7 +169,7 @@ mod tests {
         // A line here is never edited, only replaced by that of the next version.
         let known = [
             ("armplane.EstimatorCheckpoint.v1", 304, 0xd9b2_059f_1704_a896),
-            ("armplane.AnalyzerCheckpoint.v1", 1632, 0xedd8_c6ab_5322_1018),
+            ("armplane.AnalyzerCheckpoint.v2", 1888, 0x5ea0_6884_6c13_17b0),
             ("armplane.ControllerCheckpoint.v2", 616, 0xc788_2021_689d_66a5),
         ];
         assert_eq!([of::<EstimatorCheckpoint>(), of::<AnalyzerCheckpoint>(), of::<ControllerCheckpoint>()], known);

@@ -37,6 +37,8 @@ codes! {
         KIND_WRIST = 2 "wrist",
         /// The wrist centre is on the waist axis: translation normal to the arm plane is lost.
         KIND_OVERHEAD = 3 "overhead",
+        /// Axes 1 and 3 of a seven-joint arm are parallel: a translation across the line from shoulder to wrist is lost.
+        KIND_SHOULDER = 4 "shoulder",
     }
 }
 
@@ -97,6 +99,8 @@ codes! {
         REFUSAL_ROUTE = 7 "the path cannot be followed within the joint limits from this start posture; start in another posture, or lead the path elsewhere",
         /// A joint is about to reach its limit.
         REFUSAL_LIMIT = 8 "a joint came too near to its limit and the arm was stopped before it; start in another posture, or end the path earlier",
+        /// rank J and the singularities inside their neighbourhoods do not add up.
+        REFUSAL_UNLISTED = 9 "the arm has lost a direction that no listed singularity explains: start elsewhere, or lead the path around that posture",
     }
 }
 

@@ -7,6 +7,7 @@ use crate::baselines::hold_and_blend;
 use crate::baselines::resolved_rate::{self, Inverse, JointMemory};
 use crate::centre::AtCentre;
 use crate::continuous::auxiliary::{Gains, Loop};
+use crate::continuous::avoidance;
 use crate::continuous::blended;
 use crate::continuous::foresight::{FORESEEN_STEP_S, Foreseen, Foresight};
 use crate::continuous::governor::{Governor, Load};
@@ -37,6 +38,12 @@ const ORIENTATION_ERROR_MAX: f64 = 0.25;
 
 /// Share of a joint's speed, at full clock speed, beyond which the path is refused: twice the limit even at the slowest clock.
 const HOPELESS: f64 = 40.0;
+
+/// Share of a joint's speed that the self-motion at a singularity may take.
+const JOINT_SHARE: f64 = 0.5;
+
+/// Demand that slows the path's clock down to its slowest.
+const WAIT: f64 = 20.0;
 
 /// The control law of one arm and one task.
 #[derive(Clone, Debug)]
@@ -150,13 +157,38 @@ impl<const N: usize> Controller<N> {
 
     /// The five steps of the table in the crate's documentation.
     fn tick(&self, state: &mut State<N>, now: &Inputs<'_, N>) -> Result<Command<N>, LawError> {
-        let motion = self.desired_motion(state, now);
+        self.check_rank(now.report)?;
+        let mut motion = self.desired_motion(state, now);
         let auxiliary = self.auxiliary_coordinates(state, now, &motion)?;
+        self.bound_return(now.report, &auxiliary.telemetry.mode, &mut motion);
         let torques = self.torques(state, now, &motion, &auxiliary.actives)?;
         let limited = self.limits(now, &motion, &torques)?;
         let command = self.command(state, now, &motion, &auxiliary, &limited);
         self.clock(state, now, &motion, &torques, auxiliary.load);
         Ok(command)
+    }
+
+    /// Whether the listed singularities explain the rank: each takes one direction.
+    ///
+    /// # Errors
+    /// [`LawError::Unlisted`] where more directions are lost than singularities are inside their neighbourhoods.
+    fn check_rank(&self, report: &Report<N>) -> Result<(), LawError> {
+        let full = self.task.iter().filter(|counts| **counts).count().min(N);
+        let listed = report.meant().iter().filter(|s| s.inside).count();
+        if self.is_ours() && report.rank as usize + listed < full {
+            return Err(LawError::Unlisted { rank: report.rank, listed });
+        }
+        Ok(())
+    }
+
+    /// Feedback along a lost direction asks no auxiliary coordinate for more than its largest rate: a hold is left without a leap.
+    fn bound_return(&self, report: &Report<N>, modes: &[Mode; MAX_SINGULARITIES], motion: &mut Motion<N>) {
+        let k_v = self.scenario.control.k_v;
+        let Some(first) = self.family.get().goes_around() else { return };
+        for (place, s) in report.meant().iter().enumerate().skip(first).filter(|(place, _)| modes[*place] != Mode::Regular) {
+            let (along, most) = (s.zeta_B.dot(&motion.feedback), k_v * s.gain.abs() * self.rate_max(place, s));
+            motion.a -= s.zeta_B * (along - along.clamp(-most, most));
+        }
     }
 
     /// Step 1: the desired motion of E and C, the pose error, and a* = a_d + k_v(V_d − V) + k_p e, the error bounded.
@@ -187,6 +219,7 @@ impl<const N: usize> Controller<N> {
             V_nominal: self.path.desired(&state.progress, pace, 0.0).at(now.p_EC).V,
             a_feed: self.path.desired(&state.progress, clock * pace, 0.0).at(now.p_EC).a,
             error,
+            feedback: feedback * k_p,
             a: desired.a + (desired.V - V) * k_v + feedback * k_p,
         }
     }
@@ -198,7 +231,7 @@ impl<const N: usize> Controller<N> {
         let mut out = Auxiliary { actives: Actives::none(), telemetry: Telemetry::default(), load: 0.0 };
         for (i, singularity) in now.report.meant().iter().enumerate() {
             let kind = singularity.kind.code();
-            let rate_max = control.aux_rate_max.of(kind);
+            let rate_max = self.rate_max(i, singularity);
             let situation = Situation {
                 q: now.q,
                 terms: now.terms,
@@ -238,6 +271,10 @@ impl<const N: usize> Controller<N> {
                 if motion.planned.is_some() {
                     out.load = out.load.max(Guide::<N>::waiting(target.error, demand.beta));
                 }
+                // While a neighbourhood is left along the self-motion, or ζ turned out of the way, the path waits.
+                if one.mode == Mode::Pass && self.family.get().goes_around().is_some_and(|first| i >= first) {
+                    out.load = out.load.max(WAIT * (1.0 - demand.beta));
+                }
             }
             out.telemetry.note(i, one, singularity, &target, &demand);
             if one.engaged() {
@@ -252,6 +289,17 @@ impl<const N: usize> Controller<N> {
             }
         }
         Ok(out)
+    }
+
+    /// Largest auxiliary rate, rad/s: the scenario's, and for the self-motion of an arm with spare joints a share of what the joints have.
+    fn rate_max(&self, place: usize, s: &Singularity<N>) -> f64 {
+        let stated = self.scenario.control.aux_rate_max.of(s.kind.code());
+        if self.family.get().goes_around().is_none_or(|first| place < first) {
+            return stated;
+        }
+        // As fast as a joint may be where only it moves.
+        let size = s.aux_row.norm_squared().max(1e-12);
+        (0..N).fold(stated, |rate, i| rate.min(JOINT_SHARE * self.model.velocity()[i] * size / s.aux_row[i].abs().max(1e-9)))
     }
 
     /// The target of one auxiliary coordinate: the computed type decides the strategy, for every arm.
@@ -439,14 +487,17 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// The acceleration wanted in the null space: towards the planned posture, or the commanded one where there is a command.
+    /// Acceleration wanted in the null space, rad/s²: towards the planned posture, else the commanded one, and near a lost direction around it.
     fn posture_acceleration(&self, state: &State<N>, now: &Inputs<'_, N>, motion: &Motion<N>) -> SVector<f64, N> {
         let Control { k_p, k_v, .. } = self.scenario.control;
         let commanded = self.scenario.segment.iter().any(|segment| segment.posture_deg.is_some());
-        match &motion.planned {
-            Some(plan) if !commanded => (plan.q - now.q) * (0.25 * k_p) + (plan.dq * motion.clock - now.qdot) * k_v,
-            _ => (self.posture(state) - now.q) * (0.25 * k_p) - now.qdot * k_v,
+        if let Some(plan) = motion.planned.as_ref().filter(|_| !commanded) {
+            return (plan.q - now.q) * (0.25 * k_p) + (plan.dq * motion.clock - now.qdot) * k_v;
         }
+        let towards = (self.posture(state) - now.q) * (0.25 * k_p);
+        let first = self.family.get().goes_around().filter(|_| self.is_ours());
+        let around = first.and_then(|first| avoidance::around(&now.at.J, &self.task, now.report, first));
+        around.map_or(towards, |(rate, weight)| towards * (1.0 - weight) + rate * (k_v * weight)) - now.qdot * k_v
     }
 
     /// The posture that the null space is driven to, reached by the leg's own time law.

@@ -34,6 +34,14 @@ pub enum LawError {
         /// Commanded angle, degrees.
         angle_deg: f64,
     },
+    /// A direction is lost that no listed singularity explains.
+    #[error("the Jacobian has rank {rank} with {listed} singularities listed: a direction is lost that none of them explains")]
+    Unlisted {
+        /// Rank of the Jacobian.
+        rank: u32,
+        /// Singularities inside their neighbourhoods.
+        listed: usize,
+    },
     /// More rows than joints.
     #[error("{rows} rows of task and auxiliary coordinates for {joints} joints: ask for fewer task axes")]
     TooManyRows {
@@ -53,6 +61,7 @@ impl LawError {
             Self::Speed { .. } => Refusal::Speed,
             Self::Limit { .. } => Refusal::Limit,
             Self::Room { .. } => Refusal::Room,
+            Self::Unlisted { .. } => Refusal::Unlisted,
         }
     }
 }

@@ -18,6 +18,15 @@ pub(crate) fn robot(name: &str) -> &'static Robot {
     &ROBOTS.get_or_init(|| names.into_iter().map(|name| (name, Robot::builtin(name).unwrap())).collect())[name]
 }
 
+/// Franka Emika's Panda (seven joints, offsets at the elbow and beyond joint 6).
+pub(crate) fn panda() -> &'static Robot {
+    static ROBOT: OnceLock<Robot> = OnceLock::new();
+    ROBOT.get_or_init(|| {
+        let urdf = include_str!("tests/panda.urdf").to_owned();
+        Robot::from_source(&model::RobotSource { name: "panda".to_owned(), description: String::new(), urdf }).unwrap()
+    })
+}
+
 pub(crate) fn puma() -> &'static Model<6> {
     static MODEL: OnceLock<Model<6>> = OnceLock::new();
     MODEL.get_or_init(|| Model::new(robot("puma560"), None).unwrap())
@@ -115,8 +124,12 @@ pub(crate) struct Figures {
 }
 
 /// A run in one thread: analyzer, controller and an exact plant (RK4 at the control rate).
-pub(crate) fn run<const N: usize>(scenario: &Scenario, plant: Plant, mut each: impl FnMut(usize, &Tick<N>)) -> Figures {
-    let robot = robot(&scenario.robot);
+pub(crate) fn run<const N: usize>(scenario: &Scenario, plant: Plant, each: impl FnMut(usize, &Tick<N>)) -> Figures {
+    run_on(robot(&scenario.robot), scenario, plant, each)
+}
+
+/// The same on any robot.
+pub(crate) fn run_on<const N: usize>(robot: &Robot, scenario: &Scenario, plant: Plant, mut each: impl FnMut(usize, &Tick<N>)) -> Figures {
     let frame = (!scenario.frame.is_empty()).then_some(scenario.frame.as_str());
     let model = Model::<N>::new(robot, frame).unwrap();
     let truth = if plant.mass_factor > 0.0 { Model::new(&heavier(robot, plant.mass_factor), frame).unwrap() } else { model.clone() };

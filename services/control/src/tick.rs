@@ -42,6 +42,8 @@ pub(crate) struct Motion<const N: usize> {
     pub(crate) a_feed: Vector6<f64>,
     /// Pose error at C.
     pub(crate) error: Vector6<f64>,
+    /// The share of a* that answers to the pose error, k_p·e bounded.
+    pub(crate) feedback: Vector6<f64>,
     /// Operational acceleration a* at C.
     pub(crate) a: Vector6<f64>,
 }

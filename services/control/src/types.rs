@@ -36,6 +36,8 @@ coded! {
         Wrist = KIND_WRIST,
         /// The wrist centre is on the waist axis.
         Overhead = KIND_OVERHEAD,
+        /// Axes 1 and 3 are parallel.
+        Shoulder = KIND_SHOULDER,
     }
 }
 
@@ -110,6 +112,8 @@ coded! {
         Route = REFUSAL_ROUTE,
         /// A joint is about to reach its limit.
         Limit = REFUSAL_LIMIT,
+        /// A direction is lost that no listed singularity explains.
+        Unlisted = REFUSAL_UNLISTED,
     }
 }
 

@@ -32,6 +32,19 @@ pub(super) fn meeting<const N: usize>(terms: &Terms<N>) -> (Option<f64>, bool) {
     (Some(offset), spherical)
 }
 
+/// Where axes 1, 2, 3 meet, base axes, m: fixed in the base. `None` where they do not, within `tolerance` (m).
+pub(super) fn three_meet<const N: usize>(terms: &Terms<N>, tolerance: f64) -> Option<Vector3<f64>> {
+    if N < 3 {
+        return None;
+    }
+    let (z, p) = (&terms.z, &terms.p);
+    let across = z[0].cross(&z[1]);
+    let along = (p[1] - p[0]).cross(&z[1]).dot(&across) / across.norm_squared().max(EXACT);
+    let S = p[0] + z[0] * along;
+    let passes = |i: usize| (S - p[i]).cross(&z[i]).norm() < tolerance;
+    (passes(1) && passes(2)).then_some(S)
+}
+
 /// The result of `recognise` for an arm of revolute joints with a full task, if it is the same in three postures in general position: a property that
 /// holds there holds everywhere.
 pub(super) fn in_general_position<const N: usize, T: Copy>(

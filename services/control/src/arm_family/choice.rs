@@ -4,6 +4,7 @@ use super::family::{ArmFamily, Posture};
 use super::numeric::Numeric;
 use super::parallel_axes::ParallelAxes;
 use super::puma::Puma;
+use super::redundant::Redundant;
 use super::spherical_shoulder::SphericalShoulder;
 use crate::types::Singularity;
 use model::{Factors, Robot, Terms};
@@ -19,9 +20,11 @@ pub enum Family<const N: usize> {
     /// By geometry: three parallel axes.
     ParallelAxes(ParallelAxes),
     /// By geometry: three axes that meet in a shoulder, three in a wrist.
-    SphericalShoulder(SphericalShoulder),
+    SphericalShoulder(Box<SphericalShoulder<N>>),
     /// By number.
     Numeric(Box<Numeric<N>>),
+    /// By number, with more joints than task axes.
+    Redundant(Box<Redundant<N>>),
     /// More task axes than joints: the arm is singular everywhere, and nothing is reported.
     Deficient(Deficient),
 }
@@ -44,13 +47,17 @@ impl<const N: usize> Family<N> {
     /// The family of `robot`: by declared lengths, by its geometry, else by number, as with `analysis.numeric`.
     #[must_use]
     pub fn of(robot: &Robot, analysis: &Analysis) -> Self {
-        let numeric = || Numeric::new(robot, analysis).map_or(Self::Deficient(Deficient), |numeric| Self::Numeric(Box::new(numeric)));
+        let numeric = || {
+            let square = || Numeric::new(robot, analysis).map(|family| Self::Numeric(Box::new(family)));
+            let redundant = Redundant::new(robot, analysis).map(|family| Self::Redundant(Box::new(family)));
+            redundant.or_else(square).unwrap_or(Self::Deficient(Deficient))
+        };
         match robot.factors {
             _ if analysis.numeric => numeric(),
             Factors::Puma { a2, a3, d4 } if N == 6 => Self::Puma(Puma::new(a2, a3, d4)),
             _ => None
                 .or_else(|| ParallelAxes::of::<N>(robot).map(Self::ParallelAxes))
-                .or_else(|| SphericalShoulder::of::<N>(robot).map(Self::SphericalShoulder))
+                .or_else(|| SphericalShoulder::of(robot, analysis).map(|family| Self::SphericalShoulder(Box::new(family))))
                 .unwrap_or_else(numeric),
         }
     }
@@ -61,8 +68,9 @@ impl<const N: usize> Family<N> {
         match self {
             Self::Puma(family) => family,
             Self::ParallelAxes(family) => family,
-            Self::SphericalShoulder(family) => family,
+            Self::SphericalShoulder(family) => &**family,
             Self::Numeric(family) => &**family,
+            Self::Redundant(family) => &**family,
             Self::Deficient(family) => family,
         }
     }
@@ -72,8 +80,9 @@ impl<const N: usize> Family<N> {
         match self {
             Self::Puma(family) => family,
             Self::ParallelAxes(family) => family,
-            Self::SphericalShoulder(family) => family,
+            Self::SphericalShoulder(family) => &mut **family,
             Self::Numeric(family) => &mut **family,
+            Self::Redundant(family) => &mut **family,
             Self::Deficient(family) => family,
         }
     }

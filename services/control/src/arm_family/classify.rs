@@ -102,7 +102,7 @@ pub fn classify<const N: usize>(screws: &Screws<N>, block: &Block<N>, i: usize, 
 }
 
 /// Whether the arm can move on along its null space with C in place and σ_i staying zero.
-fn self_motion<const N: usize>(
+pub(super) fn self_motion<const N: usize>(
     screws: &Screws<N>,
     block: &Block<N>,
     i: usize,

@@ -84,6 +84,11 @@ pub trait ArmFamily<const N: usize> {
     /// Largest share of any rate limit on each stretch of the path ahead; nothing is foreseen without formulas.
     fn foresee(&self, _at: &Foresight<'_, N>, _out: &mut Foreseen) {}
 
+    /// The first place of the report from which on a self-motion leads around the singularities: the null space is driven away from them.
+    fn goes_around(&self) -> Option<usize> {
+        None
+    }
+
     /// Writes what must survive a restart; nothing where everything is computed anew from each posture.
     fn save(&self, _out: &mut AnalyzerCheckpoint) {}
 

@@ -318,9 +318,9 @@ impl<const N: usize> ArmFamily<N> for Numeric<N> {
                 angular: u32::from(place.angular),
                 latched: u32::from(place.latched),
                 flipped: u32::from(place.flipped),
-                reserved: 0,
                 kappa_1: place.verdict.kappa_1,
                 kappa_2: place.verdict.kappa_2,
+                ..PlaceCheckpoint::default()
             };
         }
     }

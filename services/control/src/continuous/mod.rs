@@ -3,6 +3,7 @@
 //! Each addition reduces to the paper's law inside D_si and to plain operational-space control outside; `proofs` tests it.
 
 pub mod auxiliary;
+pub(crate) mod avoidance;
 pub mod blended;
 pub mod foresight;
 pub mod governor;

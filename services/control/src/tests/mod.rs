@@ -2,6 +2,7 @@
 
 mod closed_loop;
 mod controller;
+mod lost;
 mod proofs;
 
 #[path = "../../../lab/src/studies/lines.rs"]

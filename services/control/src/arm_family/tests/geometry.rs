@@ -25,9 +25,9 @@ fn analysed<const N: usize>(name: &str, q: &SVector<f64, N>, qdot: &SVector<f64,
 
 #[test]
 fn axes_say_what_an_arm_is() {
-    assert!(ParallelAxes::of::<6>(robot("ur5")).is_some() && SphericalShoulder::of::<6>(robot("ur5")).is_none());
-    let iiwa = SphericalShoulder::of::<7>(robot("iiwa14")).unwrap();
-    assert!((iiwa.S - Vector3::new(0.0, 0.0, 0.36)).norm() < 1e-9 && ParallelAxes::of::<7>(robot("iiwa14")).is_none());
+    assert!(ParallelAxes::of::<6>(robot("ur5")).is_some() && SphericalShoulder::<6>::of(robot("ur5"), &Analysis::default()).is_none());
+    let iiwa = SphericalShoulder::<7>::of(robot("iiwa14"), &Analysis::default()).unwrap();
+    assert!((iiwa.shoulder() - Vector3::new(0.0, 0.0, 0.36)).norm() < 1e-9 && ParallelAxes::of::<7>(robot("iiwa14")).is_none());
     assert!(ParallelAxes::of::<6>(robot("puma560")).is_none() && ParallelAxes::of::<3>(robot("planar3r")).is_none());
 }
 
@@ -57,11 +57,13 @@ fn a_promise_holds<const N: usize>(name: &str, q: &SVector<f64, N>, qdot: &SVect
     let (before, after) = (analysed(name, &(q - qdot * h), qdot).0, analysed(name, &(q + qdot * h), qdot).0);
     for i in 0..report.count {
         let (s, a, b) = (report.singularities[i], before.singularities[i], after.singularities[i]);
-        if s.s.abs() > 1e-3 && s.s.abs() < 2.0 {
+        // Each posture has an analyzer of its own here, and beyond 1.3 η_out a direction may be listed under another name.
+        let named = N < 7 || i == 0 || s.s < 1.25 * s.eta_out;
+        if s.s.abs() > 1e-3 && s.s.abs() < 2.0 && named {
             prop_assert!(((b.s - a.s) / (2.0 * h) - s.s_rate).abs() < 1e-5, "{i}: ds/dt is {}, not {}", (b.s - a.s) / (2.0 * h), s.s_rate);
         }
         // What two conditions make has no coordinate, only a rate.
-        let counted = !(N == 7 && i == 1);
+        let counted = !(N == 7 && i > 0);
         if (b.aux - a.aux).abs() < 1.0 && counted {
             prop_assert!(((b.aux - a.aux) / (2.0 * h) - s.aux_rate).abs() < 1e-6, "{i}: auxiliary rate");
         }
@@ -74,7 +76,9 @@ fn a_promise_holds<const N: usize>(name: &str, q: &SVector<f64, N>, qdot: &SVect
     // ζᵀJ − gain·aux is a combination of the other rows, the spare joint's motion left out.
     for (i, s) in report.meant().iter().enumerate() {
         let regular = report.meant().iter().enumerate().all(|(j, other)| j == i || other.s.abs() > 0.2);
-        if !regular || s.s.abs() > 0.3 {
+        // A vector measure's row is its own gradient beyond η_out only: inside, it is carried.
+        let carried = N == 7 && i > 0 && s.s < s.eta_out;
+        if !regular || s.s.abs() > 0.3 || carried {
             continue;
         }
         let rest = at.J.tr_mul(&s.zeta_B) - s.aux_row * s.gain;

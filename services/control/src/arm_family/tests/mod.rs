@@ -2,4 +2,5 @@
 
 mod geometry;
 mod inverse;
+mod minima;
 mod numeric;

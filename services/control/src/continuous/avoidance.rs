@@ -1,0 +1,71 @@
+//! The self-motion as a way around singularities of codimension two or more (+).
+//!
+//! An arm with one spare joint reaches a pose in a curve of postures, and few of them are singular. Near a lost direction the null space is driven to
+//! where the product w of J's singular values grows: for a null motion n, d ln w/dt = tr(J⁺·J̇(n)), and σ_min·d ln w/dt is about σ̇_min there.
+//!
+//! Reduces to nothing: beyond twice η_out the weight is zero, and the null space has its posture control alone.
+
+use crate::arm_family::screws::Screws;
+use crate::linear::{Lu, smoothstep};
+use crate::paper::singular_frame::Basis;
+use crate::types::{Report, Singularity};
+use nalgebra::{SMatrix, SVector};
+use shared_types::bounds::within;
+
+/// |s| over η_out at which the null space begins to be driven.
+const REACH: f64 = 2.0;
+
+/// Null rate per relative growth of σ_min, rad²/s; and the largest null rate, rad/s.
+const DRIVE: (f64, f64) = (1.0, 0.8);
+
+/// The null motion that leads away from the singularities, rad/s, and the weight that it has against the posture's control, 0 to 1.
+///
+/// `first` is the place from which on the singularities can be gone around. `None` far from every singularity, and for more or fewer than one spare joint.
+/// Shapes J 6×N at C, lengths unscaled. Cost about 1 µs near a singularity, none elsewhere; no allocation.
+pub(crate) fn around<const N: usize>(
+    J: &SMatrix<f64, 6, N>,
+    task: &[bool; 6],
+    report: &Report<N>,
+    first: usize,
+) -> Option<(SVector<f64, N>, f64)> {
+    let openness = |s: &Singularity<N>| (s.s.abs() / s.eta_out - 1.0) / (REACH - 1.0);
+    let nearest = report.meant().iter().skip(first).min_by(|a, b| openness(a).total_cmp(&openness(b)))?;
+    let weight = 1.0 - smoothstep(openness(nearest));
+    let rows = task.iter().filter(|counts| **counts).count();
+    if within(weight, 0.0) || rows + 1 != N {
+        return None;
+    }
+    // Inside, the singularity's own strategy acts, and what is left of the null space rests.
+    let open = smoothstep((nearest.s.abs() / nearest.eta_in - 1.0) / 0.3);
+    if open == 0.0 {
+        return Some((SVector::zeros(), weight));
+    }
+    let mut scaled = *J;
+    scaled.fixed_rows_mut::<3>(0).scale_mut(1.0 / report.length_m);
+    let mut M = SMatrix::<f64, N, N>::zeros();
+    let mut basis = Basis::<N>::empty();
+    for (at, k) in (0..6).filter(|k| task[*k]).enumerate() {
+        M.set_row(at, &scaled.row(k));
+        basis.add(scaled.row(k).transpose());
+    }
+    if !basis.add_best((0..N).map(|k| SVector::from_fn(|j, _| if j == k { 1.0 } else { 0.0 }))) {
+        return None;
+    }
+    let n = basis.last();
+    M.set_row(rows, &n.transpose());
+    let lu = Lu::new(M).ok()?;
+    let mut rate = Screws(*J).rate(&n);
+    rate.fixed_rows_mut::<3>(0).scale_mut(1.0 / report.length_m);
+    // tr(M⁻¹·[J̇; 0]) is tr(J⁺·J̇): the rows of J⁺ are orthogonal to n.
+    let growth: f64 = (0..N)
+        .map(|j| {
+            let mut column = SVector::<f64, N>::zeros();
+            for (at, k) in (0..6).filter(|k| task[*k]).enumerate() {
+                column[at] = rate[(k, j)];
+            }
+            lu.solve(&column)[j]
+        })
+        .sum();
+    let driven = open * (DRIVE.0 * nearest.s.abs() * growth).clamp(-DRIVE.1, DRIVE.1);
+    growth.is_finite().then_some((n * driven, weight))
+}
