@@ -336,6 +336,8 @@ impl<'a, const N: usize> Search<'a, N> {
         let (mut t, mut q, mut heading, mut h) = (t0, *q, *heading, t1 - t0);
         let mut knots = vec![];
         let lax = way.damping > 0.0;
+        // Off the path a route has kinks: there the spline needs points that lie closer.
+        let longest = if lax { STEP / 3.0 } else { STEP };
         let zero = SVector::zeros();
         let mut block = Block::End;
         while t != t1 {
@@ -369,8 +371,8 @@ impl<'a, const N: usize> Search<'a, N> {
                 let (there, e_left) = self.arm.solve(&X, &mean, &zero, 0.0, SOLVED);
                 (e.norm() < STRAIGHT || e_left.norm() < 1e-7 && (there - mean).norm() < BEND * dq.norm() + 1e-6).then_some(there)
             };
-            let outside = if solved && dq.amax() < STEP { self.outside(&next, &q) } else { None };
-            let half = if solved && dq.amax() < STEP && outside.is_none() { middle() } else { None };
+            let outside = if solved && dq.amax() < longest { self.outside(&next, &q) } else { None };
+            let half = if solved && dq.amax() < longest && outside.is_none() { middle() } else { None };
             if let Some(half) = half {
                 if dq.amax() > 0.3 * STEP {
                     knots.push(Knot { t: leg.from_s + t + 0.5 * h, q: half, waits: false });

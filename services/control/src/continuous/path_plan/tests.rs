@@ -74,25 +74,28 @@ fn line_through<const N: usize>(robot: &Robot, q: &SVector<f64, N>, random: &mut
     Some(Scenario { start, segment: vec![segment], ..template })
 }
 
-/// The route's postures have the path's poses, within the limits, and do not jump.
-fn check<const N: usize>(robot: &Robot, scenario: &Scenario, plan: &PathPlan<N>) {
+/// Whether the route's postures have the path's poses, within the limits, and do not jump.
+fn holds<const N: usize>(robot: &Robot, scenario: &Scenario, plan: &PathPlan<N>) -> bool {
     let model = Model::<N>::new(robot, None).unwrap();
     let q_start = crate::start_posture::<N>(robot, scenario).unwrap();
     let report = analyse(&mut Analyzer::new(robot, &Analysis::default()), &model, &q_start);
     let path = Path::new(scenario, &report).unwrap();
     let mut progress = Progress::at(model.forward_kinematics(&q_start));
     path.advance(&mut progress, 0.0, &report);
-    let mut last = plan.at(0.0);
+    let (mut last, mut worst) = (plan.at(0.0), [0.0_f64; 3]);
     for k in 1..=4000 {
         let now = plan.at(plan.duration_s() * f64::from(k) / 4000.0);
         let X_d = path.desired(&Progress { time_s: now.t.min(scenario.segment[0].duration_s - 1e-9), ..progress }, 1.0, 0.0);
         let X = model.forward_kinematics(&now.q);
         let (mm, deg) = ((X.p - X_d.p).norm() * 1e3, crate::linear::rotation_log(&(X.R * X_d.R.transpose())).norm().to_degrees());
-        assert!(mm < 3.0 && deg < 0.8, "{mm} mm, {deg}° at {} s", now.t);
+        worst = [worst[0].max(mm), worst[1].max(deg), worst[2].max((now.q - last.q).amax())];
         assert!((0..N).all(|i| now.q[i] > model.lower()[i] && now.q[i] < model.upper()[i]), "{}", now.q);
-        assert!((now.q - last.q).amax() < 0.5 && now.t >= last.t);
+        assert!(now.t >= last.t);
         last = now;
     }
+    // 1 mm and 0.5° are allowed at C; between the points the spline adds to it, and E lies beside C.
+    println!("{worst:.3?}");
+    worst[0] < 2.5 && worst[1] < 0.8 && worst[2] < 0.5
 }
 
 fn lines<const N: usize>(robot: &Robot, seed: u64, count: usize, lock: impl Fn(&mut SVector<f64, N>, &mut Random)) -> usize {
@@ -112,9 +115,8 @@ fn lines<const N: usize>(robot: &Robot, seed: u64, count: usize, lock: impl Fn(&
         let ms = began.elapsed().as_secs_f64() * 1e3;
         match found {
             Ok(plan) if plan.legs() == 1 => {
-                planned += 1;
                 println!("{} {drawn}: {} points, {:.2} s, {ms:.1} ms", robot.name, plan.points_count(), plan.duration_s());
-                check(robot, &scenario, &plan);
+                planned += usize::from(holds(robot, &scenario, &plan));
             }
             other => println!("{} {drawn}: {:?} after {ms:.1} ms, q {}", robot.name, other.err(), q.transpose()),
         }
