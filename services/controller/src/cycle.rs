@@ -1,7 +1,7 @@
 //! The controller's pure step: torque from the estimated state and its singularity report.
 
 use control::{Controller, Refusal, SetupError, start_posture, wire};
-use model::{Model, Robot};
+use model::{Model, Robot, embedded};
 use shared_types::scenario::Scenario;
 use shared_types::{ControlState, ControllerCheckpoint, SingularityReport, StateEstimate, TorqueCommand};
 
@@ -9,6 +9,8 @@ use shared_types::{ControlState, ControllerCheckpoint, SingularityReport, StateE
 #[derive(Clone, Debug)]
 pub struct Cycle<const N: usize> {
     controller: Controller<N>,
+    /// The arm's own joints; the places beyond them stay zero whatever a message or a checkpoint has there.
+    dof: usize,
 }
 
 impl<const N: usize> Cycle<N> {
@@ -19,7 +21,7 @@ impl<const N: usize> Cycle<N> {
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, SetupError> {
         let frame = (!scenario.frame.is_empty()).then_some(scenario.frame.as_str());
         let q_start = start_posture(robot, scenario)?;
-        Ok(Self { controller: Controller::new(Model::new(robot, frame)?, robot, scenario, q_start)? })
+        Ok(Self { controller: Controller::new(Model::new(robot, frame)?, robot, scenario, q_start)?, dof: robot.dof() })
     }
 
     /// Why the path cannot be followed, found before the first tick.
@@ -41,11 +43,13 @@ impl<const N: usize> Cycle<N> {
     /// The torque for an estimate and the report of the same tick, and what the law did to arrive at it, at that tick. No allocation; a report
     /// that cannot be read is refused.
     pub fn step(&mut self, estimate: &StateEstimate, report: &SingularityReport, state: &mut ControlState, torque: &mut TorqueCommand) {
-        let (q, qdot) = (wire::joints(&estimate.q), wire::joints(&estimate.qdot));
+        let own = |values: &[f64]| embedded::<N>(&values[..self.dof]);
+        let (q, qdot, tau_disturbance) = (own(&estimate.q), own(&estimate.qdot), own(&estimate.tau_disturbance));
         let command = match wire::report(report) {
-            Ok(report) => self.controller.step(&q, &qdot, &wire::joints(&estimate.tau_disturbance), &report),
+            Ok(report) => self.controller.step(&q, &qdot, &tau_disturbance, &report),
             Err(_) => self.controller.refuse(&q, &qdot, Refusal::Report),
         };
         wire::command_messages(estimate.header.tick, &command, state, torque);
+        torque.tau[self.dof..].fill(0.0);
     }
 }

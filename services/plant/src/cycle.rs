@@ -1,6 +1,6 @@
 //! The plant's pure step: applied torque to motion, motion to what the sensors say.
 
-use model::{Model, ModelError, Robot, StartError};
+use model::{Model, ModelError, Robot, StartError, embedded};
 use nalgebra::SVector;
 use shared_types::codes::{DRIVE_DIVERGED, PHASE_DONE, PHASE_REFUSED, PHASE_RUNNING};
 use shared_types::fault::ScheduledFault;
@@ -37,6 +37,8 @@ pub struct Cycle<const N: usize> {
     plant: Plant<N>,
     drive: Drive<N>,
     encoders: Encoders<N>,
+    /// The arm's own joints; what a command has beyond them is not read.
+    dof: usize,
     /// Where the task was, by the last command; one of `codes::PHASES`.
     phase: u32,
     /// Ticks since the controller refused to go on.
@@ -69,6 +71,7 @@ impl<const N: usize> Cycle<N> {
             drive,
             trouble: Trouble::new(scenario.dt_s()),
             encoders: Encoders::new(robot, options.encoder_bits, options.encoder_noise_counts, scenario.seed),
+            dof: robot.dof(),
             phase: PHASE_RUNNING,
             refused_ticks: 0,
             ticks: 0,
@@ -121,7 +124,7 @@ impl<const N: usize> Cycle<N> {
 
     /// Advances one tick under `command` (`None`: none came). How old it is its header says.
     pub fn step(&mut self, command: Option<&TorqueCommand>) {
-        let tau = command.map(|command| SVector::<f64, N>::from_column_slice(&command.tau[..N]));
+        let tau = command.map(|command| embedded::<N>(&command.tau[..self.dof]));
         let age = command.map_or(0, |command| self.ticks.saturating_sub(command.header.tick));
         let x = self.plant.state();
         let applied = self.drive.answer(&x.q, &x.qdot, tau.as_ref(), u32::try_from(age).unwrap_or(u32::MAX));
