@@ -29,7 +29,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut motion = synthetic::Run::new(&robot);
     let messages: Vec<_> = (0..(synthetic::Run::DURATION_S * 1e3) as u64).map(|_| motion.step()).collect();
 
-    let mut recording = Recording::<6>::create(&folder, &run)?;
+    let mut recording = Recording::create(&folder, &run)?;
     let mut best_us = f64::INFINITY;
     let mut tick = 0;
     let begin = cpu_ns()?;

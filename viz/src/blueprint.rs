@@ -24,7 +24,7 @@ use shared_types::scenario::Layout;
 
 use crate::entity;
 use crate::signals::{HOP_NAMES, Signal};
-use crate::sink::{Sink, Storage};
+use crate::sink::Sink;
 use crate::solid::Rgba;
 
 /// Colours of joints, in order.
@@ -417,7 +417,7 @@ impl Desk<'_> {
 }
 
 /// Writes a layout as a blueprint store into `sink` and activates it.
-pub(crate) fn send<W: Storage>(sink: &mut Sink<W>, store: &StoreId, subject: &Subject, which: Layout) {
+pub(crate) fn send(sink: &mut Sink, store: &StoreId, subject: &Subject, which: Layout) {
     sink.announce(store);
     for chunk in layout(subject, which) {
         sink.chunk(store, chunk);

@@ -93,13 +93,13 @@ pub struct FileInfo {
 }
 
 /// Writes a whole message or, where the storage refuses, nothing. Rerun's encoder hands over one message per call.
-struct Whole<W> {
-    storage: W,
+struct Whole {
+    storage: Box<dyn Storage>,
     /// Bytes of whole messages.
     bytes: Arc<AtomicU64>,
 }
 
-impl<W: Storage> Write for Whole<W> {
+impl Write for Whole {
     fn write(&mut self, message: &[u8]) -> io::Result<usize> {
         let before = self.bytes.load(Ordering::Relaxed);
         if let Err(error) = self.storage.write_all(message) {
@@ -117,18 +117,18 @@ impl<W: Storage> Write for Whole<W> {
 }
 
 /// A stream of stores' messages.
-pub(crate) struct Sink<W: Storage> {
+pub(crate) struct Sink {
     /// `None` once closed.
-    encoder: Option<Encoder<Whole<W>>>,
+    encoder: Option<Encoder<Whole>>,
     bytes: Arc<AtomicU64>,
     chunks: u64,
     /// The error that closed it, until it is answered.
     error: Option<RecordError>,
 }
 
-impl<W: Storage> Sink<W> {
+impl Sink {
     /// Starts a stream.
-    pub(crate) fn new(storage: W) -> Result<Self, RecordError> {
+    pub(crate) fn new(storage: Box<dyn Storage>) -> Result<Self, RecordError> {
         let bytes = Arc::new(AtomicU64::new(0));
         let whole = Whole { storage, bytes: Arc::clone(&bytes) };
         let encoder =

@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use bytemuck::{bytes_of, try_pod_read_unaligned};
 use message_log::{LogWriter, TopicHash};
-use model::{Robot, with_dof};
+use model::Robot;
 use runtime::{Collector, Count, Mode, ProcessError, Shell};
 use shared_types::Message;
 use shared_types::job::{self, Job};
@@ -54,8 +54,7 @@ const HORIZON: u64 = 60_000;
 /// [`ProcessError`] where the recorder cannot begin, the graph breaks, or the summary cannot be written. A recording that fails
 /// (a full disk) does not end the run: it is said in the summary.
 pub fn run(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<(), ProcessError> {
-    let summary = with_dof!(robot.dof(), N => record::<N>(shell, robot, job, run_dir))
-        .unwrap_or_else(|| Err(ProcessError::setup("unsupported number of joints")))?;
+    let summary = record(shell, robot, job, run_dir)?;
     let path = run_dir.join(SUMMARY);
     written(&summary)
         .map_err(std::io::Error::from)
@@ -80,7 +79,7 @@ fn written(summary: &Summary) -> serde_json::Result<Vec<u8>> {
     serde_json::to_vec(&value)
 }
 
-fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Summary, ProcessError> {
+fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Summary, ProcessError> {
     let folder = job.out.join(MESSAGES);
     let unusable = |error| ProcessError::setup(format!("cannot keep what a replacement must know in {}: {error}", run_dir.display()));
     let mut memory = Memory::open(run_dir).map_err(unusable)?;
@@ -90,7 +89,7 @@ fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Pat
     if shell.mode() == Mode::Realtime {
         judge = judge.on_grid(shell.manifest().period_ns());
     }
-    let mut tape = Tape::<N>::start(robot, job, shell.incarnation())?;
+    let mut tape = Tape::start(robot, job, shell.incarnation())?;
     let mut witness = Witness::default();
     let mut progress = <[Progress; COUNT]>::default();
     if shell.incarnation() > 1 {
@@ -142,7 +141,7 @@ fn record<const N: usize>(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Pat
     Ok(summary(robot, job, shell.mode(), judge.verdict(), &topics, tape))
 }
 
-fn take<const N: usize>(row: &Row, judge: &mut Judge, tape: &mut Tape<N>) {
+fn take(row: &Row, judge: &mut Judge, tape: &mut Tape) {
     let messages = row.messages().lent();
     if let Some(tick) = Tick::of(&messages) {
         judge.tick(tick);
@@ -167,8 +166,8 @@ pub fn limits(robot: &Robot) -> Limits {
 }
 
 /// The recording, as long as it can be written; the first error ends it and is kept.
-pub struct Tape<const N: usize> {
-    recording: Option<Recording<N>>,
+pub struct Tape {
+    recording: Option<Recording>,
     folder: PathBuf,
     limits: PartLimits,
     result: RecorderSummary,
@@ -200,7 +199,7 @@ impl PartLimits {
     }
 }
 
-impl<const N: usize> Tape<N> {
+impl Tape {
     /// A recording in the job's folder, where the job wants one; a further file of it for a later incarnation.
     ///
     /// # Errors

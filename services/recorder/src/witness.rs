@@ -25,7 +25,7 @@ impl Witness {
     }
 
     /// Tells what has happened since the last time.
-    pub(crate) fn tell<const N: usize>(&mut self, shell: &Shell, tape: &mut Tape<N>) {
+    pub(crate) fn tell(&mut self, shell: &Shell, tape: &mut Tape) {
         for (place, account) in shell.fault_table().records() {
             if self.told.len() <= place {
                 self.told.resize(place + 1, 0);

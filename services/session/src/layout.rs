@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use model::with_dof;
 use shared_types::scenario::Layout;
 use viz::{RunInfo, TickRow};
 
@@ -20,5 +19,5 @@ pub fn save_blueprint(run: &Run, layout: Layout, path: &Path) -> Result<(), Fail
     let first = chain::first_tick(&robot, &job.scenario).map_err(Failure::input)?;
     let info = RunInfo { scenario: &job.scenario, robot: &robot, run: &job.run, version: &job.version, seed: job.scenario.seed };
     let row = TickRow::new(0, first.lent());
-    with_dof!(robot.dof(), N => viz::save_blueprint::<N>(path, &info, &row, layout)).unwrap_or(Ok(())).map_err(Failure::work)
+    viz::save_blueprint(path, &info, &row, layout).map_err(Failure::work)
 }

@@ -5,6 +5,7 @@ use nalgebra::SVector;
 use re_log_types::StoreId;
 use re_sdk_types::archetypes::TextLog;
 use re_sdk_types::components::TextLogLevel;
+use shared_types::MAX_DOF;
 use shared_types::scenario::Layout;
 use std::path::Path;
 
@@ -19,11 +20,11 @@ use crate::signals::{Limits, TickRow, sample};
 use crate::sink::{FileInfo, RecordError, Sink, Storage};
 use crate::{blueprint, entity};
 
-impl<const N: usize> Recording<N> {
+impl Recording {
     /// Creates the first part in `folder` and writes what never changes: the run's properties, the arm's figure, styles.
     ///
     /// # Errors
-    /// [`RecordError`] where the file cannot be made or written, or the robot does not have N joints.
+    /// [`RecordError`] where the file cannot be made or written, or the robot has more joints than a message.
     pub fn create(folder: &Path, run: &RunInfo) -> Result<Self, RecordError> {
         Self::create_part(folder, 0, run, Options::default())
     }
@@ -49,9 +50,9 @@ impl<const N: usize> Recording<N> {
 /// Writes a layout for a run as a `.rbl` file, to be opened beside its recording; `first` names the singularities and places the eye.
 ///
 /// # Errors
-/// [`RecordError`] where the file cannot be made or written, or the robot does not have N joints.
-pub fn save_blueprint<const N: usize>(path: &Path, run: &RunInfo, first: &TickRow, layout: Layout) -> Result<(), RecordError> {
-    let mut recording = Recording::<N, Nowhere>::with_storage(Nowhere, 0, run, Options::default())?;
+/// [`RecordError`] where the file cannot be made or written, or the robot has more joints than a message.
+pub fn save_blueprint(path: &Path, run: &RunInfo, first: &TickRow, layout: Layout) -> Result<(), RecordError> {
+    let mut recording = Recording::with_storage(Nowhere, 0, run, Options::default())?;
     recording.tick(first)?;
     recording.save_blueprint(path, layout)
 }
@@ -79,16 +80,19 @@ impl Storage for Nowhere {
     }
 }
 
-impl<const N: usize, W: Storage> Recording<N, W> {
+impl Recording {
     /// [`create_part`](Recording::create_part) for any storage.
     ///
     /// # Errors
     /// As [`create`](Recording::create).
-    pub fn with_storage(storage: W, part: u32, run: &RunInfo, options: Options) -> Result<Self, RecordError> {
+    pub fn with_storage(storage: impl Storage + 'static, part: u32, run: &RunInfo, options: Options) -> Result<Self, RecordError> {
+        Self::begin(Box::new(storage), part, run, options)
+    }
+
+    fn begin(storage: Box<dyn Storage>, part: u32, run: &RunInfo, options: Options) -> Result<Self, RecordError> {
         let RunInfo { scenario, robot, .. } = *run;
         let frame = Some(scenario.frame.as_str()).filter(|frame| !frame.is_empty());
-        let arm =
-            Model::<N>::new(robot, frame).map_err(|error| RecordError::Arm { robot: robot.name.clone(), reason: error.to_string() })?;
+        let arm = Model::new(robot, frame).map_err(|error| RecordError::Arm { robot: robot.name.clone(), reason: error.to_string() })?;
         let floor_m = scenario.plant.floor_m.map_or(0.0, |height| height as f32);
         let figure = Figure::new(robot, floor_m);
         let rate = f64::from(scenario.rate_hz);
@@ -128,7 +132,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
             drawn: Default::default(),
             fans: Default::default(),
             motion: NullMotion::new(robot.length_m),
-            ghosts: [0; N],
+            ghosts: [0; MAX_DOF],
             situation: None,
             unheard: 0,
             lanes: Lanes::default(),
@@ -150,7 +154,11 @@ impl<const N: usize, W: Storage> Recording<N, W> {
     ///
     /// # Errors
     /// As [`create`](Recording::create).
-    pub fn turn_over(&mut self, storage: W) -> Result<(), RecordError> {
+    pub fn turn_over(&mut self, storage: impl Storage + 'static) -> Result<(), RecordError> {
+        self.go_on_in(Box::new(storage))
+    }
+
+    fn go_on_in(&mut self, storage: Box<dyn Storage>) -> Result<(), RecordError> {
         self.flush();
         let (chunks, ended) = (self.sink.chunks(), std::mem::replace(&mut self.sink, Sink::new(storage)?));
         let bytes = ended.finish().inspect_err(|_| self.sink.abandon())?;
@@ -184,7 +192,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         if self.part_ticks == 0 {
             self.write_ghosts(row.tick, true);
             if let (Some(q), Some(turned)) = (row.q(), self.motion.turned(true)) {
-                let links = self.arm.link_poses(&SVector::from_column_slice(&q[..N])).map(|X| placement(&X));
+                let links = self.arm.link_poses(&SVector::from_column_slice(q)).map(|X| placement(&X));
                 self.write_turned(row.tick, &links, &turned);
             }
         }
@@ -285,7 +293,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
     /// # Errors
     /// [`RecordError`] where the file cannot be made or written.
     pub fn save_blueprint(&self, path: &Path, layout: Layout) -> Result<(), RecordError> {
-        let mut sink = Sink::new(create(path)?)?;
+        let mut sink = Sink::new(Box::new(create(path)?))?;
         blueprint::send(&mut sink, &self.blueprint(), &self.subject, layout);
         sink.finish().map(drop)
     }

@@ -5,6 +5,7 @@ use nalgebra::SVector;
 use re_chunk::{Chunk, RowId};
 use re_sdk_types::archetypes::{Arrows3D, Clear, InstancePoses3D, LineStrips3D, Points3D, Transform3D};
 use re_sdk_types::components::{Color, Radius};
+use shared_types::MAX_DOF;
 use shared_types::messages::SingularityState;
 
 use super::columns::{MarkTracks, Track};
@@ -12,7 +13,6 @@ use super::pieces::{mesh3d, quaternion, tinted};
 use super::state::Recording;
 use crate::arm::placement;
 use crate::scene::{Mark, Presence, differs, glyph};
-use crate::sink::Storage;
 use crate::solid::{Placement, Rgba};
 use crate::{blueprint, entity, narration, scene};
 
@@ -20,7 +20,7 @@ use crate::{blueprint, entity, narration, scene};
 /// written again.
 pub(super) const UNSEEN: f32 = 1e-6;
 
-impl<const N: usize, W: Storage> Recording<N, W> {
+impl Recording {
     /// Marks change their looks rarely; their places go with the picture.
     pub(super) fn write_marks(&mut self, tick: u64, singularities: &[SingularityState], marks: &[Mark]) {
         for (i, (one, mark)) in singularities.iter().zip(marks).enumerate() {
@@ -89,8 +89,8 @@ impl<const N: usize, W: Storage> Recording<N, W> {
 
     /// Where the arm has been in the present null-space motion.
     pub(super) fn write_ghosts(&mut self, tick: u64, all: bool) {
-        let postures: Vec<[Placement; N]> =
-            self.motion.postures.iter().map(|q| self.arm.link_poses(&SVector::from_column_slice(&q[..N])).map(|X| placement(&X))).collect();
+        let postures: Vec<[Placement; MAX_DOF]> =
+            self.motion.postures.iter().map(|q| self.arm.link_poses(&SVector::from_column_slice(q)).map(|X| placement(&X))).collect();
         let (now, before) = match postures.split_last() {
             Some((now, before)) => (Some(now), before),
             None => (None, &[][..]),

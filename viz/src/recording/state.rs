@@ -6,9 +6,8 @@ use re_chunk::external::arrow::buffer::ScalarBuffer;
 use re_chunk::{Chunk, ChunkComponents, ChunkId, EntityPath, RowId, TimeColumn, TimePoint, Timeline};
 use re_log_types::{StoreId, TimeCell};
 use re_sdk_types::{AsComponents, SerializedComponentColumn};
-use shared_types::MAX_SINGULARITIES;
 use shared_types::scenario::{Layout, Scenario};
-use std::fs::File;
+use shared_types::{MAX_DOF, MAX_SINGULARITIES};
 
 use super::columns::{Picture, Table};
 use crate::arm::Figure;
@@ -16,7 +15,7 @@ use crate::blueprint::Subject;
 use crate::narration::Situation;
 use crate::scene::{Look, NullMotion};
 use crate::signals::Limits;
-use crate::sink::{FileInfo, Sink, Storage};
+use crate::sink::{FileInfo, Sink};
 
 /// Which run a recording is of.
 #[derive(Clone, Copy, Debug)]
@@ -74,21 +73,23 @@ pub enum Level {
 
 /// A recording in the making: ticks in, an `.rrd` out.
 ///
+/// One type for every arm: the model has as many places for joints as a message, so that this code is compiled once.
+///
 /// It may be spread over several files, its parts: each opens alone, all of them together as one recording, because they carry the same
 /// recording id. [`next_part`](Self::next_part) turns to a fresh file within a run; [`create_part`](Self::create_part) lets another
 /// process take up where one was killed.
 ///
 /// Ensures: nothing blocks but the storage; the first error ends the file at its last whole message and is answered once, by
 /// [`tick`](Self::tick) or [`finish`](Self::finish). A killed process leaves a file readable up to its last chunk.
-pub struct Recording<const N: usize, W: Storage = File> {
-    pub(super) sink: Sink<W>,
+pub struct Recording {
+    pub(super) sink: Sink,
     pub(super) store: StoreId,
     pub(super) title: Title,
     /// What the parts before this one hold.
     pub(super) before: FileInfo,
     /// Ticks of this part.
     pub(super) part_ticks: u64,
-    pub(super) arm: Model<N>,
+    pub(super) arm: Model<MAX_DOF>,
     pub(super) figure: Figure,
     /// Whether the arm moves in the base's plane only.
     pub(super) planar: bool,
@@ -114,7 +115,7 @@ pub struct Recording<const N: usize, W: Storage = File> {
     pub(super) fans: [Option<Vec3>; MAX_SINGULARITIES],
     pub(super) motion: NullMotion,
     /// How many ghosts each link has.
-    pub(super) ghosts: [usize; N],
+    pub(super) ghosts: [usize; MAX_DOF],
     pub(super) situation: Option<Situation>,
     /// Ticks since the last command.
     pub(super) unheard: u64,
@@ -140,7 +141,7 @@ pub(super) struct Lanes {
     pub(super) life: [Option<&'static str>; PROCESSES.len()],
 }
 
-impl<const N: usize, W: Storage> Recording<N, W> {
+impl Recording {
     /// A tick's place on both time lines.
     pub(super) fn at(&self, tick: u64) -> TimePoint {
         TimePoint::from([("tick", TimeCell::from_sequence(tick as i64)), ("t", TimeCell::from_duration_nanos(self.nanoseconds(tick)))])

@@ -63,7 +63,7 @@ fn puma() -> Robot {
     Robot::builtin("puma560").expect("built in")
 }
 
-fn begin(volume: &Volume, robot: &Robot) -> Result<Recording<6, Volume>, RecordError> {
+fn begin(volume: &Volume, robot: &Robot) -> Result<Recording, RecordError> {
     let scenario = Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid");
     let run = RunInfo { scenario: &scenario, robot, run: "test", version: "0", seed: 1 };
     Recording::with_storage(volume.clone(), 0, &run, Options::default())
@@ -322,7 +322,7 @@ fn a_recorder_that_takes_up_writes_the_next_part_of_the_same_recording() {
     let mut recording = begin(&killed, &robot).expect("room");
     (0..100).for_each(|tick| recording.tick(&row(tick as u64, &messages[tick])).expect("room"));
     std::mem::forget(recording);
-    let mut recording = Recording::<6, Volume>::with_storage(taken_up.clone(), 1, &about, Options::default()).expect("room");
+    let mut recording = Recording::with_storage(taken_up.clone(), 1, &about, Options::default()).expect("room");
     (100..200).for_each(|tick| recording.tick(&row(tick as u64, &messages[tick])).expect("room"));
     assert_eq!(recording.finish().expect("room").parts, 2);
     let [before, after] = [killed, taken_up].map(|volume| read(&volume.content()).0);
@@ -377,25 +377,27 @@ fn missing_messages_leave_gaps_and_are_told() {
 }
 
 #[test]
-fn a_recording_for_another_arm_is_refused() {
+fn a_recording_at_a_frame_that_the_arm_does_not_have_is_refused() {
     let robot = Robot::builtin("iiwa14").expect("built in");
-    let error = begin(&Volume::new(usize::MAX), &robot).err().expect("seven joints are more than six");
-    assert!(error.to_string().contains("iiwa14"), "{error}");
+    let scenario = Scenario::parse("synthetic.toml", SCENARIO, &["frame=\"nowhere\"".to_owned()]).expect("valid");
+    let run = RunInfo { scenario: &scenario, robot: &robot, run: "test", version: "0", seed: 1 };
+    let error = Recording::with_storage(Volume::new(usize::MAX), 0, &run, Options::default()).err().expect("there is no such frame");
+    assert!(error.to_string().contains("iiwa14") && error.to_string().contains("nowhere"), "{error}");
 }
 
-/// An arm of two joints in the size of six: only its own links are drawn.
+/// An arm of two joints in the places of eight: only its own links are drawn.
 #[test]
 fn a_smaller_arm_has_its_own_links_only() {
     let robot = Robot::builtin("planar2r").expect("built in");
     let volume = Volume::new(usize::MAX);
-    begin(&volume, &robot).expect("two joints fit in six").finish().expect("room");
+    begin(&volume, &robot).expect("two joints fit in eight").finish().expect("room");
 }
 
 #[test]
 fn a_folder_that_does_not_exist_is_named() {
     let (scenario, robot) = (Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid"), puma());
     let run = RunInfo { scenario: &scenario, robot: &robot, run: "test", version: "0", seed: 1 };
-    let error = Recording::<6>::create(Path::new("/there/is/no/such"), &run).err().expect("no folder");
+    let error = Recording::create(Path::new("/there/is/no/such"), &run).err().expect("no folder");
     assert!(error.to_string().contains("/there/is/no/such/run.rrd") && error.to_string().contains("--out"), "{error}");
 }
 
@@ -421,7 +423,7 @@ fn what_is_recorded_is_read_back() {
     std::fs::create_dir_all(&folder).expect("a folder");
     let (scenario, robot) = (Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid"), puma());
     let about = RunInfo { scenario: &scenario, robot: &robot, run: "test", version: "0", seed: 7 };
-    let mut recording = Recording::<6>::create(&folder, &about).expect("room");
+    let mut recording = Recording::create(&folder, &about).expect("room");
     let mut run = Run::new(&robot);
     let sent: Vec<Messages> = (0..250).map(|_| run.step()).collect();
     for (tick, m) in sent.iter().enumerate() {

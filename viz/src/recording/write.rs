@@ -18,11 +18,10 @@ use crate::manipulability::{Ellipsoid, Half, at_point};
 use crate::narration::{Situation, States};
 use crate::scene::{Mark, Presence};
 use crate::signals::{Signal, TickRow};
-use crate::sink::Storage;
 use crate::solid::{Mesh, Placement};
 use crate::{blueprint, entity, narration};
 
-impl<const N: usize, W: Storage> Recording<N, W> {
+impl Recording {
     // What never changes.
 
     pub(super) fn write_properties(&mut self) {
@@ -114,8 +113,9 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         }
         self.subject.bands = self.thresholds.len();
         self.subject.widest = self.thresholds.iter().map(|(_, eta_out)| *eta_out).fold(0.0, f64::max);
-        let places = row.q().map(|q| self.arm.link_poses(&SVector::from_column_slice(&q[..N])).map(|X| vec3(&X.p)));
-        self.subject.eye = eye(places.as_ref().map_or(&[Vec3::X], |places| &places[..]), self.mark_size(), &self.subject, self.planar);
+        let places = row.q().map(|q| self.arm.link_poses(&SVector::from_column_slice(q)).map(|X| vec3(&X.p)));
+        self.subject.eye =
+            eye(places.as_ref().map_or(&[Vec3::X], |places| &places[..self.subject.joints]), self.mark_size(), &self.subject, self.planar);
     }
 
     /// The blueprint's own store: one per recording, the same in every part.
@@ -217,12 +217,12 @@ impl<const N: usize, W: Storage> Recording<N, W> {
 
     pub(super) fn see(&mut self, row: &TickRow) {
         let Some(q) = row.q() else { return };
-        let links = self.arm.link_poses(&SVector::from_column_slice(&q[..N])).map(|X| placement(&X));
+        let links = self.arm.link_poses(&SVector::from_column_slice(q)).map(|X| placement(&X));
         let desired = row.control_state.map(|command| pose(&command.p_BE_d, &command.R_BE_d));
         let hand = row
             .plant_state
             .map(|state| pose(&state.p_BE, &state.R_BE))
-            .unwrap_or_else(|| placement(&self.arm.forward_kinematics(&SVector::from_column_slice(&q[..N]))));
+            .unwrap_or_else(|| placement(&self.arm.forward_kinematics(&SVector::from_column_slice(q))));
         let marks: Vec<Mark> =
             row.singularity.map_or(Vec::new(), |report| row.singularities().iter().map(|one| Mark::new(one, report.p_BC)).collect());
         self.write_marks(row.tick, row.singularities(), &marks);
@@ -244,7 +244,7 @@ impl<const N: usize, W: Storage> Recording<N, W> {
         let near = singularities.iter().zip(marks).filter(|(_, mark)| mark.look.presence != Presence::Hidden);
         let nearest = near.map(|(one, _)| one).min_by(|a, b| (a.s.abs() / a.eta_out).total_cmp(&(b.s.abs() / b.eta_out)));
         let half = if nearest.is_some_and(|one| one.angular == 1) { Half::Angular } else { Half::Linear };
-        let (q, p_BC) = (SVector::from_column_slice(&q[..N]), nalgebra::Vector3::from(p_BC));
+        let (q, p_BC) = (SVector::from_column_slice(q), nalgebra::Vector3::from(p_BC));
         let J = at_point(self.arm.jacobian(&q), &(p_BC - self.arm.forward_kinematics(&q).p));
         let unit = 0.62 * self.mark_size();
         let (velocity, mobility) =
