@@ -3,7 +3,7 @@
 use runtime::{FaultRecord, Shell};
 use viz::Level;
 
-use crate::Tape;
+use crate::tape::Tape;
 
 const STRUCK: u32 = 1;
 const NOTICED: u32 = 2;

@@ -1,0 +1,142 @@
+//! The recording as the recorder holds it: parts of bounded length, and an end at the first error.
+
+use std::path::PathBuf;
+
+use model::Robot;
+use runtime::ProcessError;
+use shared_types::job::{self, Job};
+use shared_types::scenario::{Record, Scenario};
+use shared_types::summary::RecorderSummary;
+use viz::{Level, RecordError, Recording, RunInfo, TickRow, Written};
+
+use crate::assemble::Row;
+
+/// The recording, as long as it can be written; the first error ends it and is kept.
+pub struct Tape {
+    recording: Option<Recording>,
+    folder: PathBuf,
+    limits: PartLimits,
+    /// What the summary reports of it.
+    pub(crate) result: RecorderSummary,
+}
+
+/// How often the recording is written besides at every checkpoint: a chunk costs the same whatever it holds, and what it holds goes with a run
+/// that is killed whole, or with a volume that is full. The picture is hardly ever, but where somebody watches.
+fn chunks(job: &Job) -> viz::Options {
+    let often = viz::Options::default();
+    let is_followed = job.live || job.mode == job::Mode::Realtime;
+    viz::Options {
+        signal_chunk_s: if is_followed { often.signal_chunk_s } else { 1.0 },
+        picture_chunk_s: if job.live { often.signal_chunk_s } else { 10.0 },
+        ..often
+    }
+}
+
+/// When a recording goes on in a further file.
+#[derive(Clone, Copy)]
+struct PartLimits {
+    ticks: u64,
+    bytes: u64,
+}
+
+impl PartLimits {
+    fn new(scenario: &Scenario) -> Self {
+        let Record { part_s, part_mb } = scenario.record;
+        Self { ticks: (part_s * f64::from(scenario.rate_hz)).round().max(1.0) as u64, bytes: part_mb.saturating_mul(1_000_000) }
+    }
+}
+
+impl Tape {
+    /// A recording in the job's folder, where the job wants one; a further file of it for a later incarnation.
+    ///
+    /// # Errors
+    /// When the file cannot be made.
+    pub fn start(robot: &Robot, job: &Job, incarnation: u32) -> Result<Self, ProcessError> {
+        let tape =
+            Self { recording: None, folder: job.out.clone(), limits: PartLimits::new(&job.scenario), result: RecorderSummary::default() };
+        if !job.record {
+            return Ok(tape);
+        }
+        let info = RunInfo { scenario: &job.scenario, robot, run: &job.run, version: &job.version, seed: job.scenario.seed };
+        let first = RecorderSummary { file: viz::part_name(0), ..RecorderSummary::default() };
+        if incarnation > 1 {
+            // A further file of the same recording: what the predecessor wrote stays as it is.
+            let part = viz::parts_in(&job.out).len() as u32;
+            return Ok(match Recording::create_part(&job.out, part, &info, chunks(job)) {
+                Ok(recording) => Self { recording: Some(recording), result: first, ..tape },
+                // A volume that has filled up meanwhile ends the recording, not the run.
+                Err(error) => Self { result: RecorderSummary { error: error.to_string(), ..first }, ..tape },
+            });
+        }
+        // A folder given with --out may hold an older recording with more parts.
+        for old in viz::parts_in(&job.out) {
+            std::fs::remove_file(&old).map_err(|error| ProcessError::setup(format!("cannot replace {}: {error}", old.display())))?;
+        }
+        let recording = Recording::create_part(&job.out, 0, &info, chunks(job)).map_err(ProcessError::setup)?;
+        Ok(Self { recording: Some(recording), result: first, ..tape })
+    }
+
+    /// Adds a tick; what is missing of it is left out.
+    pub fn tick(&mut self, row: &Row) {
+        let Some(recording) = &mut self.recording else { return };
+        let row = TickRow::new(row.tick, row.messages().lent());
+        let full = recording.part_ticks() >= self.limits.ticks || recording.part_bytes() >= self.limits.bytes;
+        let turned = if full { recording.next_part(&self.folder) } else { Ok(()) };
+        if full {
+            // A file's table of contents grows with it and is gone now.
+            runtime::realtime::give_back_memory();
+        }
+        if let Err(error) = turned.and_then(|()| recording.tick(&row)) {
+            self.fail(&error);
+        }
+    }
+
+    pub(crate) fn event(&mut self, tick: u64, level: Level, text: &str) {
+        if let Some(recording) = &mut self.recording {
+            recording.event(tick, level, text);
+        }
+    }
+
+    pub(crate) fn written(&self) -> Written {
+        self.recording.as_ref().map(Recording::written).unwrap_or_default()
+    }
+
+    pub(crate) fn go_on_after(&mut self, written: Written) {
+        if let Some(recording) = &mut self.recording {
+            recording.go_on_after(written);
+        }
+    }
+
+    /// Writes out what is being gathered: from now on it outlives the recorder.
+    pub(crate) fn flush(&mut self) {
+        if let Some(recording) = &mut self.recording {
+            recording.flush();
+        }
+    }
+
+    /// Keeps the first error; what was written before it stays.
+    fn fail(&mut self, error: &RecordError) {
+        eprintln!("{error}");
+        self.result.error = error.to_string();
+        if let Some(recording) = self.recording.take() {
+            // A part that could not be followed by another still gets its end.
+            let _ = recording.finish();
+        }
+    }
+
+    /// Ends the recording.
+    pub fn finish(mut self) -> RecorderSummary {
+        if let Some(recording) = self.recording.take()
+            && let Err(error) = recording.finish()
+        {
+            self.fail(&error);
+        }
+        if !self.result.file.is_empty() {
+            // All of them, a predecessor's too.
+            let parts = viz::parts_in(&self.folder);
+            self.result.parts = parts.len() as u32;
+            self.result.bytes = parts.iter().filter_map(|part| std::fs::metadata(part).ok()).map(|file| file.len()).sum();
+        }
+        self.result
+    }
+}
