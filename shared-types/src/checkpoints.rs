@@ -106,7 +106,7 @@ wire! {
 
 wire! {
     /// State of the controller after a tick.
-    ControllerCheckpoint checkpoint version 2 {
+    ControllerCheckpoint checkpoint version 3 {
         /// Index of the task segment; the number of segments once the path is finished.
         segment: u32,
         /// 1 once the segment's goal has been fixed.
@@ -149,8 +149,24 @@ wire! {
         joint_reversed: u32,
         /// One of `codes::REFUSALS`.
         refusal: u32,
+        /// Ticks in a row for which the estimate has been set aside.
+        doubt_ticks: u32,
+        /// 1 once an estimate has been taken as plausible.
+        plausible: u32,
         /// Zero in this version.
         reserved: u32,
+        /// Torque sent; N·m.
+        tau: [f64; MAX_DOF],
+        /// Its part along the path; N·m.
+        tau_path: [f64; MAX_DOF],
+        /// Its part in the null space; N·m.
+        tau_null: [f64; MAX_DOF],
+        /// Joint velocities that the path needs; rad/s.
+        qdot_planned: [f64; MAX_DOF],
+        /// Last plausible joint positions, carried on while the estimate is set aside; rad.
+        q_plausible: [f64; MAX_DOF],
+        /// Joint velocities there; rad/s.
+        qdot_plausible: [f64; MAX_DOF],
         /// Per singularity.
         loops: [LoopCheckpoint; MAX_SINGULARITIES],
     }
@@ -170,7 +186,7 @@ mod tests {
         let known = [
             ("armplane.EstimatorCheckpoint.v1", 304, 0xd9b2_059f_1704_a896),
             ("armplane.AnalyzerCheckpoint.v2", 1888, 0x5ea0_6884_6c13_17b0),
-            ("armplane.ControllerCheckpoint.v2", 616, 0xc788_2021_689d_66a5),
+            ("armplane.ControllerCheckpoint.v3", 1008, 0xd639_1ac3_cd06_8689),
         ];
         assert_eq!([of::<EstimatorCheckpoint>(), of::<AnalyzerCheckpoint>(), of::<ControllerCheckpoint>()], known);
     }

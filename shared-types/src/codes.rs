@@ -101,6 +101,8 @@ codes! {
         REFUSAL_LIMIT = 8 "a joint came too near to its limit and the arm was stopped before it; start in another posture, or end the path earlier",
         /// rank J and the singularities inside their neighbourhoods do not add up.
         REFUSAL_UNLISTED = 9 "the arm has lost a direction that no listed singularity explains: start elsewhere, or lead the path around that posture",
+        /// The estimate has moved as no arm can for too long.
+        REFUSAL_DOUBT = 10 "the estimated state moves as no torque within the limits can move the arm; see to the encoders",
     }
 }
 

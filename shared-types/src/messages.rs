@@ -162,7 +162,7 @@ const _: () = assert!(size_of::<TorqueCommand>() <= 256, "what a drive needs, at
 
 wire! {
     /// What the control law did to arrive at its torque, and the reference it follows: controller → recorder, for judging and showing.
-    ControlState on "control_state" version 1 {
+    ControlState on "control_state" version 2 {
         /// Tick, incarnation, stamps.
         header: Header,
         /// The part of the torque that acts at the end-effector, J_rᵀF_r with compensation of gravity and Coriolis; N·m.
@@ -205,6 +205,10 @@ wire! {
         planned: u32,
         /// One of `codes::REFUSALS`.
         refusal: u32,
+        /// Bit i: the law asked for a faster change of torque i than its drive accepts; the torque sent changes at the largest rate.
+        rate_mask: u32,
+        /// Ticks in a row for which the estimate has been set aside, because no torque within the limits moves the arm so.
+        doubt_ticks: u32,
     }
 }
 
@@ -252,7 +256,7 @@ mod tests {
             ("armplane.PlantState.v2", 480, 0x79ae_a02c_05c0_f6ac),
             ("armplane.StateEstimate.v3", 352, 0xa6db_319b_182c_8cc6),
             ("armplane.SingularityReport.v3", 1320, 0xdb2a_4781_2801_9786),
-            ("armplane.ControlState.v1", 640, 0x7f12_e438_4055_36c2),
+            ("armplane.ControlState.v2", 648, 0x153a_abfc_c10e_2a75),
             ("armplane.TorqueCommand.v4", 160, 0xe2ca_20d2_b380_3975),
         ];
         assert_eq!(topics::each(&mut Name), known);

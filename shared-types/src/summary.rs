@@ -115,8 +115,17 @@ pub struct JointSummary {
     pub torque_step_max_ratio: f64,
     /// 95th percentile of the change of torque in one tick.
     pub torque_step_p95_ratio: f64,
+    /// 99th percentile of it.
+    #[serde(default)]
+    pub torque_step_p99_ratio: f64,
     /// Ticks with any torque at its limit.
     pub saturated_ticks: u64,
+    /// Ticks at which the law asked for a faster change of any torque than its drive accepts.
+    #[serde(default)]
+    pub rate_limited_ticks: u64,
+    /// Ticks for which the controller set the estimate aside, because no torque within the limits moves the arm so.
+    #[serde(default)]
+    pub doubted_ticks: u64,
     /// Changes of mode, all singularities together; each also stands in `modes`.
     pub switches: u64,
     /// Energy put in at them: the jump in commanded power, |Δτᵀq̇| of the tick of the change, over the 25 ms in which velocity feedback takes it back; J.

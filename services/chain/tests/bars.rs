@@ -25,6 +25,13 @@ struct Figures {
     torque: f64,
     /// 95th percentile of the torque's change in one tick, as a share of its limit.
     step_p95: f64,
+    /// Its 99th percentile and its largest value.
+    step_p99: f64,
+    step_max: f64,
+    /// Tick of the largest.
+    step_tick: usize,
+    /// Torque beside its mean over 21 ticks, root mean square and largest over a second, as a share of its limit: the worst joint's.
+    hiss: [f64; 2],
     saturated_ticks: usize,
     /// Changes of mode, and the energy they put in (as the recorder's judge counts it).
     switches: usize,
@@ -40,6 +47,7 @@ const SWITCH_S: f64 = 0.025;
 fn run(robot: &Robot, scenario: &Scenario) -> Figures {
     let mut out = Figures { clean: true, ..Figures::default() };
     let mut steps = vec![];
+    let mut torques: Vec<Vec<f64>> = vec![];
     let mut last: Option<Tick> = None;
     let (mut ticks, mut phase) = (0_u32, 0);
     let n = robot.dof();
@@ -62,6 +70,7 @@ fn run(robot: &Robot, scenario: &Scenario) -> Figures {
             }
         }
         steps.push(step);
+        torques.push(robot.joints.iter().enumerate().map(|(i, joint)| tick.torque.tau[i] / joint.effort).collect());
         if let Some(last) = &last {
             let changes = (0..4).filter(|i| last.control_state.mode[*i] != tick.control_state.mode[*i]).count();
             out.switches += changes;
@@ -74,10 +83,31 @@ fn run(robot: &Robot, scenario: &Scenario) -> Figures {
         last = Some(*tick);
     };
     chain::run(robot, scenario, each).unwrap();
+    out.hiss = hiss(&torques);
+    out.step_tick = (0..steps.len()).max_by(|a, b| steps[*a].total_cmp(&steps[*b])).unwrap_or(0);
     steps.sort_by(f64::total_cmp);
     out.step_p95 = steps[steps.len() * 95 / 100];
+    out.step_p99 = steps[steps.len() * 99 / 100];
+    out.step_max = steps[steps.len() - 1];
     out.stretch = f64::from(ticks) * scenario.dt_s() / scenario.duration_s();
     out.clean &= phase == PHASE_DONE;
+    out
+}
+
+/// Noise of the torques: each beside its own mean over 21 ticks; root mean square over any half second, and the largest, of the worst joint.
+fn hiss(torques: &[Vec<f64>]) -> [f64; 2] {
+    const HALF: usize = 10;
+    let mut out = [0.0_f64; 2];
+    for i in 0..torques.first().map_or(0, Vec::len) {
+        let fast: Vec<f64> = torques
+            .windows(2 * HALF + 1)
+            .map(|window| window[HALF][i] - window.iter().map(|tau| tau[i]).sum::<f64>() / window.len() as f64)
+            .collect();
+        out[1] = fast.iter().fold(out[1], |most, x| most.max(x.abs()));
+        for half_second in fast.chunks_exact(500) {
+            out[0] = out[0].max((half_second.iter().map(|x| x * x).sum::<f64>() / 500.0).sqrt());
+        }
+    }
     out
 }
 
@@ -108,7 +138,7 @@ fn built_in(name: &str, settings: &[&str]) -> (Robot, Scenario) {
 
 fn print(name: &str, f: &Figures) {
     println!(
-        "{name:38} along {:8.4} mm {:7.4}°  orthogonal {:7.4} mm {:7.4}°  end {:6.4} mm {:6.4}°  step p95 {:.4}  {:2} switches {:.4} J  speed {:.2} torque {:.2}  stretch {:.2}{}",
+        "{name:38} along {:8.4} mm {:7.4}°  orthogonal {:7.4} mm {:7.4}°  end {:6.4} mm {:6.4}°  step p95 {:.4} p99 {:.4} max {:.4} at {:5} hiss {:.4} {:.4}  {:2} switches {:.4} J  speed {:.2} torque {:.2}  stretch {:.2}{}",
         f.along[0],
         f.along[1],
         f.orthogonal[0],
@@ -116,6 +146,11 @@ fn print(name: &str, f: &Figures) {
         f.end[0],
         f.end[1],
         f.step_p95,
+        f.step_p99,
+        f.step_max,
+        f.step_tick,
+        f.hiss[0],
+        f.hiss[1],
         f.switches,
         f.switch_j,
         f.speed,

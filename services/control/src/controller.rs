@@ -13,12 +13,14 @@ use crate::continuous::foresight::{FORESEEN_STEP_S, Foreseen, Foresight};
 use crate::continuous::governor::{Governor, Load};
 use crate::continuous::guide::Guide;
 use crate::continuous::saturation::{Limited, limit};
+use crate::continuous::torque_rate::Sent;
 use crate::continuous::turn_plan;
 use crate::law::{Active, Actives, LawError, Torques, Wanted};
 use crate::linear::{angular, clamp_norm, linear, rotation_log, stack};
 use crate::paper::reference::{Memory, Target};
 use crate::paper::type_2::Turn;
 use crate::paper::{chang_khatib, null_space, type_1, type_2};
+use crate::plausibility::{self, Bounds, Plausible};
 use crate::route_ahead::route_ahead;
 use crate::setup::{SetupError, posture_goals};
 use crate::state::State;
@@ -99,6 +101,9 @@ impl<const N: usize> Controller<N> {
                 path_time_s: 0.0,
                 route_time_s: 0.0,
                 joint_memory: JointMemory::at(q_start),
+                sent: Sent::holding(&rest.gravity, model.effort()),
+                qdot_planned: SVector::zeros(),
+                plausible: Plausible::unknown(),
             },
             obstacle,
             model,
@@ -115,8 +120,9 @@ impl<const N: usize> Controller<N> {
     ///
     /// `tau_disturbance` is the torque on the joints that the model does not explain; it is compensated where the scenario says so.
     /// Shapes N · Units rad, rad/s, N·m · Requires `report` to be the analysis of this very state · Ensures finite torques within the limits for any
-    /// data: where the law's equations are singular it refuses, and the torque brings the arm to rest from then on · Errors none: a refusal is in the
-    /// command · Cost about 3 µs for six joints, no allocation
+    /// data, each within the torque rate of the tick before: where the law's equations are singular it refuses, and the torque brings the arm to rest
+    /// from then on; an estimate that no arm can have moved to is set aside, and the arm is brought to rest meanwhile · Errors none: a refusal is in
+    /// the command · Cost about 3 µs for six joints, no allocation
     pub fn step(
         &mut self,
         q: &SVector<f64, N>,
@@ -131,6 +137,10 @@ impl<const N: usize> Controller<N> {
             return self.refuse(q, qdot, Refusal::State);
         }
         let terms = &self.model.evaluate(q, qdot);
+        let bounds = Bounds { terms, velocity: self.model.velocity(), effort: self.model.effort(), dt: self.scenario.dt_s() };
+        if !self.state.plausible.take(q, qdot, &bounds) {
+            return self.doubt();
+        }
         let at = &AtCentre::new(terms, &report.p_BC, &terms.omega[N - 1]);
         let p_EC = &(terms.X_BE.R.transpose() * (report.p_BC - terms.X_BE.p));
         // On a copy: a tick that is refused half-way leaves no half-made state.
@@ -155,6 +165,50 @@ impl<const N: usize> Controller<N> {
         }
     }
 
+    /// Brings the arm to rest from where it plausibly is, its path's clock with it; after too long it refuses to go on.
+    fn doubt(&mut self) -> Command<N> {
+        let (dt, damping) = (self.scenario.dt_s(), 0.5 * self.scenario.control.k_v);
+        let ticks = self.state.plausible.doubt_ticks;
+        if f64::from(ticks) * dt > plausibility::DOUBT_S {
+            self.state.refusal = Refusal::Doubt;
+        }
+        self.state.plausible.come_to_rest(damping, dt);
+        if self.scenario.control.governor {
+            self.state.governor.slow_down(damping, dt);
+        }
+        let Plausible { q, qdot, .. } = self.state.plausible;
+        let terms = self.model.evaluate(&q, &qdot);
+        let rest = self.refusal(Some((&terms, &qdot)));
+        if self.state.refusal != Refusal::None {
+            return rest;
+        }
+        let clock = self.state.governor.rate;
+        if self.path.leg(self.state.progress.leg).is_some() {
+            let on_path = self.guide.path_time(self.state.route_time_s, clock * dt);
+            self.state.route_time_s += clock * dt;
+            self.state.progress.time_s += on_path;
+            self.state.path_time_s += on_path;
+        }
+        let desired = self.path.desired(&self.state.progress, clock, 0.0);
+        let running = self.path.leg(self.state.progress.leg).is_some();
+        Command {
+            R_BE_d: desired.R,
+            p_BE_d: desired.p,
+            V_BE_d: desired.V,
+            path_time_s: self.state.path_time_s,
+            time_scale: clock,
+            mode: self.state.loops.map(|one| one.mode),
+            phase: if running { Phase::Running } else { Phase::Settling },
+            refusal: Refusal::None,
+            ..rest
+        }
+    }
+
+    /// Largest change of each torque in a tick, N·m.
+    fn torque_step(&self) -> SVector<f64, N> {
+        self.model.torque_rate() * self.scenario.dt_s()
+    }
+
     /// The five steps of the table in the crate's documentation.
     fn tick(&self, state: &mut State<N>, now: &Inputs<'_, N>) -> Result<Command<N>, LawError> {
         self.check_rank(now.report)?;
@@ -163,7 +217,10 @@ impl<const N: usize> Controller<N> {
         self.bound_return(now.report, &auxiliary.telemetry.mode, &mut motion);
         let torques = self.torques(state, now, &motion, &auxiliary.actives)?;
         let limited = self.limits(now, &motion, &torques)?;
-        let command = self.command(state, now, &motion, &auxiliary, &limited);
+        state.qdot_planned = torques.qdot_nominal * motion.clock;
+        let rate_mask;
+        (state.sent, rate_mask) = state.sent.next(&limited, &(torques.path * limited.task_scale), &self.torque_step());
+        let command = Command { rate_mask, ..self.command(state, now, &motion, &auxiliary, &limited) };
         self.clock(state, now, &motion, &torques, auxiliary.load);
         Ok(command)
     }
@@ -228,12 +285,14 @@ impl<const N: usize> Controller<N> {
     fn auxiliary_coordinates(&self, state: &mut State<N>, now: &Inputs<'_, N>, motion: &Motion<N>) -> Result<Auxiliary<N>, LawError> {
         let control = &self.scenario.control;
         let ahead = self.path.ahead(&state.progress, *now.p_EC);
+        let planned = state.qdot_planned;
         let mut out = Auxiliary { actives: Actives::none(), telemetry: Telemetry::default(), load: 0.0 };
         for (i, singularity) in now.report.meant().iter().enumerate() {
             let kind = singularity.kind.code();
             let rate_max = self.rate_max(i, singularity);
             let situation = Situation {
                 q: now.q,
+                qdot_planned: &planned,
                 terms: now.terms,
                 at: now.at,
                 desired: &motion.desired,
@@ -459,9 +518,9 @@ impl<const N: usize> Controller<N> {
         let telemetry = &auxiliary.telemetry;
         let planned = leg.and_then(|leg| leg.reorient).filter(|_| state.turn.duration_s > 0.0);
         Command {
-            tau: limited.tau,
-            tau_task: limited.task,
-            tau_null: limited.null,
+            tau: state.sent.tau,
+            tau_task: state.sent.tau - state.sent.null,
+            tau_null: state.sent.null,
             R_BE_d: desired_E.R,
             p_BE_d: desired_E.p,
             V_BE_d: desired_E.V,
@@ -482,6 +541,8 @@ impl<const N: usize> Controller<N> {
                 (None, false) => Phase::Done,
             },
             saturation_mask: limited.mask,
+            rate_mask: 0,
+            doubt_ticks: 0,
             clipped: telemetry.clipped,
             refusal: Refusal::None,
         }
@@ -523,9 +584,9 @@ impl<const N: usize> Controller<N> {
         if size < 1e-8 { Vector6::zeros() } else { V * (dot(V, a) / size) }
     }
 
-    /// Gravity held and motion damped, within the limits; zero torque where the state is not finite.
-    fn refusal(&self, known: Option<(&Terms<N>, &SVector<f64, N>)>) -> Command<N> {
-        let limits = self.model.effort();
+    /// Gravity held and motion damped, within the limits and the torque rates; towards zero torque where the state is not finite.
+    fn refusal(&mut self, known: Option<(&Terms<N>, &SVector<f64, N>)>) -> Command<N> {
+        let limits = *self.model.effort();
         let mut tau = known.map_or_else(SVector::zeros, |(terms, qdot)| {
             terms.gravity - SVector::<f64, N>::from_fn(|i, _| terms.A[(i, i)] * 0.5 * self.scenario.control.k_v * qdot[i])
         });
@@ -539,11 +600,15 @@ impl<const N: usize> Controller<N> {
                 tau[i] = tau[i].clamp(-limits[i], limits[i]);
             }
         }
+        let wanted = Limited { tau, task: tau, null: SVector::zeros(), null_scale: 0.0, task_scale: 0.0, mask, load: 0.0 };
+        let rate_mask;
+        (self.state.sent, rate_mask) = self.state.sent.next(&wanted, &SVector::zeros(), &self.torque_step());
+        let Sent { tau, null, .. } = self.state.sent;
         let start = self.state.progress.start;
         Command {
             tau,
-            tau_task: tau,
-            tau_null: SVector::zeros(),
+            tau_task: tau - null,
+            tau_null: null,
             R_BE_d: start.R,
             p_BE_d: start.p,
             V_BE_d: Vector6::zeros(),
@@ -560,6 +625,8 @@ impl<const N: usize> Controller<N> {
             segment: self.state.progress.leg as u32,
             phase: Phase::Refused,
             saturation_mask: mask,
+            rate_mask,
+            doubt_ticks: self.state.plausible.doubt_ticks,
             clipped: false,
             refusal: self.state.refusal,
         }

@@ -3,13 +3,15 @@
 use crate::baselines::resolved_rate::JointMemory;
 use crate::continuous::auxiliary::Loop;
 use crate::continuous::governor::Governor;
+use crate::continuous::torque_rate::Sent;
 use crate::paper::reference::Memory;
 use crate::paper::type_2::Turn;
+use crate::plausibility::Plausible;
 use crate::trajectory::Progress;
 use crate::types::{Mode, Refusal};
 use crate::wire::{joints, padded};
 use model::Pose;
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, SVector};
 use shared_types::checkpoints::LoopCheckpoint;
 use shared_types::{ControllerCheckpoint, MAX_SINGULARITIES};
 
@@ -25,12 +27,18 @@ pub(crate) struct State<const N: usize> {
     /// The plan's own clock, s.
     pub(crate) route_time_s: f64,
     pub(crate) joint_memory: JointMemory<N>,
+    /// Torque of the tick before.
+    pub(crate) sent: Sent<N>,
+    /// Joint velocities that the path needs, rad/s.
+    pub(crate) qdot_planned: SVector<f64, N>,
+    pub(crate) plausible: Plausible<N>,
 }
 
 impl<const N: usize> State<N> {
     /// Writes all of it.
     pub(crate) fn save(&self, out: &mut ControllerCheckpoint) {
-        let State { progress, governor, loops, turn, refusal, path_time_s, route_time_s, joint_memory } = self;
+        let State { progress, governor, loops, turn, refusal, path_time_s, route_time_s, joint_memory, sent, qdot_planned, plausible } =
+            self;
         *out = ControllerCheckpoint {
             segment: progress.leg as u32,
             begun: u32::from(progress.begun),
@@ -53,7 +61,15 @@ impl<const N: usize> State<N> {
             joint_holding: u32::from(joint_memory.holding),
             joint_reversed: joint_memory.reversed,
             refusal: refusal.code(),
+            doubt_ticks: plausible.doubt_ticks,
+            plausible: u32::from(plausible.known),
             reserved: 0,
+            tau: padded(&sent.tau),
+            tau_path: padded(&sent.path),
+            tau_null: padded(&sent.null),
+            qdot_planned: padded(qdot_planned),
+            q_plausible: padded(&plausible.q),
+            qdot_plausible: padded(&plausible.qdot),
             loops: loops.map(|one| LoopCheckpoint {
                 mode: one.mode.code(),
                 passing: u32::from(one.memory.passing),
@@ -96,6 +112,14 @@ impl<const N: usize> State<N> {
                 votes: from.joint_votes,
                 reversed: from.joint_reversed,
                 q: joints(&from.joint_q),
+            },
+            sent: Sent { tau: joints(&from.tau), path: joints(&from.tau_path), null: joints(&from.tau_null) },
+            qdot_planned: joints(&from.qdot_planned),
+            plausible: Plausible {
+                known: from.plausible != 0,
+                doubt_ticks: from.doubt_ticks,
+                q: joints(&from.q_plausible),
+                qdot: joints(&from.qdot_plausible),
             },
         }
     }

@@ -114,6 +114,8 @@ coded! {
         Limit = REFUSAL_LIMIT,
         /// A direction is lost that no listed singularity explains.
         Unlisted = REFUSAL_UNLISTED,
+        /// The estimate moves as no arm can.
+        Doubt = REFUSAL_DOUBT,
     }
 }
 
@@ -263,6 +265,10 @@ pub struct Command<const N: usize> {
     pub phase: Phase,
     /// Bit i: torque i is at its limit.
     pub saturation_mask: u32,
+    /// Bit i: torque i would have changed faster than its drive accepts.
+    pub rate_mask: u32,
+    /// Ticks in a row for which the estimate has been set aside.
+    pub doubt_ticks: u32,
     /// The goal was beyond reach and has been clipped to the boundary.
     pub clipped: bool,
     /// Why the phase is [`Phase::Refused`].

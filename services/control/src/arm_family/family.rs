@@ -29,6 +29,9 @@ pub struct Posture<'a, const N: usize> {
 pub struct Situation<'a, const N: usize> {
     /// Joint positions, rad.
     pub q: &'a SVector<f64, N>,
+    /// Joint velocities that the path needs, by the law's own solution, rad/s: a reference's rate follows from them and not from measured ones, whose
+    /// noise it would amplify near a singularity.
+    pub qdot_planned: &'a SVector<f64, N>,
     /// The model's terms.
     pub terms: &'a Terms<N>,
     /// Kinematics at C.

@@ -104,8 +104,8 @@ impl<const N: usize> ArmFamily<N> for ParallelAxes {
         Some(match s.kind {
             Kind::Overhead => waist::direction(at, memory),
             _ => {
-                let (z, omega) = (&at.terms.z, &at.terms.omega);
-                let (n, n_rate) = (z[1], omega[0].cross(&z[1]));
+                let z = &at.terms.z;
+                let (n, n_rate) = (z[1], (z[0] * at.qdot_planned[0]).cross(&z[1]));
                 let axes = wrist::Wrist { z4: n, z5: z[N - 2], z6: z[N - 1], z4_rate: n_rate, carried: 0.0, joints: (None, N - 1) };
                 let arm = PlanarArm::new(at.terms, &at.at.p);
                 wrist::direction(&axes, s, at, memory, |p, z6_d| arm.at(p).sees(z6_d))

@@ -62,9 +62,9 @@ pub(super) struct Wrist {
     pub(super) z4: Vector3<f64>,
     pub(super) z5: Vector3<f64>,
     pub(super) z6: Vector3<f64>,
-    /// Change of z4, 1/s.
+    /// Planned change of z4, 1/s.
     pub(super) z4_rate: Vector3<f64>,
-    /// φ̇ while the joint that φ counts from stands still, rad/s.
+    /// Planned φ̇ while the joint that φ counts from stands still, rad/s.
     pub(super) carried: f64,
     /// Joints that turn with ζ, and against it; the first none where several share the turn.
     pub(super) joints: (Option<usize>, usize),
@@ -72,17 +72,11 @@ pub(super) struct Wrist {
 
 impl Wrist {
     /// A spherical wrist: the last three axes.
-    pub(super) fn spherical<const N: usize>(terms: &Terms<N>) -> Self {
-        let (z, omega, forearm) = (&terms.z, &terms.omega, N - 3);
+    pub(super) fn spherical<const N: usize>(terms: &Terms<N>, qdot_planned: &SVector<f64, N>) -> Self {
+        let (z, forearm) = (&terms.z, N - 3);
         let z4 = z[forearm];
-        Self {
-            z4,
-            z5: z[N - 2],
-            z6: z[N - 1],
-            z4_rate: omega[forearm].cross(&z4),
-            carried: z4.dot(&omega[forearm - 1]),
-            joints: (Some(forearm), N - 1),
-        }
+        let omega = (0..forearm).fold(Vector3::zeros(), |omega, i| omega + z[i] * qdot_planned[i]);
+        Self { z4, z5: z[N - 2], z6: z[N - 1], z4_rate: omega.cross(&z4), carried: z4.dot(&omega), joints: (Some(forearm), N - 1) }
     }
 
     /// Whether the joints have room for ζ to turn so far.

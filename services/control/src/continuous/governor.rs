@@ -56,6 +56,12 @@ impl Default for Governor {
 }
 
 impl Governor {
+    /// Slows down as fast as an arm does that is damped by `damping`, 1/s: the path waits for it.
+    pub fn slow_down(&mut self, damping: f64, dt: f64) {
+        self.rate = (self.rate * libm::exp(-damping * dt)).max(SLOWEST);
+        self.rate_dot = 0.0;
+    }
+
     /// Moves towards 0.95/demand within [0.05, 1], in 20 ms down, in 80 ms up, as fast as a share of the torque allows.
     ///
     /// The clock's change is known, so it is fed forward. Speed goes with the clock, torque beyond holding with its square; a rising demand is

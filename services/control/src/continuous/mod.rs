@@ -10,4 +10,5 @@ pub mod governor;
 pub mod guide;
 pub mod path_plan;
 pub mod saturation;
+pub mod torque_rate;
 pub mod turn_plan;

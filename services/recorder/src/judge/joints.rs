@@ -14,6 +14,8 @@ const STEP_UNIT: f64 = 1e6;
 const STEP_MOST: f64 = 1e3;
 /// Time over which the jump of a switch is taken back, s: the default velocity feedback's, 1/k_v.
 const SWITCH_S: f64 = 0.025;
+/// Ticks at the torque rate that cost nothing worth a word: less than the velocity feedback takes to answer.
+const FREE_TICKS: u64 = 10;
 
 /// The arm's limits: task axes, and one entry a joint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -82,6 +84,8 @@ impl JointMeter {
         joints.q_end.clear();
         joints.q_end.extend_from_slice(&tick.truth.q[..n]);
         joints.saturated_ticks += u64::from(tick.torque.saturation_mask != 0);
+        joints.rate_limited_ticks += u64::from(tick.control.rate_mask != 0);
+        joints.doubted_ticks += u64::from(tick.control.doubt_ticks != 0);
         let last = self.last_tau.get_or_insert_default();
         last.clear();
         last.extend_from_slice(tau);
@@ -122,14 +126,21 @@ impl JointMeter {
 
     /// One clause for each limit that was reached.
     pub(super) fn clauses(&self) -> impl Iterator<Item = String> {
-        self.summary.limits.iter().map(|limit| {
+        let limits = self.summary.limits.iter().map(|limit| {
             let LimitSummary { first_tick, ticks, .. } = limit;
             format!("{} for {ticks} ticks from tick {first_tick} on", reached(limit))
-        })
+        });
+        let JointSummary { rate_limited_ticks, doubted_ticks, .. } = self.summary;
+        let waits = (rate_limited_ticks > FREE_TICKS)
+            .then(|| format!("torques waited for the rates that the drives accept, {rate_limited_ticks} ticks in all"));
+        let doubts = (doubted_ticks > 0)
+            .then(|| format!("the estimate was set aside for {doubted_ticks} ticks, because no torque within the limits moves the arm so"));
+        limits.chain(waits).chain(doubts)
     }
 
     pub(super) fn finish(mut self) -> JointSummary {
         if !self.torque_steps.is_empty() {
+            self.summary.torque_step_p99_ratio = self.torque_steps.value_at_quantile(0.99) as f64 / STEP_UNIT;
             self.summary.torque_step_p95_ratio = self.torque_steps.value_at_quantile(0.95) as f64 / STEP_UNIT;
         }
         self.summary

@@ -1,0 +1,95 @@
+//! Estimates that no arm can have moved to: beyond what its speed and torque limits allow.
+
+use crate::linear::Lu;
+use model::Terms;
+use nalgebra::SVector;
+
+/// Time after which a state that stays implausible is refused, s: longer than the estimator sets readings aside, shorter than an arm takes to fall far.
+pub(crate) const DOUBT_S: f64 = 0.2;
+
+/// A joint moves with at most so many times its speed limit.
+const SPEED: f64 = 2.0;
+
+/// Error of the estimated position that is no motion, rad.
+const POSITION_NOISE: f64 = 0.02;
+
+/// Error of the estimated velocity that is no acceleration, as a share of the speed limit: that of a difference of two readings.
+const VELOCITY_NOISE: f64 = 0.25;
+
+/// Speed limit where there is none, rad/s.
+const FAST: f64 = 10.0;
+
+/// The limits of physics at one tick.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Bounds<'a, const N: usize> {
+    pub(crate) terms: &'a Terms<N>,
+    /// rad/s.
+    pub(crate) velocity: &'a SVector<f64, N>,
+    /// N·m.
+    pub(crate) effort: &'a SVector<f64, N>,
+    /// s.
+    pub(crate) dt: f64,
+}
+
+/// The last plausible state, carried on to rest while the estimate is set aside.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Plausible<const N: usize> {
+    /// Whether there has been one.
+    pub(crate) known: bool,
+    /// Ticks in a row for which the estimate has been set aside.
+    pub(crate) doubt_ticks: u32,
+    /// rad.
+    pub(crate) q: SVector<f64, N>,
+    /// rad/s.
+    pub(crate) qdot: SVector<f64, N>,
+}
+
+impl<const N: usize> Plausible<N> {
+    /// Before the first tick.
+    pub(crate) fn unknown() -> Self {
+        Self { known: false, doubt_ticks: 0, q: SVector::zeros(), qdot: SVector::zeros() }
+    }
+
+    /// Takes the estimate where it is plausible; returns whether it is.
+    ///
+    /// With k ticks of doubt before: |Δq_i| ≤ 2·q̇_max·(1 + k)·dt + 0.02 rad, and |q̇_i| grows by at most a quarter of its limit plus
+    /// (1 + k)·dt·Σ_j |A⁻¹_ij|·(τ_max,j + |g_j|). A speed that falls is always plausible: stops and floors take any of it.
+    ///
+    /// Shapes N · Units rad, rad/s · Requires finite numbers · Ensures that a lasting change of place is accepted after the time an arm takes to get
+    /// there · Cost O(N), and O(N³) for a velocity that changes by more than a quarter of its limit; no allocation
+    pub(crate) fn take(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, bounds: &Bounds<'_, N>) -> bool {
+        let ticks = 1.0 + f64::from(self.doubt_ticks);
+        let is_plausible = !self.known || self.near(q, ticks, bounds) && self.reachable(qdot, ticks, bounds);
+        if is_plausible {
+            *self = Self { known: true, doubt_ticks: 0, q: *q, qdot: *qdot };
+        } else {
+            self.doubt_ticks = self.doubt_ticks.saturating_add(1);
+        }
+        is_plausible
+    }
+
+    fn near(&self, q: &SVector<f64, N>, ticks: f64, bounds: &Bounds<'_, N>) -> bool {
+        (0..N).all(|i| (q[i] - self.q[i]).abs() <= SPEED * bounds.velocity[i] * bounds.dt * ticks + POSITION_NOISE)
+    }
+
+    fn reachable(&self, qdot: &SVector<f64, N>, ticks: f64, bounds: &Bounds<'_, N>) -> bool {
+        let fast = |i: usize| if bounds.velocity[i].is_finite() { bounds.velocity[i] } else { FAST };
+        let beyond = SVector::<f64, N>::from_fn(|i, _| qdot[i].abs() - self.qdot[i].abs() - VELOCITY_NOISE * fast(i));
+        if beyond.iter().all(|x| *x <= 0.0) {
+            return true;
+        }
+        let Ok(lu) = Lu::new(bounds.terms.A) else { return false };
+        let mut most = SVector::<f64, N>::zeros();
+        for j in 0..N {
+            let push = SVector::from_fn(|i, _| if i == j { bounds.effort[j] + bounds.terms.gravity[j].abs() } else { 0.0 });
+            most += lu.solve(&push).abs();
+        }
+        (0..N).all(|i| beyond[i] <= 0.0 || beyond[i] <= most[i] * bounds.dt * ticks)
+    }
+
+    /// One tick of the motion of an arm that is damped by `damping`, 1/s.
+    pub(crate) fn come_to_rest(&mut self, damping: f64, dt: f64) {
+        self.q += self.qdot * dt;
+        self.qdot *= libm::exp(-damping * dt);
+    }
+}
