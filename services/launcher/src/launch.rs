@@ -38,7 +38,7 @@ impl Launcher {
         }
         let hub = Hub::create(&run, &manifest)?;
         let slots = plan.children.iter().map(|_| Slot::default()).collect();
-        Ok(Self(Supervised { slots: Slots(slots), hub, control_page, run, plan }))
+        Ok(Self(Supervised { slots: Slots(slots), hub, control_page, run, plan, recalls_until: None }))
     }
 
     /// The run's directory, for files that the processes shall find there (the scenario).
@@ -67,6 +67,8 @@ impl Supervised {
         let until = Instant::now() + self.plan.limits.start;
         for (state, next) in [(State::Ready, Phase::Connect), (State::Connected, Phase::Work)] {
             self.await_all(state, until, &mut signals, report)?;
+            // The keepers too have their connections before the first message.
+            self.hub.connect()?;
             self.control_page.begin(next);
         }
         report(Event::Go);

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use runtime::{ControlPage, Hub, RunDir, now_ns};
+use runtime::{ControlPage, Hub, RunDir, State, now_ns};
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::time::Timespec;
 
@@ -14,6 +14,12 @@ use crate::plan::{Commands, Event, Plan, Report};
 /// How often progress is reported, and signals are looked at; an exit is detected at once.
 pub(crate) const BEAT: Duration = Duration::from_millis(40);
 
+/// How often a replacement of the recorder that asks for what it has missed is looked at ...
+const BEAT_RECALLING: Duration = Duration::from_millis(1);
+
+/// ... until it has asked for nothing for so long.
+const RECALL: Duration = Duration::from_millis(500);
+
 /// A run and its processes.
 #[derive(Debug)]
 pub(crate) struct Supervised {
@@ -23,6 +29,8 @@ pub(crate) struct Supervised {
     pub(crate) control_page: ControlPage,
     pub(crate) run: RunDir,
     pub(crate) plan: Plan,
+    /// A polled process recalls what it has missed, or did so a moment ago.
+    pub(crate) recalls_until: Option<Instant>,
 }
 
 #[derive(Debug, Default)]
@@ -72,13 +80,34 @@ impl Supervised {
         Ok(())
     }
 
-    /// Sleeps until a child ends, a signal comes, or the time is over.
-    pub(crate) fn rest(&self, limit: Duration) {
+    /// Sleeps until a child ends, a signal comes, or the time is over; meanwhile nothing is handed over, so it is short while that is wanted.
+    pub(crate) fn rest(&mut self, limit: Duration) {
+        let limit = if self.keep_messages() { limit.min(BEAT_RECALLING) } else { limit };
         let living = self.slots.0.iter().filter_map(|slot| slot.child.as_ref());
         let mut fds: Vec<PollFd<'_>> = living.map(|child| PollFd::new(&child.pidfd, PollFlags::IN)).collect();
         let limit = Timespec { tv_sec: limit.as_secs() as i64, tv_nsec: i64::from(limit.subsec_nanos()) };
         // An error is an interruption by a signal, which the caller looks at anyway.
         let _ = poll(&mut fds, Some(&limit));
+    }
+
+    /// Connects the keepers of the topics to new writers, and hands over what they hold: at every look while a polled process is down, and
+    /// whenever a process asks. Whether the next look is to be soon.
+    fn keep_messages(&mut self) -> bool {
+        let is_down = |index: usize| {
+            let state = self.control_page.process(index).state();
+            self.plan.children[index].process.polled
+                && (state == State::Gone || (state != State::Running && self.slots.0[index].restarts > 0))
+        };
+        let is_down = (0..self.plan.children.len()).any(is_down);
+        let connected = self.hub.connect().and_then(|()| if is_down { self.hub.hand_over() } else { Ok(()) });
+        let answered = connected.and_then(|()| self.hub.answer(&self.control_page)).unwrap_or_else(|error| {
+            tracing::warn!("{error}");
+            false
+        });
+        if is_down || answered {
+            self.recalls_until = Some(Instant::now() + RECALL);
+        }
+        self.recalls_until.is_some_and(|until| Instant::now() < until)
     }
 
     pub(crate) fn pass_lines_on(&mut self, report: Report<'_>) {

@@ -52,6 +52,9 @@ pub(crate) struct FaultState {
     is_volume_full: Cell<bool>,
 }
 
+/// How often a process looks whether the launcher has handed over what it misses.
+const HAND_OVER_LOOK: Duration = Duration::from_micros(200);
+
 /// Everything that takes part in the beginning or the end of a tick.
 #[derive(Default)]
 pub(crate) struct Attached {
@@ -77,6 +80,8 @@ pub(crate) struct Context {
     /// The tick in hand: everything before it is closed.
     pub(crate) tick: Cell<u64>,
     pub(crate) stamping: Stamping,
+    /// Ticks that the source may be ahead of a polled process.
+    pub(crate) recorder_lag: u64,
     /// Deliberate pauses, in a run of `verify`.
     pub(crate) pauses: RefCell<Option<Pauses>>,
     pub(crate) faults: FaultState,
@@ -220,6 +225,22 @@ impl Context {
         let now = self.clock_ns();
         self.stamping.stamp(header, now, self.entry());
         now
+    }
+
+    /// Waits until the launcher has handed over all that the keepers of the topics held at the call: for a process that misses messages of `topic`.
+    ///
+    /// Not ended by a stop of the run: what is missing is taken in before the process ends.
+    pub(crate) fn await_hand_over(&self, topic: &'static str) -> Result<(), Interrupted> {
+        let (request, began_ns) = (self.control_page.request_hand_over(), now_ns());
+        while !self.control_page.is_handed_over(request) {
+            let waited = Duration::from_nanos(now_ns() - began_ns);
+            if waited > self.manifest.wait_limit {
+                let what = format!("the messages of topic {topic:?} that it has missed");
+                return Err(Interrupted::TimedOut { process: self.name().to_owned(), what, from: "the launcher".into(), waited });
+            }
+            std::thread::sleep(HAND_OVER_LOOK);
+        }
+        Ok(())
     }
 
     /// In lockstep: waits until no polled process lags so far that it could lose this tick, and all are back whom the fault table has back by then.
@@ -466,5 +487,9 @@ impl View for Context {
 
     fn is_lockstep(&self) -> bool {
         Context::is_lockstep(self)
+    }
+
+    fn recorder_lag(&self) -> u64 {
+        self.recorder_lag
     }
 }

@@ -70,6 +70,10 @@ pub(crate) trait View {
     fn outages(&self) -> impl Iterator<Item = Outage>;
     /// Whether ticks wait for all (lockstep), or pass by the clock (real time).
     fn is_lockstep(&self) -> bool;
+    /// Ticks that the source may be ahead of a polled process: at most [`RECORDER_LAG`], less where messages are so large that fewer are kept.
+    fn recorder_lag(&self) -> u64 {
+        RECORDER_LAG
+    }
 }
 
 /// Ticks that the source may be ahead of a polled process.
@@ -142,7 +146,8 @@ impl<'a, V: View> Protocol<'a, V> {
 
     /// A polled process that has more to take in than stays available.
     fn lags(&self, tick: u64) -> Option<usize> {
-        self.processes().find(|&process| self.view.role(process).polled && tick > self.view.progress(process).ticks + RECORDER_LAG)
+        self.processes()
+            .find(|&process| self.view.role(process).polled && tick > self.view.progress(process).ticks + self.view.recorder_lag())
     }
 
     /// A process that the fault table has back by a tick, and that is not back.

@@ -12,7 +12,7 @@ use shared_types::{Checkpoint, Message};
 
 use crate::bus::collector::Collector;
 use crate::bus::reader::Reader;
-use crate::bus::topic::{self, CHAIN_DEPTH, RECORDER_DEPTH, Subscribing, TopicError};
+use crate::bus::topic::{self, CHAIN_DEPTH, RECORDER_DEPTH, Subscribing, TopicError, least_depth};
 use crate::bus::writer::{SendError, Writer};
 use crate::checkpoint::CheckpointSlots;
 use crate::clock::now_ns;
@@ -20,6 +20,7 @@ use crate::context::{Attached, Connect, Context, FaultState, StopFlag};
 use crate::control_page::{ANYTHING, ControlPage, ControlPageError, Count, PROGRESS, ProcessEntry, Stop, Watchdog};
 use crate::disturbance::Pauses;
 use crate::fault::table::FaultTable;
+use crate::lockstep::RECORDER_LAG;
 use crate::manifest::{Disturbance, Manifest, ManifestError, Mode};
 use crate::realtime;
 use crate::run_dir::{RunDir, RunDirError};
@@ -157,6 +158,8 @@ impl Shell {
         let stops_at = if manifest.processes[me].polled { Stop::Everything } else { Stop::Chain };
         let shared = Context {
             stamping: Stamping::of(process),
+            // A quarter of what is kept: faults make several messages of one tick, and a block of a message log is not in its file yet.
+            recorder_lag: RECORDER_LAG.min(least_depth(&manifest.topics()) as u64 / 4),
             run,
             manifest,
             control_page,

@@ -15,7 +15,7 @@ use crate::{
 struct Stage {
     run: RunDir,
     control_page: ControlPage,
-    _hub: Hub,
+    hub: Hub,
 }
 
 fn stage(mode: Mode) -> Stage {
@@ -38,7 +38,7 @@ fn stage(mode: Mode) -> Stage {
         control_page.process(index).begin_incarnation();
     }
     control_page.begin(Phase::Work);
-    Stage { run, control_page, _hub: hub }
+    Stage { run, control_page, hub }
 }
 
 impl Stage {
@@ -303,17 +303,37 @@ fn a_reader_of_everything_that_comes_back_gets_what_it_missed_and_nothing_twice(
     drop((drain, first));
     (100..200).for_each(|tick| sensors.send(sample(tick)).unwrap());
     stage.control_page.process(2).begin_incarnation();
-    let second = stage.shell("recorder");
-    let mut drain = second.collector::<SensorSample>().unwrap();
-    drain.resume(Some(80), 0);
-    drain.recall(Some(&taken[80])).unwrap();
-    second.poll(Duration::ZERO).unwrap();
-    sensors.send(sample(200)).unwrap();
-    stage.control_page.process(0).begin_incarnation();
-    let mut ticks = Vec::new();
-    drain.collect(|message| ticks.push(message.header.tick)).unwrap();
-    assert_eq!(ticks, (81..=200).collect::<Vec<_>>());
-    assert_eq!((second.count(Count::Lost), second.count(Count::Repeated), second.count(Count::Fenced)), (0, 0, 0));
+    let (page, run) = (&stage.control_page, stage.run.path());
+    std::thread::scope(|scope| {
+        let recorder = scope.spawn(|| {
+            let second = Shell::open(run, "recorder").unwrap();
+            let mut drain = second.collector::<SensorSample>().unwrap();
+            drain.resume(Some(80), 0);
+            drain.recall(Some(&taken[80])).unwrap();
+            second.poll(Duration::ZERO).unwrap();
+            let mut ticks = Vec::new();
+            while ticks.last() != Some(&210) {
+                drain.collect(|message| ticks.push(message.header.tick)).unwrap();
+            }
+            (ticks, [Count::Lost, Count::Repeated, Count::Fenced].map(|count| second.count(count)))
+        });
+        // The launcher's part, while messages go on: those before the recorder is connected come from the keeper, then from both.
+        let mut next = 200;
+        while !recorder.is_finished() {
+            stage.hub.answer(page).unwrap();
+            if next <= 210 && (next < 205 || page.process(2).state() == State::Running) {
+                sensors.send(sample(next)).unwrap();
+                next += 1;
+            }
+            if next == 205 {
+                page.process(0).begin_incarnation();
+            }
+            std::thread::sleep(Duration::from_micros(300));
+        }
+        let (ticks, counts) = recorder.join().unwrap();
+        assert_eq!(ticks, (81..=210).collect::<Vec<_>>());
+        assert_eq!(counts, [0, 0, 0]);
+    });
 }
 
 #[test]

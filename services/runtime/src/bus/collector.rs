@@ -6,10 +6,10 @@ use bytemuck::bytes_of;
 use shared_types::Message;
 
 use crate::bus::inlet::{Admission, Incoming, Inlet};
-use crate::bus::topic::{Subscribing, TopicError};
+use crate::bus::topic::Subscribing;
 use crate::context::Context;
 use crate::control_page::Count;
-use crate::memory::{Memory, RING};
+use crate::memory::HandedOver;
 use crate::wait::Interrupted;
 
 /// Reads everything of a topic, in order; never waits.
@@ -23,51 +23,62 @@ pub struct Collector<M: Message> {
 
 /// The messages that were delivered while nobody received them, and those that were received and died with who had them.
 struct Recall<M: Message> {
-    memory: Memory<M>,
-    /// Number of the next one to take from the ring.
+    handed_over: HandedOver<M>,
+    /// Number of the next one to take from the file.
     next: u64,
     /// Below it all are known to have come by the usual way too.
     known: u64,
+    /// One that was taken from the file has come by the usual way too: from then on its writer is connected, and all that follows it comes.
+    is_connected: bool,
 }
+
+/// How often the keeper's messages are asked for again where they lack one that has come by the usual way.
+const ATTEMPTS: u32 = 5;
 
 impl<M: Message> Recall<M> {
     /// Goes on behind the last message that its predecessor has left in its files; from the oldest on, where that one is gone.
-    fn after(memory: Memory<M>, last: Option<&M>) -> Self {
-        let count = memory.delivered_so_far();
-        // One less than the ring holds: the oldest is the next to be overwritten.
-        let oldest = count.saturating_sub(RING as u64 - 1);
-        let is_last = |number: &u64| memory.delivered(*number).is_some_and(|one| last.is_some_and(|last| bytes_of(&one) == bytes_of(last)));
+    fn after(handed_over: HandedOver<M>, last: Option<&M>) -> Self {
+        let (count, oldest) = (handed_over.count(), Self::oldest(&handed_over));
+        let is_last = |number: &u64| handed_over.get(*number).is_some_and(|one| last.is_some_and(|last| bytes_of(&one) == bytes_of(last)));
         let next = (oldest..count).rev().find(is_last).map_or(oldest, |number| number + 1);
-        Self { memory, next, known: next }
+        Self { handed_over, next, known: next, is_connected: false }
+    }
+
+    /// The oldest number that is there for long enough to be read: the very oldest is the next to be overwritten.
+    fn oldest(handed_over: &HandedOver<M>) -> u64 {
+        handed_over.count().saturating_sub(HandedOver::<M>::LENGTH - 1)
     }
 
     /// The next one that nobody has taken.
     fn take(&mut self) -> Option<M> {
         loop {
-            let count = self.memory.delivered_so_far();
             // What has been overwritten meanwhile is lost, and the gap is counted.
-            self.next = self.next.max(count.saturating_sub(RING as u64 - 1));
-            if self.next >= count {
+            self.next = self.next.max(Self::oldest(&self.handed_over));
+            if self.next >= self.handed_over.count() {
                 return None;
             }
             self.next += 1;
-            if let Some(message) = self.memory.delivered(self.next - 1) {
+            if let Some(message) = self.handed_over.get(self.next - 1) {
                 return Some(message);
             }
         }
     }
 
-    /// Whether a message that has come by the usual way has been taken from the ring before.
+    fn place_of(&self, message: &M, range: std::ops::Range<u64>) -> Option<u64> {
+        range.into_iter().find(|number| self.handed_over.get(*number).is_some_and(|one| bytes_of(&one) == bytes_of(message)))
+    }
+
+    /// Whether a message that has come by the usual way has been taken from the file before.
     fn knows(&mut self, message: &M) -> bool {
-        let same = |number: &u64| self.memory.delivered(*number).is_some_and(|one| bytes_of(&one) == bytes_of(message));
-        let place = (self.known..self.next).find(same);
+        let place = self.place_of(message, self.known..self.next);
         self.known = place.map_or(self.known, |number| number + 1);
+        self.is_connected |= place.is_some();
         place.is_some()
     }
 
-    /// All that was taken from the ring has come by the usual way too: from here on nothing can be missed.
+    /// All that was taken from the file has come by the usual way too: from here on nothing can be missed.
     fn is_in_step(&self) -> bool {
-        self.known == self.next
+        self.is_connected && self.known == self.next
     }
 }
 
@@ -93,7 +104,10 @@ impl<M: Message> Collector<M> {
         Ok(())
     }
 
-    /// What the ring has, then what has come since; answers with what is left to be recalled.
+    /// What the keeper has handed over, then what has come since; answers with what is left to be recalled.
+    ///
+    /// A writer sends to the keeper first. So a message that has come by the usual way is in the keeper too, with all that lies before it, and a
+    /// message that a writer sent without knowing of this reader is in the keeper alone.
     fn catch_up(&mut self, mut recall: Recall<M>, take: &mut impl FnMut(&M)) -> Result<Option<Recall<M>>, Interrupted> {
         let mut hand_over = |this: &mut Self, message: &M| {
             if this.inlet.admits(message) {
@@ -101,6 +115,7 @@ impl<M: Message> Collector<M> {
                 take(message);
             }
         };
+        self.inlet.shared.await_hand_over(M::TOPIC)?;
         while let Some(message) = recall.take() {
             hand_over(self, &message);
         }
@@ -110,11 +125,19 @@ impl<M: Message> Collector<M> {
             if recall.knows(&message) {
                 continue;
             }
-            // It came after the ring was read, and with it what lies before it there: nothing after it can be missed.
-            while let Some(before) = recall.take() {
-                if bytes_of(&before) == bytes_of(&*message) {
+            // It came after the file was read: what lies before it comes first, and nothing after it can be missed.
+            let mut place = None;
+            for _ in 0..ATTEMPTS {
+                self.inlet.shared.await_hand_over(M::TOPIC)?;
+                place = recall.place_of(&message, recall.next..recall.handed_over.count());
+                if place.is_some() {
                     break;
                 }
+            }
+            // Without a place the keeper has lost it again, by its depth: then what lay before it is lost too, and the gap is counted.
+            while place.is_some_and(|place| recall.next < place)
+                && let Some(before) = recall.take()
+            {
                 hand_over(self, &before);
             }
             hand_over(self, &message);
@@ -147,11 +170,13 @@ impl<M: Message> Collector<M> {
     /// Goes on behind the last message that an earlier reader has left in its files: what was on its way to it comes first.
     ///
     /// # Errors
-    /// When the topic's memory cannot be mapped.
-    pub fn recall(&mut self, last: Option<&M>) -> Result<(), TopicError> {
-        let memory = Memory::open(&self.inlet.shared.run);
-        let memory = memory.map_err(|error| TopicError::Memory { topic: M::TOPIC, reason: error.to_string() })?;
-        self.recall = Some(Recall::after(memory, last));
+    /// When the launcher does not answer, or the file of the topic cannot be mapped.
+    pub fn recall(&mut self, last: Option<&M>) -> Result<(), Interrupted> {
+        // What the predecessor's files end with is there before it is looked for.
+        self.inlet.shared.await_hand_over(M::TOPIC)?;
+        let handed_over = HandedOver::open(&self.inlet.shared.run);
+        let handed_over = handed_over.map_err(|error| self.inlet.shared.port_failed(M::TOPIC, error))?;
+        self.recall = Some(Recall::after(handed_over, last));
         Ok(())
     }
 

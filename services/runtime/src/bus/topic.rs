@@ -1,10 +1,10 @@
 //! Topics as iceoryx2 services: the only place that knows how a message becomes a service.
 
-use std::any::Any;
+use std::time::Duration;
 
-use iceoryx2::node::CleanupState;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::*;
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 use iceoryx2::service::builder::publish_subscribe::Builder;
@@ -12,17 +12,48 @@ use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use shared_types::topics::{self, Each, TOPICS, wire_hash};
 use shared_types::{Message, Topic};
 
+use crate::control_page::ControlPage;
 use crate::manifest::Manifest;
+use crate::memory::HandedOver;
 use crate::run_dir::{RunDir, SHM};
 
 /// Messages a reader of the chain can leave unread before the oldest is overwritten.
 pub const CHAIN_DEPTH: usize = 64;
-/// Messages the recorder can leave unread before the oldest is overwritten.
+/// Messages the recorder can leave unread before the oldest is overwritten, and messages that the keeper of a topic holds; fewer where they are
+/// large: [`depth`].
 pub const RECORDER_DEPTH: usize = 1024;
+/// Bytes that unread messages of one reader may take, as far as that leaves [`LEAST_DEPTH`] of them.
+const UNREAD_BYTES: usize = 16 << 20;
+const LEAST_DEPTH: usize = 16;
+
+/// Messages of a size that a reader of everything can leave unread: [`RECORDER_DEPTH`] up to 16 KiB, 64 of 256 KiB, 16 of 1 MiB and more.
+pub(crate) const fn depth(message_bytes: usize) -> usize {
+    let fitting = UNREAD_BYTES / if message_bytes == 0 { 1 } else { message_bytes };
+    if fitting > RECORDER_DEPTH {
+        RECORDER_DEPTH
+    } else if fitting < LEAST_DEPTH {
+        LEAST_DEPTH
+    } else {
+        fitting
+    }
+}
+
+/// The least depth of all topics named: of the largest message.
+pub(crate) fn least_depth(topics: &[&str]) -> usize {
+    struct Depth;
+    impl Each for Depth {
+        type Output = usize;
+        fn each<M: Topic>(&mut self) -> usize {
+            depth(size_of::<M>())
+        }
+    }
+    topics.iter().filter_map(|topic| topics::named(topic, &mut Depth)).min().unwrap_or(RECORDER_DEPTH)
+}
 
 /// Samples that a reader holds at once: the one of the tick in hand, one that came before its time, and the next.
 const MAX_BORROWED: usize = 4;
-const MAX_READERS: usize = 8;
+/// Eight processes and the keeper.
+const MAX_READERS: usize = 9;
 /// The living writer, and the dead one until it has been cleaned up.
 const MAX_WRITERS: usize = 2;
 /// Dead writers whose last messages a reader can still have to read.
@@ -83,8 +114,8 @@ pub enum TopicError {
         /// What this program was built with.
         ours: u64,
     },
-    /// No room for the last message.
-    #[error("cannot keep the last message of topic {topic:?} for a replacement: {reason}")]
+    /// No room for what a replacement must find.
+    #[error("cannot keep messages of topic {topic:?} for a replacement: {reason}")]
     Memory {
         /// Which topic.
         topic: &'static str,
@@ -146,19 +177,52 @@ fn builder<M: Message>(node: &Node<ipc::Service>) -> Result<Builder<Wire<M>, (),
         .publish_subscribe::<Wire<M>>()
         .enable_safe_overflow(true)
         .history_size(0)
-        .subscriber_max_buffer_size(RECORDER_DEPTH)
+        .subscriber_max_buffer_size(depth(size_of::<M>()))
         .subscriber_max_borrowed_samples(MAX_BORROWED)
         .max_subscribers(MAX_READERS)
         .max_publishers(MAX_WRITERS)
         .max_nodes(crate::manifest::MAX_PROCESSES + 4))
 }
 
-fn create<M: Message>(node: &Node<ipc::Service>, wire: u64) -> Result<Box<dyn Any>, TopicError> {
+fn create<M: Message>(node: &Node<ipc::Service>, run: &RunDir, wire: u64) -> Result<Box<dyn Keep>, TopicError> {
     let key = AttributeKey::new(WIRE_ATTRIBUTE.as_bytes()).map_err(|e| failed::<M>("create", format!("{e:?}")))?;
     let value = AttributeValue::new(format!("{wire:016x}").as_bytes()).map_err(|e| failed::<M>("create", format!("{e:?}")))?;
     let attributes = AttributeSpecifier::new().define(&key, &value).map_err(|e| failed::<M>("create", e))?;
     let service = builder::<M>(node)?.create_with_attributes(&attributes).map_err(|e| failed::<M>("create", e))?;
-    Ok(Box::new(service))
+    // The first of all subscribers: a message is in the keeper's buffer before any other reader has it.
+    let subscriber = service.subscriber_builder().buffer_size(depth(size_of::<M>())).create().map_err(|e| failed::<M>("keep", e))?;
+    let handed_over = HandedOver::open(run).map_err(|error| TopicError::Memory { topic: M::TOPIC, reason: error.to_string() })?;
+    Ok(Box::new(Keeper::<M> { subscriber, handed_over, _service: service }))
+}
+
+/// One more reader of a topic, in the launcher, that reads nothing: the last [`depth`] messages stay in shared memory, without a copy, whatever
+/// process of the run dies.
+///
+/// When a reader of everything is replaced, what the keeper holds is copied to the file from which the replacement recalls it.
+struct Keeper<M: Message> {
+    subscriber: Subscribing<M>,
+    handed_over: HandedOver<M>,
+    _service: PortFactory<ipc::Service, Wire<M>, ()>,
+}
+
+trait Keep {
+    /// Connects to writers that are new: what a dead one has sent outlives the clearing away of its ports only in connected readers.
+    fn connect(&self) -> Result<(), TopicError>;
+    /// Copies all that is there to the file, oldest first.
+    fn hand_over(&self) -> Result<(), TopicError>;
+}
+
+impl<M: Message> Keep for Keeper<M> {
+    fn connect(&self) -> Result<(), TopicError> {
+        self.subscriber.update_connections().map_err(|e| failed::<M>("keep", e))
+    }
+
+    fn hand_over(&self) -> Result<(), TopicError> {
+        while let Some(sample) = self.subscriber.receive().map_err(|e| failed::<M>("keep", e))? {
+            self.handed_over.push(&sample.payload().0);
+        }
+        Ok(())
+    }
 }
 
 /// Opens a topic that the launcher made, after comparing the wire formats.
@@ -190,13 +254,14 @@ pub(crate) fn publisher<M: Message>(node: &Node<ipc::Service>) -> Result<Publish
 }
 
 pub(crate) fn subscriber<M: Message>(node: &Node<ipc::Service>, depth: usize) -> Result<Subscribing<M>, TopicError> {
-    open::<M>(node)?.subscriber_builder().buffer_size(depth).create().map_err(|e| failed::<M>("read", e))
+    let most = self::depth(size_of::<M>());
+    open::<M>(node)?.subscriber_builder().buffer_size(depth.min(most)).create().map_err(|e| failed::<M>("read", e))
 }
 
-/// The launcher's side: makes every topic of the run and keeps them, and clears away what a dead process left in them.
+/// The launcher's side: makes every topic of the run, keeps the last messages of each, and clears away what a dead process left in them.
 pub struct Hub {
     // Dropped in this order: the services first.
-    _services: Vec<Box<dyn Any>>,
+    keepers: Vec<Box<dyn Keep>>,
     node: Node<ipc::Service>,
 }
 
@@ -218,8 +283,35 @@ impl Hub {
     pub(crate) fn create_speaking(run: &RunDir, manifest: &Manifest, wire: u64) -> Result<Self, TopicError> {
         let node = join(run, "launcher", true)?;
         run.make_private().map_err(|e| TopicError::Node { run: run.name().to_owned(), reason: e.to_string() })?;
-        let services = manifest.topics().into_iter().map(|topic| create_by_name(&node, topic, wire));
-        Ok(Self { _services: services.collect::<Result<_, _>>()?, node })
+        let keepers = manifest.topics().into_iter().map(|topic| create_by_name(&node, run, topic, wire));
+        Ok(Self { keepers: keepers.collect::<Result<_, _>>()?, node })
+    }
+
+    /// Connects the keepers to writers that are new; one load per topic where there is none.
+    ///
+    /// # Errors
+    /// When iceoryx2 fails.
+    pub fn connect(&self) -> Result<(), TopicError> {
+        self.keepers.iter().try_for_each(|keeper| keeper.connect())
+    }
+
+    /// Copies the messages that the keepers hold to the files from which a replacement of the recorder recalls them.
+    ///
+    /// # Errors
+    /// When iceoryx2 fails.
+    pub fn hand_over(&self) -> Result<(), TopicError> {
+        self.keepers.iter().try_for_each(|keeper| keeper.hand_over())
+    }
+
+    /// Hands over where a process has requested it; whether one has.
+    ///
+    /// # Errors
+    /// When iceoryx2 fails.
+    pub fn answer(&self, control_page: &ControlPage) -> Result<bool, TopicError> {
+        let Some(request) = control_page.requested_hand_over() else { return Ok(false) };
+        self.hand_over()?;
+        control_page.answer_hand_over(request);
+        Ok(true)
     }
 
     /// Clears away what dead processes left, so that their replacements find room. Takes milliseconds.
@@ -227,9 +319,23 @@ impl Hub {
     /// # Errors
     /// When something of a dead process cannot be cleared away.
     pub fn clear_dead(&self) -> Result<u64, TopicError> {
-        let CleanupState { cleanups, failed_cleanups, .. } = self.node.try_cleanup_dead_nodes();
-        match failed_cleanups {
-            0 => Ok(cleanups),
+        let mut dead = Vec::new();
+        let found = Node::<ipc::Service>::list(self.node.config(), |state| {
+            if let NodeState::Dead(view) = state {
+                dead.push(view);
+            }
+            CallbackProgression::Continue
+        });
+        found.map_err(|e| TopicError::Node { run: self.node.config().global.prefix.to_string(), reason: e.to_string() })?;
+        // All that these have sent is delivered by now, and handed over before their ports go: a keeper has room for few dead writers. It is
+        // handed over before a replacement can send, too: the files have the messages in the order in which they were sent.
+        if let Err(error) = self.hand_over() {
+            tracing::warn!("{error}");
+        }
+        let (cleared, failed): (Vec<_>, Vec<_>) =
+            dead.into_iter().map(|view| view.blocking_remove_stale_resources(Duration::ZERO)).partition(Result::is_ok);
+        match failed.len() {
+            0 => Ok(cleared.len() as u64),
             failed => Err(TopicError::Node {
                 run: self.node.config().global.prefix.to_string(),
                 reason: format!("{failed} dead processes could not be cleared away"),
@@ -239,14 +345,14 @@ impl Hub {
 }
 
 /// A topic's name decides its message.
-fn create_by_name(node: &Node<ipc::Service>, topic: &str, wire: u64) -> Result<Box<dyn Any>, TopicError> {
-    struct Create<'a>(&'a Node<ipc::Service>, u64);
+fn create_by_name(node: &Node<ipc::Service>, run: &RunDir, topic: &str, wire: u64) -> Result<Box<dyn Keep>, TopicError> {
+    struct Create<'a>(&'a Node<ipc::Service>, &'a RunDir, u64);
     impl Each for Create<'_> {
-        type Output = Result<Box<dyn Any>, TopicError>;
+        type Output = Result<Box<dyn Keep>, TopicError>;
         fn each<M: Topic>(&mut self) -> Self::Output {
-            create::<M>(self.0, self.1)
+            create::<M>(self.0, self.1, self.2)
         }
     }
-    topics::named(topic, &mut Create(node, wire))
+    topics::named(topic, &mut Create(node, run, wire))
         .unwrap_or_else(|| Err(TopicError::Unknown { topic: topic.to_owned(), known: TOPICS.join(", ") }))
 }

@@ -16,7 +16,7 @@ use crate::context::{Context, Outlet};
 use crate::control_page::Count;
 use crate::deadline::{USAGE_EVERY, cause};
 use crate::fault::message::{Shape, shape};
-use crate::memory::Memory;
+use crate::memory::{HandedOver, LastMade};
 use crate::realtime::Usage;
 use crate::validation::first_not_finite;
 
@@ -51,8 +51,6 @@ pub enum SendError {
 pub struct Writer<M: Message> {
     outlet: Rc<Sending<M>>,
     usage: Usage,
-    /// What this process sent last, before it was started again.
-    legacy: Option<M>,
 }
 
 /// Where messages leave the process, and where the faults that concern them are.
@@ -63,8 +61,8 @@ struct Sending<M: Message> {
     publisher: Rc<Publishing<M>>,
     bit: u32,
     readers: Vec<usize>,
-    /// The last messages, kept in shared memory for this process's replacement, and the recorder's.
-    memory: Memory<M>,
+    /// The last messages made while faults shape them, for this process and its replacement.
+    last_made: LastMade<M>,
     /// Messages that faults hold back, with the tick at which they leave.
     held: RefCell<VecDeque<(u64, M)>>,
     /// What a fault sends again and again.
@@ -73,26 +71,19 @@ struct Sending<M: Message> {
 
 impl<M: Message> Writer<M> {
     pub(crate) fn new(shared: &Rc<Context>, publisher: Rc<Publishing<M>>) -> Result<Self, TopicError> {
-        let memory = Memory::open(&shared.run).map_err(|error| TopicError::Memory { topic: M::TOPIC, reason: error.to_string() })?;
-        let legacy = if shared.entry().incarnation() > 1 { memory.last() } else { None };
+        let last_made = LastMade::open(&shared.run).map_err(|error| TopicError::Memory { topic: M::TOPIC, reason: error.to_string() })?;
         let outlet = Rc::new(Sending {
             shared: Rc::clone(shared),
             publisher,
             output: shared.manifest.processes[shared.me].writes.iter().position(|topic| topic == M::TOPIC).unwrap_or(0),
             bit: shared.topic_bit(M::TOPIC),
             readers: shared.manifest.woken_by(M::TOPIC).collect(),
-            memory,
+            last_made,
             held: RefCell::new(VecDeque::with_capacity(MOST_HELD)),
             stale: Cell::new(None),
         });
         shared.add_outlet(Rc::clone(&outlet) as Rc<dyn Outlet>);
-        Ok(Self { outlet, usage: Usage::now(), legacy })
-    }
-
-    /// What the incarnation before this one sent last: all that a replacement knows of the past. `None` in a first incarnation.
-    #[must_use]
-    pub fn legacy(&self) -> Option<&M> {
-        self.legacy.as_ref()
+        Ok(Self { outlet, usage: Usage::now() })
     }
 
     /// Loans shared memory for the message of a tick: all zero but for the tick, to be filled in place.
@@ -186,7 +177,7 @@ impl<M: Message> Loan<'_, M> {
         if shared.is_shaped() && shaped_topic(M::TOPIC) {
             let message = *self;
             drop(self.sample);
-            outlet.memory.keep(&message);
+            outlet.last_made.keep(&message);
             outlet.shape(&message)?;
             if !shared.is_lockstep() {
                 outlet.flush(shared.tick.get());
@@ -233,8 +224,6 @@ impl<M: Message> Sending<M> {
     }
 
     fn deliver(&self, sample: SampleMut<ipc::Service, Wire<M>, ()>) -> Result<(), SendError> {
-        // Before it leaves: whoever has it finds it there.
-        self.memory.deliver(&sample.payload().0);
         sample.send().map_err(|error| self.failed(error))?;
         self.shared.entry().add(Count::Sent, 1);
         Ok(())
@@ -246,6 +235,19 @@ impl<M: Message> Sending<M> {
         self.deliver(sample.write_payload(Wire(*message)))
     }
 
+    /// The message before that of a tick, for a fault that repeats it. Where no fault has shaped messages until now, the writer has kept none: in
+    /// lockstep the keeper of the topic has it; in real time nobody waits for that, and the first message that the fault meets is the one repeated.
+    fn before(&self, tick: u64) -> Option<M> {
+        let kept = self.last_made.before(tick);
+        if kept.is_some() || !self.shared.is_lockstep() {
+            return kept;
+        }
+        self.shared.await_hand_over(M::TOPIC).ok()?;
+        let handed_over = HandedOver::<M>::open(&self.shared.run).ok()?;
+        let newest = handed_over.get(handed_over.count().checked_sub(1)?)?;
+        (newest.header().tick < tick).then_some(newest)
+    }
+
     /// Does to a message what the faults of its tick say.
     fn shape(&self, message: &M) -> Result<(), SendError> {
         let (shared, tick) = (&self.shared, self.shared.tick.get());
@@ -255,7 +257,7 @@ impl<M: Message> Sending<M> {
             shape(&mut message, tick, shared.name(), shared.faults.known.borrow().of(shared.me, tick), injected);
         if is_stale {
             // Its own old header with it: whoever reads ticks knows it again.
-            let Some(old) = self.stale.get().or_else(|| self.memory.before(label)) else { return Ok(()) };
+            let old = self.stale.get().or_else(|| self.before(label)).unwrap_or(message);
             self.stale.set(Some(old));
             message = old;
         } else {

@@ -19,7 +19,7 @@ use crate::manifest::MAX_PROCESSES;
 use crate::run_dir::RunDir;
 
 /// "armbrd" and the version of this layout.
-const MAGIC: u64 = u64::from_be_bytes(*b"armbrd\0\x02");
+const MAGIC: u64 = u64::from_be_bytes(*b"armbrd\0\x03");
 
 /// How far a run has come in its beginning.
 ///
@@ -55,6 +55,9 @@ struct Page {
     stop: AtomicU32,
     /// Origin of the real-time grid on `CLOCK_MONOTONIC`; 0 until the source of ticks has set it.
     grid_origin_ns: AtomicU64,
+    /// How often a process has asked for what the keepers hold, and which request the launcher has answered last.
+    hand_overs_requested: AtomicU64,
+    hand_overs_done: AtomicU64,
     fault_table: FaultTable,
     live_state: LiveStateCells,
     entries: [ProcessEntry; MAX_PROCESSES],
@@ -194,6 +197,26 @@ impl ControlPage {
         for line in &self.page().entries {
             line.bell().ring(ANYTHING);
         }
+    }
+
+    /// Asks the launcher for what the keepers of the topics hold; the answer is the request's number.
+    pub(crate) fn request_hand_over(&self) -> u64 {
+        self.page().hand_overs_requested.fetch_add(1, Ordering::AcqRel) + 1
+    }
+
+    /// Whether all that was delivered before a request lies in the files of the run.
+    pub(crate) fn is_handed_over(&self, request: u64) -> bool {
+        self.page().hand_overs_done.load(Ordering::Acquire) >= request
+    }
+
+    /// The newest request that the launcher has not answered.
+    pub(crate) fn requested_hand_over(&self) -> Option<u64> {
+        let requested = self.page().hand_overs_requested.load(Ordering::Acquire);
+        (requested > self.page().hand_overs_done.load(Ordering::Relaxed)).then_some(requested)
+    }
+
+    pub(crate) fn answer_hand_over(&self, request: u64) {
+        self.page().hand_overs_done.store(request, Ordering::Release);
     }
 
     /// Where the real-time grid begins: the first caller decides, a replacement keeps the phase.
