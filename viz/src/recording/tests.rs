@@ -1,5 +1,6 @@
-use std::io::{self, BufReader, Write};
-use std::sync::{Arc, Mutex};
+mod volume;
+
+use std::io::{self, BufReader};
 
 use re_chunk::external::arrow::array::{Array, AsArray};
 use re_chunk::external::arrow::datatypes::{ArrowPrimitiveType, Float32Type, Float64Type};
@@ -10,54 +11,14 @@ use super::*;
 use crate::arm::Figure;
 use crate::entity;
 use crate::signals::{Limits, Signal, TickRow, sample};
-use crate::sink::{RecordError, Storage};
+use crate::sink::RecordError;
 use crate::synthetic::{Messages, Run, SCENARIO};
 use model::{Model, Robot};
 use nalgebra::SVector;
 use re_chunk::{Chunk, EntityPath};
 use shared_types::scenario::Scenario;
 use std::path::Path;
-
-/// A volume with so much room, which fills up in the middle of a write as real ones do.
-#[derive(Clone)]
-struct Volume {
-    bytes: Arc<Mutex<Vec<u8>>>,
-    room: usize,
-}
-
-impl Volume {
-    fn new(room: usize) -> Self {
-        Self { bytes: Arc::default(), room }
-    }
-
-    fn content(&self) -> Vec<u8> {
-        self.bytes.lock().expect("one thread").clone()
-    }
-}
-
-impl Write for Volume {
-    fn write(&mut self, buffer: &[u8]) -> io::Result<usize> {
-        let mut bytes = self.bytes.lock().expect("one thread");
-        let fits = buffer.len().min(self.room - bytes.len());
-        bytes.extend(&buffer[..fits]);
-        if fits == 0 { Err(io::ErrorKind::StorageFull.into()) } else { Ok(fits) }
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        Ok(())
-    }
-}
-
-impl Storage for Volume {
-    fn cut(&mut self, bytes: u64) -> io::Result<()> {
-        self.bytes.lock().expect("one thread").truncate(bytes as usize);
-        Ok(())
-    }
-
-    fn sync(&mut self) -> io::Result<()> {
-        Ok(())
-    }
-}
+use volume::Volume;
 
 fn puma() -> Robot {
     Robot::builtin("puma560").expect("built in")
