@@ -35,8 +35,9 @@ mod wait;
 mod tests;
 
 pub use bus::collector::Collector;
+pub use bus::depth::{CHAIN_DEPTH, RECORDER_DEPTH};
 pub use bus::reader::Reader;
-pub use bus::topic::{CHAIN_DEPTH, Hub, RECORDER_DEPTH, TopicError};
+pub use bus::topic::{Hub, TopicError};
 pub use bus::writer::{Loan, SendError, Writer};
 pub use checkpoint::CheckpointSlots;
 pub use clock::{now_ns, sleep_until};

@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicU64, Ordering, fence};
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use shared_types::Message;
 
-use crate::bus::topic::depth;
+use crate::bus::depth::depth;
 use crate::run_dir::RunDir;
 
 /// Bytes before the first slot: the count, and room that aligns the slots as a cache line is.

@@ -11,8 +11,9 @@ use shared_types::fault::{Kind, ScheduledFault};
 use shared_types::{Checkpoint, Message};
 
 use crate::bus::collector::Collector;
+use crate::bus::depth::{CHAIN_DEPTH, RECORDER_DEPTH, least_depth};
 use crate::bus::reader::Reader;
-use crate::bus::topic::{self, CHAIN_DEPTH, RECORDER_DEPTH, Subscribing, TopicError, least_depth};
+use crate::bus::topic::{self, Subscribing, TopicError};
 use crate::bus::writer::{SendError, Writer};
 use crate::checkpoint::CheckpointSlots;
 use crate::clock::now_ns;

@@ -1,6 +1,7 @@
 //! Topics on iceoryx2: the services, and the ends that processes read and write.
 
 pub(crate) mod collector;
+pub(crate) mod depth;
 pub(crate) mod inlet;
 pub(crate) mod reader;
 pub(crate) mod topic;

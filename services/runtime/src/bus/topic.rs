@@ -12,43 +12,11 @@ use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use shared_types::topics::{self, Each, TOPICS, wire_hash};
 use shared_types::{Message, Topic};
 
+use crate::bus::depth::depth;
 use crate::control_page::ControlPage;
 use crate::manifest::Manifest;
 use crate::memory::HandedOver;
 use crate::run_dir::{RunDir, SHM};
-
-/// Messages a reader of the chain can leave unread before the oldest is overwritten.
-pub const CHAIN_DEPTH: usize = 64;
-/// Messages the recorder can leave unread before the oldest is overwritten, and messages that the keeper of a topic holds; fewer where they are
-/// large: [`depth`].
-pub const RECORDER_DEPTH: usize = 1024;
-/// Bytes that unread messages of one reader may take, as far as that leaves [`LEAST_DEPTH`] of them.
-const UNREAD_BYTES: usize = 16 << 20;
-const LEAST_DEPTH: usize = 16;
-
-/// Messages of a size that a reader of everything can leave unread: [`RECORDER_DEPTH`] up to 16 KiB, 64 of 256 KiB, 16 of 1 MiB and more.
-pub(crate) const fn depth(message_bytes: usize) -> usize {
-    let fitting = UNREAD_BYTES / if message_bytes == 0 { 1 } else { message_bytes };
-    if fitting > RECORDER_DEPTH {
-        RECORDER_DEPTH
-    } else if fitting < LEAST_DEPTH {
-        LEAST_DEPTH
-    } else {
-        fitting
-    }
-}
-
-/// The least depth of all topics named: of the largest message.
-pub(crate) fn least_depth(topics: &[&str]) -> usize {
-    struct Depth;
-    impl Each for Depth {
-        type Output = usize;
-        fn each<M: Topic>(&mut self) -> usize {
-            depth(size_of::<M>())
-        }
-    }
-    topics.iter().filter_map(|topic| topics::named(topic, &mut Depth)).min().unwrap_or(RECORDER_DEPTH)
-}
 
 /// Samples that a reader holds at once: the one of the tick in hand, one that came before its time, and the next.
 const MAX_BORROWED: usize = 4;
@@ -254,7 +222,7 @@ pub(crate) fn publisher<M: Message>(node: &Node<ipc::Service>) -> Result<Publish
 }
 
 pub(crate) fn subscriber<M: Message>(node: &Node<ipc::Service>, depth: usize) -> Result<Subscribing<M>, TopicError> {
-    let most = self::depth(size_of::<M>());
+    let most = crate::bus::depth::depth(size_of::<M>());
     open::<M>(node)?.subscriber_builder().buffer_size(depth.min(most)).create().map_err(|e| failed::<M>("read", e))
 }
 
