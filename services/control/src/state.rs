@@ -84,8 +84,8 @@ impl<const N: usize> State<N> {
         };
     }
 
-    /// The state that [`save`](Self::save) has written.
-    pub(crate) fn from_checkpoint(from: &ControllerCheckpoint) -> Self {
+    /// The state that [`save`](Self::save) has written, its torque within the arm's `limits`, N·m.
+    pub(crate) fn from_checkpoint(from: &ControllerCheckpoint, limits: &SVector<f64, N>) -> Self {
         Self {
             progress: Progress {
                 leg: from.segment as usize,
@@ -113,7 +113,7 @@ impl<const N: usize> State<N> {
                 reversed: from.joint_reversed,
                 q: joints(&from.joint_q),
             },
-            sent: Sent { tau: joints(&from.tau), path: joints(&from.tau_path), null: joints(&from.tau_null) },
+            sent: Sent::restored(joints(&from.tau), joints(&from.tau_path), joints(&from.tau_null), limits),
             qdot_planned: joints(&from.qdot_planned),
             plausible: Plausible {
                 known: from.plausible != 0,

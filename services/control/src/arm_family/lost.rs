@@ -24,22 +24,25 @@
 //! | zero | 2 | what turns ζ fastest | ζ is turned until what is left of the path is orthogonal to it |
 #![allow(clippy::needless_range_loop, reason = "indices name rows and directions of several arrays at once")]
 
+mod checkpoint;
+mod combination;
+
+use combination::{is_set, preferred, strongest, towards, unscaled};
+
 use super::axes::frame;
 use super::block::Block;
 use super::classify::{FOLD, Verdict, self_motion};
 use super::family::Posture;
 use super::lost_geometry::{Geometry, Span};
 use super::screws::Screws;
-use crate::linear::{Lu, angular, linear, smoothstep, stack, symmetric_eigen, wrap_line};
+use crate::linear::{Lu, angular, linear, smoothstep, stack, symmetric_eigen};
 use crate::paper::type_2::TURNS;
 use crate::types::{Class, Kind, Singularity};
-use crate::wire::{joints, padded};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use shared_types::MAX_SINGULARITIES;
 use shared_types::bounds::within;
-use shared_types::checkpoints::PlaceCheckpoint;
 use shared_types::random::Uniform;
 use shared_types::scenario::{Analysis, BySingularity};
-use shared_types::{AnalyzerCheckpoint, MAX_SINGULARITIES};
 
 /// Directions that are followed at once: the smallest ones.
 pub(super) const FOLLOWED: usize = 3;
@@ -484,103 +487,4 @@ impl<const N: usize> LostDirections<N> {
         let z = at.terms.z[N - 1];
         if N < 2 || z.dot(axis).abs() < 0.9 { z } else { at.terms.z[N - 2] }
     }
-
-    /// Writes what must survive a restart.
-    pub(super) fn save(&self, out: &mut AnalyzerCheckpoint) {
-        out.blocks[0] = self.block.checkpoint();
-        for (out, entry) in out.places.iter_mut().zip(&self.entries) {
-            *out = PlaceCheckpoint {
-                index: entry.index as u32,
-                place: entry.place as u32,
-                class: entry.verdict.class.code(),
-                angular: u32::from(entry.angular),
-                latched: u32::from(entry.latched),
-                flipped: u32::from(entry.flipped),
-                kappa_1: entry.verdict.kappa_1,
-                kappa_2: entry.verdict.kappa_2,
-                direction: padded(&entry.a),
-            };
-        }
-    }
-
-    /// Takes up what [`save`](Self::save) has written.
-    pub(super) fn restore(&mut self, from: &AnalyzerCheckpoint) {
-        self.block.restore(&from.blocks[0]);
-        for (entry, from) in self.entries.iter_mut().zip(&from.places) {
-            let class = Class::from_code(from.class).unwrap_or_default();
-            let (angular, latched, flipped) = (from.angular != 0, from.latched != 0, from.flipped != 0);
-            *entry = Entry {
-                index: (from.index as usize).min(self.block.count.saturating_sub(1)),
-                place: (from.place as usize).min(self.place_count.saturating_sub(1)),
-                angular,
-                latched,
-                settled: latched,
-                flipped,
-                verdict: Verdict { class, kappa_1: from.kappa_1, kappa_2: from.kappa_2, distance: 0.0 },
-                a: joints(&from.direction),
-            };
-        }
-    }
-}
-
-fn is_set<const N: usize>(a: &SVector<f64, N>) -> bool {
-    a.norm_squared() > 0.0
-}
-
-/// Where the auxiliary row should be inside, in the axes a and b: strongest curvature, or the self-motion. `None`: as it is.
-fn preferred(class: Class, [aa, ab, bb]: [f64; 3]) -> Option<[f64; 2]> {
-    // C = mean + radius·cos 2(ψ − ψ₀).
-    let (mean, half) = (0.5 * (aa + bb), 0.5 * (aa - bb));
-    let radius = half.hypot(ab);
-    if radius < 1e-6 {
-        return None;
-    }
-    let strongest = 0.5 * libm::atan2(ab, half) + if mean < 0.0 { std::f64::consts::FRAC_PI_2 } else { 0.0 };
-    let angle = match class {
-        Class::Type1 => strongest,
-        Class::Mixed if mean.abs() < radius => {
-            let away = 0.5 * libm::acos((-mean / radius).clamp(-1.0, 1.0));
-            let first = 0.5 * libm::atan2(ab, half);
-            // The nearer of the two self-motions.
-            let off = |angle: f64| wrap_line(angle).abs();
-            if off(first + away) < off(first - away) { first + away } else { first - away }
-        }
-        _ => return None,
-    };
-    let (sin, cos) = libm::sincos(angle);
-    Some([cos, sin])
-}
-
-/// The combination of two motions that turns ζ fastest, from its rates along each. `None` where neither turns it.
-fn strongest([one, two]: [Vector3<f64>; 2]) -> Option<[f64; 2]> {
-    let (half, cross) = (0.5 * (one.norm_squared() - two.norm_squared()), one.dot(&two));
-    if half.hypot(cross) < 1e-6 {
-        return None;
-    }
-    let (sin, cos) = libm::sincos(0.5 * libm::atan2(cross, half));
-    Some([cos, sin])
-}
-
-/// `a` turned by at most `angle` towards the line of `target`.
-fn towards<const N: usize>(a: &SVector<f64, N>, target: &SVector<f64, N>, angle: f64) -> SVector<f64, N> {
-    let size = target.norm();
-    if size <= 1e-9 || size.is_nan() {
-        return *a;
-    }
-    let cos = a.dot(target) / size;
-    let target = if cos < 0.0 { -target / size } else { target / size };
-    let across = target - a * cos.abs();
-    let sin = across.norm();
-    if sin < 1e-12 {
-        return *a;
-    }
-    let by = libm::atan2(sin, cos.abs()).min(angle);
-    let (sin_by, cos_by) = libm::sincos(by);
-    (a * cos_by + across * (sin_by / sin)).normalize()
-}
-
-fn unscaled(u: &SVector<f64, 6>, length_m: f64) -> SVector<f64, 6> {
-    let mut a = *u;
-    a.fixed_rows_mut::<3>(0).scale_mut(1.0 / length_m);
-    a
 }

@@ -23,6 +23,15 @@ impl<const N: usize> Sent<N> {
         Self { tau: gravity.zip_map(limits, |g, limit| g.clamp(-limit, limit)), path: SVector::zeros(), null: SVector::zeros() }
     }
 
+    /// The torque that a checkpoint has, within the limits; nothing at all where it is not a number: a damaged checkpoint moves no arm.
+    #[must_use]
+    pub fn restored(tau: SVector<f64, N>, path: SVector<f64, N>, null: SVector<f64, N>, limits: &SVector<f64, N>) -> Self {
+        if !tau.iter().chain(&path).chain(&null).all(|x| x.is_finite()) {
+            return Self { tau: SVector::zeros(), path: SVector::zeros(), null: SVector::zeros() };
+        }
+        Self { tau: tau.zip_map(limits, |x, limit| x.clamp(-limit, limit)), path, null }
+    }
+
     /// The torque nearest to `wanted` that the rates allow, and bit i where joint i met its rate.
     ///
     /// ΔΓ = Δrest + k_t·Δpath + k_n·Δnull: the largest k_n, then the largest k_t in [0, 1] with |ΔΓ_i| ≤ `step_i`, over the joints that the other
