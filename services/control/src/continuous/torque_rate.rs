@@ -37,10 +37,11 @@ impl<const N: usize> Sent<N> {
     /// ΔΓ = Δrest + k_t·Δpath + k_n·Δnull: the largest k_n, then the largest k_t in [0, 1] with |ΔΓ_i| ≤ `step_i`, over the joints that the other
     /// parts leave within it; an excess that neither removes is cut at the joint, so that every other joint follows at once.
     ///
-    /// Shapes N · Units N·m · Requires finite torques · Ensures |ΔΓ_i| ≤ step_i, and `wanted` unchanged where it respects every rate · Errors none ·
+    /// Shapes N · Units N·m · Requires finite torques, both within `limits` · Ensures |ΔΓ_i| ≤ step_i, |Γ_i| ≤ limit_i though the parts
+    /// be delayed one without the other, and `wanted` unchanged where it respects every rate · Errors none ·
     /// Cost O(N), no allocation
     #[must_use]
-    pub fn next(&self, wanted: &Limited<N>, path: &SVector<f64, N>, step: &SVector<f64, N>) -> (Self, u32) {
+    pub fn next(&self, wanted: &Limited<N>, path: &SVector<f64, N>, step: &SVector<f64, N>, limits: &SVector<f64, N>) -> (Self, u32) {
         let change = wanted.tau - self.tau;
         if (0..N).all(|i| change[i].abs() <= step[i]) {
             return (Self { tau: wanted.tau, path: *path, null: wanted.null }, 0);
@@ -51,7 +52,7 @@ impl<const N: usize> Sent<N> {
         let k_t = largest_share(&(without - path_change + null_change * k_n), &path_change, step);
         let allowed = without + path_change * (k_t - 1.0) + null_change * k_n;
         let mask = (0..N).filter(|i| change[*i].abs() > step[*i]).fold(0, |mask, i| mask | 1 << i);
-        let tau = SVector::from_fn(|i, _| self.tau[i] + allowed[i].clamp(-step[i], step[i]));
+        let tau = SVector::from_fn(|i, _| (self.tau[i] + allowed[i].clamp(-step[i], step[i])).clamp(-limits[i], limits[i]));
         (Self { tau, path: self.path + path_change * k_t, null: self.null + null_change * k_n }, mask)
     }
 }
@@ -80,9 +81,11 @@ mod tests {
             let step = Vector2::new(1.0, 0.5);
             let last = Sent { tau, path: Vector2::zeros(), null: Vector2::zeros() };
             let wanted = Limited { tau: tau + rest + path + null, task: tau + rest + path, null, null_scale: 1.0, task_scale: 1.0, mask: 0, load: 0.0 };
-            let (next, mask) = last.next(&wanted, &path, &step);
+            let (next, mask) = last.next(&wanted, &path, &step, &Vector2::repeat(20.0));
             for i in 0..2 {
                 prop_assert!((next.tau[i] - tau[i]).abs() <= step[i] + 1e-12);
+                let limits = Vector2::repeat(tau.amax().max(wanted.tau.amax()));
+                prop_assert!(last.next(&wanted, &path, &step, &limits).0.tau.amax() <= limits.amax());
             }
             if mask == 0 {
                 prop_assert_eq!(next.tau, wanted.tau);
