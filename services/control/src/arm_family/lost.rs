@@ -418,6 +418,11 @@ impl<const N: usize> LostDirections<N> {
             let b = others.any();
             curvature_b = b * (0.5 * (a.dot(&(Q * b)) + b.dot(&(Q * a))));
         }
+        // Where directions cross, what is left of a can have no length: it begins anew at the direction that is lost.
+        if !within(a.amax(), 2.0) {
+            a = v;
+            curvature_b = SVector::zeros();
+        }
         let curvature = a.dot(&(Q * a));
         let along = m.dot(&a);
         let fold = class == Class::Type1 && entry.latched && curvature.abs() > 0.2 * entry.verdict.kappa_1;
