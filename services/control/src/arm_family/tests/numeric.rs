@@ -14,16 +14,19 @@ use std::sync::OnceLock;
 struct Arm<const N: usize> {
     robot: Robot,
     model: Model<N>,
+    /// Before its first tick; an arm's reference values are costly to sample.
+    fresh: Analyzer<N>,
 }
 
 impl<const N: usize> Arm<N> {
     fn new(name: &str) -> Self {
         let robot = Robot::builtin(name).unwrap();
-        Self { model: Model::new(&robot, None).unwrap(), robot }
+        let fresh = Analyzer::new(&robot, &Analysis { numeric: true, ..Analysis::default() });
+        Self { model: Model::new(&robot, None).unwrap(), robot, fresh }
     }
 
     fn analyzer(&self) -> Analyzer<N> {
-        Analyzer::new(&self.robot, &Analysis { numeric: true, ..Analysis::default() })
+        self.fresh.clone()
     }
 
     fn step(&self, analyzer: &mut Analyzer<N>, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> Report<N> {
