@@ -17,7 +17,7 @@
 //! ```
 //!
 //! A fault is tied to ticks, so a run with planned faults has the same bytes every time. A [`Fault`] becomes a [`ScheduledFault`], the fixed-size form
-//! that all processes of a run share; a strike turns back into the fault that repeats it.
+//! that all processes of a run share; a scheduled fault turns back into the fault that repeats it.
 
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
@@ -89,7 +89,7 @@ words! {
         Reorder "reorder",
         /// Instead of a new message the last one from before the fault is sent again.
         Stale "stale",
-        /// A field of its messages is spoilt on the way.
+        /// A field of its messages is corrupted on the way.
         Corrupt "corrupt",
         /// An encoder lies.
         Sensor "sensor",
@@ -164,7 +164,7 @@ const fn rule(kind: Kind, processes: &'static [&'static str], lasts_s: f64) -> R
     Rule { kind, ways: &[], processes, lasts_s, has_probability: false }
 }
 
-/// What a corrupted value is spoilt by, where `as = "huge"` says nothing else.
+/// What a corrupted value is corrupted by, where `as = "huge"` says nothing else.
 const HUGE: f64 = 1e3;
 
 const RULES: [Rule; 15] = [
@@ -360,7 +360,7 @@ impl ScheduledFault {
         })
     }
 
-    /// The field of its process's message that it spoils, and the place in it.
+    /// The field of its process's message that it corrupts, and the place in it.
     #[must_use]
     pub fn field(&self, process: &str) -> Option<(&'static Field, usize)> {
         let field = fields_of(process).get((self.target >> 16) as usize)?;
@@ -610,10 +610,14 @@ mod tests {
                 let ways: Vec<_> = kind.ways().map(Some).collect();
                 for way in if ways.is_empty() { vec![None] } else { ways } {
                     let fault = Fault { way, at_tick: Some(70), ..Fault::new(process, kind) };
-                    let strike = fault.schedule(3, 1000, 99).unwrap();
-                    let again = strike.fault(process).unwrap();
-                    assert_eq!(again.schedule(3, 1000, 0).unwrap(), ScheduledFault { seed: again.seed.unwrap_or(0), ..strike }, "{fault}");
-                    assert!(strike.concerns(70) && !strike.concerns(69));
+                    let scheduled = fault.schedule(3, 1000, 99).unwrap();
+                    let again = scheduled.fault(process).unwrap();
+                    assert_eq!(
+                        again.schedule(3, 1000, 0).unwrap(),
+                        ScheduledFault { seed: again.seed.unwrap_or(0), ..scheduled },
+                        "{fault}"
+                    );
+                    assert!(scheduled.concerns(70) && !scheduled.concerns(69));
                     let text = toml::to_string(&again).unwrap();
                     assert_eq!(parse(&text), again);
                 }
@@ -624,9 +628,9 @@ mod tests {
     #[test]
     fn seconds_become_ticks_and_fields_become_places() {
         let fault = parse("process='controller'\nkind='corrupt'\nas='inf'\nfield='tau[2]'\nat_s=0.25\nfor_s=0.01\nprobability=0.5");
-        let strike = fault.schedule(0, 2000, 5).unwrap();
-        assert_eq!((strike.at, strike.until, strike.seed, strike.way()), (500, 520, 5, Some(Way::Inf)));
-        let (field, place) = strike.field("controller").unwrap();
+        let scheduled = fault.schedule(0, 2000, 5).unwrap();
+        assert_eq!((scheduled.at, scheduled.until, scheduled.seed, scheduled.way()), (500, 520, 5, Some(Way::Inf)));
+        let (field, place) = scheduled.field("controller").unwrap();
         assert_eq!((field.name, place), ("tau", 2));
     }
 

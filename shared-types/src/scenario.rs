@@ -723,22 +723,22 @@ impl Scenario {
         positive("goal.orthogonal_deg", self.goal.orthogonal_deg)?;
         positive("goal.path_mm", self.goal.path_mm)?;
         positive("goal.path_deg", self.goal.path_deg)?;
-        self.strikes(|_| Some(0)).map(drop)
+        self.scheduled_faults(|_| Some(0)).map(drop)
     }
 
     /// Its faults in their fixed-size form; `index` says where a process stands in the manifest (`None`: it is not there).
     ///
     /// # Errors
     /// [`Complaint`]: a fault that makes no sense, or of a process that the graph does not have.
-    pub fn strikes(&self, index: impl Fn(&str) -> Option<u32>) -> Result<Vec<ScheduledFault>, Complaint> {
-        let strike = |(i, fault): (usize, &Fault)| {
+    pub fn scheduled_faults(&self, index: impl Fn(&str) -> Option<u32>) -> Result<Vec<ScheduledFault>, Complaint> {
+        let scheduled = |(i, fault): (usize, &Fault)| {
             let place = index(&fault.process).ok_or_else(|| {
                 Complaint::new("process", format!("the graph has no process `{}`", fault.process), "take the fault out, or the process in")
             });
             let seed = self.seed.wrapping_mul(0x0100_0000_01b3).wrapping_add(i as u64);
             place.and_then(|place| fault.schedule(place, self.rate_hz, seed)).map_err(|complaint| complaint.within(&format!("fault.{i}")))
         };
-        self.fault.iter().enumerate().map(strike).collect()
+        self.fault.iter().enumerate().map(scheduled).collect()
     }
 }
 

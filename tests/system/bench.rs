@@ -10,9 +10,9 @@ fn hops_and_cycles_are_measured_beside_their_floors() {
     let said = desk.armplane(&["bench", "hop", "cycle", "model", "record", "--samples", "1000", "--json", "--out", "bench"]);
     assert_eq!(said.code, 0, "{}", said.err);
     assert_nothing_left(said.launcher);
-    let told: Value = serde_json::from_str(&said.out).unwrap();
-    assert!(told["machine"]["cores"].as_u64().is_some_and(|cores| cores > 0));
-    let rows = told["rows"].as_array().unwrap();
+    let json: Value = serde_json::from_str(&said.out).unwrap();
+    assert!(json["machine"]["cores"].as_u64().is_some_and(|cores| cores > 0));
+    let rows = json["rows"].as_array().unwrap();
     let has = |bench: &str, mechanism: &str, bytes: Option<u64>| {
         let is_it = |row: &&Value| row["bench"] == bench && row["mechanism"] == mechanism;
         assert!(rows.iter().filter(is_it).any(|row| bytes.is_none_or(|bytes| row["payload_bytes"] == bytes)), "{bench}: {mechanism}");
@@ -28,7 +28,7 @@ fn hops_and_cycles_are_measured_beside_their_floors() {
         [16_384, 262_144, 4_194_304].iter().for_each(|bytes| has("hop", mechanism, Some(*bytes)));
     }
     ["judge", "recording", "messages"].iter().for_each(|part| has("record", part, None));
-    let record = |key: &str| told["record"][key].as_f64().unwrap_or_else(|| panic!("{key}: {}", told["record"]));
+    let record = |key: &str| json["record"][key].as_f64().unwrap_or_else(|| panic!("{key}: {}", json["record"]));
     assert!(record("cpu_us_per_tick") > 0.0 && record("recording_mb_per_min") > 1.0 && record("messages_mb_per_min") > 1.0);
     for row in rows {
         let number = |key: &str| row[key].as_f64().unwrap_or_else(|| panic!("{key}: {row}"));
@@ -49,8 +49,8 @@ fn hops_and_cycles_are_measured_beside_their_floors() {
 fn a_short_soak_strikes_and_judges_and_leaves_nothing() {
     let desk = Desk::new();
     let said = desk.armplane(&["bench", "soak", "--seconds", "6", "--seed", "8", "--rate", "500", "--json", "--out", "soak"]);
-    let told: Value = serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
-    let soak = &told["soak"];
+    let json: Value = serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
+    let soak = &json["soak"];
     let passed = soak["passed"] == true;
     assert_eq!(said.code, i32::from(!passed), "{}", said.err);
     assert_nothing_left(said.launcher);
@@ -82,8 +82,8 @@ fn an_interrupted_soak_ends_cleanly() {
     let said = finish(child);
     assert!(said.code == 1 && said.err.contains("the soak was stopped by SIGINT"), "{}", said.err);
     assert_nothing_left(said.launcher);
-    let told: Value = serde_json::from_str(&said.out).unwrap();
-    assert!(told["soak"]["interrupted"] == "SIGINT" && told["soak"]["passed"] == true, "{}", told["soak"]);
+    let json: Value = serde_json::from_str(&said.out).unwrap();
+    assert!(json["soak"]["interrupted"] == "SIGINT" && json["soak"]["passed"] == true, "{}", json["soak"]);
 }
 
 #[test]
@@ -91,8 +91,8 @@ fn the_whole_graph_is_run_in_real_time_and_every_miss_has_its_cause() {
     let said = Desk::new().armplane(&["bench", "realtime", "--rate", "500", "--seconds", "3", "--json"]);
     assert_eq!(said.code, 0, "{}", said.err);
     assert_nothing_left(said.launcher);
-    let told: Value = serde_json::from_str(&said.out).unwrap();
-    let ran = &told["realtime"][0];
+    let json: Value = serde_json::from_str(&said.out).unwrap();
+    let ran = &json["realtime"][0];
     assert!(ran["rate_hz"] == 500 && ran["load"] == true && ran["ticks"].as_u64().unwrap() >= 1_500, "{ran}");
     let sum = |of: &Value| of.as_object().unwrap().values().map(|count| count.as_u64().unwrap()).sum::<u64>();
     let processes = ran["processes"].as_array().unwrap();

@@ -20,14 +20,14 @@ fn laws_are_compared_on_a_scenario_and_on_lines() {
         ["compare", "fig5-wrist-rotation", "sweep", "--count", "3", "--law", "blended,damped-least-squares", "--out", "out", "--json"];
     let said = desk.armplane(&args);
     assert_eq!(said.code, 0, "{}", said.err);
-    let told: Value = serde_json::from_str(&said.out).unwrap();
-    assert_eq!(told, read(&desk, "out/compare.json"), "said and saved alike");
+    let json: Value = serde_json::from_str(&said.out).unwrap();
+    assert_eq!(json, read(&desk, "out/compare.json"), "said and saved alike");
     assert_pictures(&desk, "out/fig5-wrist-rotation");
     assert_pictures(&desk, "out/sweep");
-    let [ours, damped] = [0, 1].map(|law| &told["scenarios"][0]["laws"][law]);
+    let [ours, damped] = [0, 1].map(|law| &json["scenarios"][0]["laws"][law]);
     assert!(ours["s1"] == true && damped["s1"] == false, "{ours} {damped}");
     assert!(ours["orthogonal_max_mm"].as_f64().unwrap() < 0.1 && damped["orthogonal_max_mm"].as_f64().unwrap() > 1.0, "{ours} {damped}");
-    let sweep = &told["scenarios"][1]["laws"][0];
+    let sweep = &json["scenarios"][1]["laws"][0];
     assert_eq!((&sweep["all"]["lines"], &sweep["near"]["wrist"]["lines"], &sweep["all"]["ends"]), (&3.into(), &1.into(), &3.into()));
     assert_eq!(desk.armplane(&args).out, said.out, "the same again, whichever core does which run");
 }
@@ -58,11 +58,11 @@ fn what_one_thread_cannot_do_is_left_out_and_that_is_said_or_it_is_refused() {
         assert_eq!(said.code, 0, "{}", said.err);
         said.out
     };
-    let [told, whole] = ["faulty.toml", "fig5-wrist-rotation"].map(|scenario| -> Value {
-        let told: Value = serde_json::from_str(&compare(scenario, &["--json"])).unwrap();
-        told["scenarios"][0].clone()
+    let [json, whole] = ["faulty.toml", "fig5-wrist-rotation"].map(|scenario| -> Value {
+        let json: Value = serde_json::from_str(&compare(scenario, &["--json"])).unwrap();
+        json["scenarios"][0].clone()
     });
-    assert_eq!((&told["faults_left_out"], &whole["faults_left_out"], &told["laws"]), (&1.into(), &0.into(), &whole["laws"]), "{told}");
+    assert_eq!((&json["faults_left_out"], &whole["faults_left_out"], &json["laws"]), (&1.into(), &0.into(), &whole["laws"]), "{json}");
     assert!(compare("faulty.toml", &[]).contains("without its planned faults (1)"));
     let said = desk.armplane(&["figures", "--set", "fault=[{process=\"controller\",kind=\"kill\",at_tick=100}]", "--out", "f"]);
     assert!(said.code == 2 && said.err.contains("plans faults, and they happen to processes"), "{}", said.err);

@@ -94,7 +94,7 @@ fn every_fuzz_target_has_something_to_begin_with() -> Done {
     topics::try_each(&mut SeedEach(&ticks))?;
     seed("manifest", "manifest", properties::MANIFEST.as_bytes())?;
     serde_json::from_str::<Manifest>(properties::MANIFEST)?;
-    // A planned kill in the first entry of the ledger: some words, each with its place.
+    // A planned kill in the first entry of the fault table: some words, each with its place.
     let words = [(4_u32, 1_u64), (8, 2), (9, 1)].map(|(place, word)| [&place.to_ne_bytes()[..], &word.to_ne_bytes()[..]].concat());
     seed("control_page", "words", &words.concat())?;
     seed("results", "job", properties::job().as_bytes())?;

@@ -166,8 +166,8 @@ fn two_graphs_side_by_side_are_both_bit_identical() {
     let two = [verify("fig5-wrist-rotation"), verify("fig1-pseudo-inverse")].map(finish);
     for said in two {
         assert_eq!(said.code, 0, "{}{}", said.out, said.err);
-        let told: Value = serde_json::from_str(&said.out).unwrap();
-        assert_eq!((&told["identical"], told["runs"].as_array().map(Vec::len)), (&true.into(), Some(3)), "{told}");
+        let json: Value = serde_json::from_str(&said.out).unwrap();
+        assert_eq!((&json["identical"], json["runs"].as_array().map(Vec::len)), (&true.into(), Some(3)), "{json}");
         assert_nothing_left(said.launcher);
     }
 }

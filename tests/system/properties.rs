@@ -235,7 +235,7 @@ impl Hand<'_> {
     }
 
     /// Puts a number somewhere in a message, stamps left out: no computation reads them.
-    fn spoil<M: Message>(&mut self, message: &mut M) {
+    fn corrupt<M: Message>(&mut self, message: &mut M) {
         self.spoil_words(message, size_of::<Stamps>() / 8);
     }
 
@@ -320,22 +320,22 @@ pub fn fingers(bytes: &[u8]) {
         if hand.0.is_empty() && tick > 8 || plant.is_over() {
             break;
         }
-        let (touched, fate) = (hand.byte(), hand.byte());
+        let (touched, dropped) = (hand.byte(), hand.byte());
         plant.sample(tick, &mut m.sensor, &mut m.plant_state);
         let (mut sample, truth) = (m.sensor, m.plant_state);
         assert!(sample.is_finite() && truth.is_finite(), "{sample:?} {truth:?}");
         is_safe(&sample.tau_drive, robot, "drive");
         let command = 'chain: {
             if touched & 1 != 0 {
-                hand.spoil(&mut sample);
+                hand.corrupt(&mut sample);
             }
-            if fate & 16 != 0
+            if dropped & 16 != 0
                 && let Some(last) = estimating.tampered(&mut hand)
             {
                 estimator = estimators();
                 estimator.restore(&last);
             }
-            if fate & 1 != 0 || is_guarded && !sample.is_finite() {
+            if dropped & 1 != 0 || is_guarded && !sample.is_finite() {
                 break 'chain None;
             }
             estimator.step(&sample, &mut m.estimate);
@@ -346,15 +346,15 @@ pub fn fingers(bytes: &[u8]) {
             }
             estimating.closes(|out| estimator.save(out));
             if touched & 2 != 0 {
-                hand.spoil(&mut estimate);
+                hand.corrupt(&mut estimate);
             }
-            if fate & 32 != 0
+            if dropped & 32 != 0
                 && let Some(last) = analyzing.tampered(&mut hand)
             {
                 analyzer = analyzers();
                 analyzer.restore(&last);
             }
-            if fate & 2 != 0 || is_guarded && !estimate.is_finite() {
+            if dropped & 2 != 0 || is_guarded && !estimate.is_finite() {
                 break 'chain None;
             }
             analyzing.sane &= is_sane(&estimate);
@@ -367,15 +367,15 @@ pub fn fingers(bytes: &[u8]) {
             }
             analyzing.closes(|out| analyzer.save(out));
             if touched & 4 != 0 {
-                hand.spoil(&mut report);
+                hand.corrupt(&mut report);
             }
-            if fate & 64 != 0
+            if dropped & 64 != 0
                 && let Some(last) = controlling.tampered(&mut hand)
             {
                 controller = controllers();
                 controller.restore(&last);
             }
-            if fate & 4 != 0 || is_guarded && !report.is_finite() {
+            if dropped & 4 != 0 || is_guarded && !report.is_finite() {
                 break 'chain None;
             }
             controlling.sane &= is_sane(&estimate) && is_sane(&report);
@@ -390,10 +390,10 @@ pub fn fingers(bytes: &[u8]) {
             }
             controlling.closes(|out| controller.save(out));
             if touched & 8 != 0 {
-                hand.spoil(&mut command);
+                hand.corrupt(&mut command);
                 command.phase %= 3;
             }
-            (fate & 8 == 0 && (!is_guarded || command.is_finite())).then_some(command)
+            (dropped & 8 == 0 && (!is_guarded || command.is_finite())).then_some(command)
         };
         plant.step(command.as_ref());
     }
@@ -402,7 +402,7 @@ pub fn fingers(bytes: &[u8]) {
     assert!(sample.is_finite() && truth.is_finite(), "{sample:?} {truth:?}");
 }
 
-/// A file of kept messages of any bytes is read to its end or refused with a sentence, and who goes on writing it spoils nothing.
+/// A file of kept messages of any bytes is read to its end or refused with a sentence, and who goes on writing it corrupts nothing.
 pub fn message_log(bytes: &[u8]) {
     fn check<M: Message>(bytes: &[u8], run: &Path) {
         let path = run.join(format!("{}.log", M::TOPIC));
@@ -472,7 +472,7 @@ pub fn manifest(bytes: &[u8]) {
     });
 }
 
-/// Whatever stands on a run's control page, who looks at it is not led astray: counts, times, the arm's state, every fault in the ledger.
+/// Whatever stands on a run's control page, who looks at it is not led astray: counts, times, the arm's state, every fault in the fault table.
 pub fn control_page(bytes: &[u8]) {
     RUN.with(|run| {
         let path = run.path().join("control_page");
@@ -502,8 +502,8 @@ pub fn control_page(bytes: &[u8]) {
                 }
             }
         }
-        let strike = Fault::new("controller", Kind::Kill).schedule(3, 1000, 7).expect("a fault that makes sense");
-        if let Some(place) = control_page.fault_table().request(&strike) {
+        let scheduled = Fault::new("controller", Kind::Kill).schedule(3, 1000, 7).expect("a fault that makes sense");
+        if let Some(place) = control_page.fault_table().request(&scheduled) {
             assert!(place < MOST_FAULTS && !control_page.fault_table().is_in_force(place));
         }
         control_page.fault_table().mark_detected(3, 5, 5);

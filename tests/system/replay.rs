@@ -20,12 +20,12 @@ fn every_process_computes_again_what_it_computed_in_the_run() {
         ("analyzer", vec!["singularity"]),
         ("controller", vec!["control_state", "torque"]),
     ] {
-        let (code, told) = replay(&desk, &["run", "--process", process]);
-        assert_eq!((code, &told["identical"], &told["difference"]), (0, &true.into(), &Value::Null), "{told}");
-        assert_eq!((&told["without_input"], &told["ended"]), (&0.into(), &"".into()), "{told}");
-        let replayed: Vec<_> = told["topics"].as_array().unwrap().iter().map(|topic| topic["topic"].as_str().unwrap()).collect();
+        let (code, json) = replay(&desk, &["run", "--process", process]);
+        assert_eq!((code, &json["identical"], &json["difference"]), (0, &true.into(), &Value::Null), "{json}");
+        assert_eq!((&json["without_input"], &json["ended"]), (&0.into(), &"".into()), "{json}");
+        let replayed: Vec<_> = json["topics"].as_array().unwrap().iter().map(|topic| topic["topic"].as_str().unwrap()).collect();
         assert_eq!(replayed, topics);
-        assert!(told["topics"].as_array().unwrap().iter().all(|topic| topic["messages"] == summary["ticks"]), "{told}");
+        assert!(json["topics"].as_array().unwrap().iter().all(|topic| topic["messages"] == summary["ticks"]), "{json}");
     }
 }
 
@@ -34,15 +34,15 @@ fn a_changed_controller_is_told_where_it_first_differs_and_by_how_much() {
     let desk = Desk::new();
     desk.run(&["--out", "run"]);
     // The second segment only: until it begins the torques are the recorded ones.
-    let (code, told) = replay(&desk, &["run", "--set", "segment.1.turn.by_deg=44"]);
-    assert_eq!((code, &told["identical"]), (1, &false.into()), "{told}");
-    let difference = &told["difference"];
+    let (code, json) = replay(&desk, &["run", "--set", "segment.1.turn.by_deg=44"]);
+    assert_eq!((code, &json["identical"]), (1, &false.into()), "{json}");
+    let difference = &json["difference"];
     assert!(difference["tick"].as_u64().unwrap() > 1000 && difference["topic"] == "control_state", "{difference}");
     let value = |of: &Value| of.as_str().unwrap().parse::<f64>().unwrap();
     assert_ne!(value(&difference["recorded"]), value(&difference["replayed"]));
-    let torque = told["topics"].as_array().unwrap().iter().find(|topic| topic["topic"] == "torque").unwrap();
+    let torque = json["topics"].as_array().unwrap().iter().find(|topic| topic["topic"] == "torque").unwrap();
     let fields = torque["fields"].as_array().unwrap();
-    let of = |name: &str| fields.iter().find(|field| field["field"] == name).unwrap_or_else(|| panic!("{name}: {told}"));
+    let of = |name: &str| fields.iter().find(|field| field["field"] == name).unwrap_or_else(|| panic!("{name}: {json}"));
     let tau = of("tau");
     let (recorded, replayed) = (value(&tau["recorded"]), value(&tau["replayed"]));
     assert!((tau["largest"].as_f64().unwrap() - (recorded - replayed).abs()).abs() < 1e-12 && recorded != replayed, "{tau}");
@@ -79,8 +79,8 @@ fn a_death_and_a_return_are_replayed_too() {
     let restarted = summary["processes"].as_array().unwrap().iter().filter(|process| process["restarts"] == 1).count();
     assert_eq!(restarted, 2, "{summary}");
     for process in ["plant", "estimator", "analyzer", "controller"] {
-        let (code, told) = replay(&desk, &["run", "--process", process]);
-        assert_eq!((code, &told["identical"], &told["ended"]), (0, &true.into(), &"".into()), "{process}: {told}");
+        let (code, json) = replay(&desk, &["run", "--process", process]);
+        assert_eq!((code, &json["identical"], &json["ended"]), (0, &true.into(), &"".into()), "{process}: {json}");
     }
 }
 
@@ -105,9 +105,9 @@ fn what_a_process_computed_and_a_fault_kept_from_leaving_is_computed_too() {
     ] {
         desk.file("short.toml", &short(fault));
         desk.armplane(&["run", "short.toml", "--out", "run", "--json"]);
-        let (code, told) = replay(&desk, &["run", "--process", process]);
-        assert_eq!((code, &told["identical"], &told["ended"]), (0, &true.into(), &"".into()), "{fault}: {told}");
-        assert!(told["topics"][0]["messages"].as_u64().unwrap() > 800, "{fault}: {told}");
+        let (code, json) = replay(&desk, &["run", "--process", process]);
+        assert_eq!((code, &json["identical"], &json["ended"]), (0, &true.into(), &"".into()), "{fault}: {json}");
+        assert!(json["topics"][0]["messages"].as_u64().unwrap() > 800, "{fault}: {json}");
     }
 }
 
@@ -120,6 +120,6 @@ fn a_fault_that_nobody_planned_is_known_to_the_replay() {
     let said = finish(child);
     let summary: Value = serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}{}", said.out, said.err));
     assert_eq!((&summary["faults"][0]["origin"], &summary["faults"][0]["injected"]), (&"live".into(), &true.into()), "{summary}");
-    let (code, told) = replay(&desk, &["run", "--process", "plant"]);
-    assert_eq!((code, &told["identical"], &told["ended"]), (0, &true.into(), &"".into()), "{told}");
+    let (code, json) = replay(&desk, &["run", "--process", "plant"]);
+    assert_eq!((code, &json["identical"], &json["ended"]), (0, &true.into(), &"".into()), "{json}");
 }

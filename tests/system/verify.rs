@@ -37,26 +37,26 @@ fn verify(args: &[&str]) -> (i32, Value) {
 
 #[test]
 fn no_circumstance_changes_a_byte() {
-    let (code, told) = verify(&["--runs", "6", "--seed", "11"]);
-    assert_eq!((code, &told["identical"], &told["difference"]), (0, &true.into(), &Value::Null), "{told}");
-    let runs = told["runs"].as_array().unwrap();
+    let (code, json) = verify(&["--runs", "6", "--seed", "11"]);
+    assert_eq!((code, &json["identical"], &json["difference"]), (0, &true.into(), &Value::Null), "{json}");
+    let runs = json["runs"].as_array().unwrap();
     let mut conditions: Vec<_> = runs.iter().map(|run| run["condition"].as_str().unwrap()).collect();
     conditions.sort_unstable();
     conditions.dedup();
     assert_eq!((runs.len(), conditions.len()), (6, 6), "each under a condition of its own: {conditions:?}");
     for run in runs {
         for topic in TOPICS {
-            assert_eq!(run["topics"][topic]["hash"], told["reference"]["topics"][topic]["hash"]);
-            assert_eq!(run["topics"][topic]["count"], told["reference"]["ticks"]);
+            assert_eq!(run["topics"][topic]["hash"], json["reference"]["topics"][topic]["hash"]);
+            assert_eq!(run["topics"][topic]["count"], json["reference"]["ticks"]);
         }
     }
 }
 
 #[test]
 fn a_process_that_is_not_in_order_is_caught_with_tick_topic_and_field() {
-    let (code, told) = verify(&["--runs", "2", "--unordered"]);
-    assert_eq!((code, &told["identical"]), (1, &false.into()), "{told}");
-    let difference = &told["difference"];
+    let (code, json) = verify(&["--runs", "2", "--unordered"]);
+    assert_eq!((code, &json["identical"]), (1, &false.into()), "{json}");
+    let difference = &json["difference"];
     assert!(difference["tick"].as_u64().is_some_and(|tick| tick > 0), "the start is the scenario's: {difference}");
     // A torque of another tick shows in what the plant says of itself first.
     assert!(["sensor", "plant_state"].contains(&difference["topic"].as_str().unwrap()), "{difference}");
@@ -67,12 +67,12 @@ fn a_process_that_is_not_in_order_is_caught_with_tick_topic_and_field() {
 
 #[test]
 fn runs_with_faults_are_compared_with_each_other_and_that_is_said() {
-    let (code, told) = verify(&["faults.toml", "--runs", "3"]);
-    assert_eq!((code, &told["identical"], &told["difference"]), (0, &true.into(), &Value::Null), "{told}");
-    assert_eq!((&told["faults"], &told["reference_run"]), (&2.into(), &1.into()), "{told}");
-    assert_eq!(told["runs"].as_array().unwrap().len(), 3);
-    assert_eq!(told["reference"], told["runs"][0]);
-    assert!(told["runs"][2]["topics"]["torque"]["count"].as_u64().unwrap() < told["reference"]["ticks"].as_u64().unwrap(), "{told}");
+    let (code, json) = verify(&["faults.toml", "--runs", "3"]);
+    assert_eq!((code, &json["identical"], &json["difference"]), (0, &true.into(), &Value::Null), "{json}");
+    assert_eq!((&json["faults"], &json["reference_run"]), (&2.into(), &1.into()), "{json}");
+    assert_eq!(json["runs"].as_array().unwrap().len(), 3);
+    assert_eq!(json["reference"], json["runs"][0]);
+    assert!(json["runs"][2]["topics"]["torque"]["count"].as_u64().unwrap() < json["reference"]["ticks"].as_u64().unwrap(), "{json}");
     let desk = Desk::new();
     desk.file("faults.toml", FAULTS);
     let said = desk.armplane(&["verify", "faults.toml", "--runs", "2"]);
@@ -83,10 +83,10 @@ fn runs_with_faults_are_compared_with_each_other_and_that_is_said() {
 
 #[test]
 fn the_first_difference_between_runs_with_faults_is_found_too() {
-    let (code, told) = verify(&["faults.toml", "--runs", "3", "--unordered"]);
-    assert_eq!((code, &told["identical"], &told["reference_run"]), (1, &false.into(), &1.into()), "{told}");
-    let difference = &told["difference"];
-    assert!(difference["run"].as_u64().is_some_and(|run| run > 1) && difference["tick"].as_u64().is_some(), "{told}");
+    let (code, json) = verify(&["faults.toml", "--runs", "3", "--unordered"]);
+    assert_eq!((code, &json["identical"], &json["reference_run"]), (1, &false.into(), &1.into()), "{json}");
+    let difference = &json["difference"];
+    assert!(difference["run"].as_u64().is_some_and(|run| run > 1) && difference["tick"].as_u64().is_some(), "{json}");
     assert_ne!(difference["expected"], difference["found"], "{difference}");
 }
 
@@ -95,8 +95,8 @@ fn an_end_that_a_fault_plans_is_the_end_of_every_run() {
     let desk = Desk::new();
     desk.file("end.toml", &FAULTS.replace("process = \"controller\"", "process = \"plant\""));
     let said = desk.armplane(&["verify", "end.toml", "--runs", "2", "--json"]);
-    let told: Value = serde_json::from_str(&said.out).unwrap();
-    assert_eq!((said.code, &told["identical"]), (0, &true.into()), "{told}");
-    assert!(told["runs"][1]["failure"].as_str().unwrap().contains("plant"), "{told}");
-    assert_eq!(told["runs"][1]["topics"]["sensor"]["count"], 300, "{told}");
+    let json: Value = serde_json::from_str(&said.out).unwrap();
+    assert_eq!((said.code, &json["identical"]), (0, &true.into()), "{json}");
+    assert!(json["runs"][1]["failure"].as_str().unwrap().contains("plant"), "{json}");
+    assert_eq!(json["runs"][1]["topics"]["sensor"]["count"], 300, "{json}");
 }

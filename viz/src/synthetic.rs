@@ -42,7 +42,7 @@ impl Each for Begin<'_> {
 }
 
 /// A quintic from 0 to 1 over [from, to] and its rate.
-fn rise(t: f64, from: f64, to: f64) -> (f64, f64) {
+fn smooth_step(t: f64, from: f64, to: f64) -> (f64, f64) {
     let x = ((t - from) / (to - from)).clamp(0.0, 1.0);
     (x * x * x * (10.0 + x * (6.0 * x - 15.0)), 30.0 * x * x * (1.0 - x) * (1.0 - x) / (to - from))
 }
@@ -78,7 +78,7 @@ impl Run {
         let mut q = SVector::from([20.0, -60.0, 170.0, 0.0, 0.0, 0.0].map(f64::to_radians));
         let mut qdot = SVector::zeros();
         let mut move_by = |joint: usize, by_deg: f64, from: f64, to: f64| {
-            let (x, rate) = rise(t, from, to);
+            let (x, rate) = smooth_step(t, from, to);
             q[joint] += by_deg.to_radians() * x;
             qdot[joint] += by_deg.to_radians() * rate;
         };
@@ -188,7 +188,7 @@ impl Run {
             .first_chunk()
             .expect("nine");
         (command.time_scale, command.null_scale, command.task_scale) =
-            (1.0 - 0.2 * rise(t, 4.6, 5.2).0 * (1.0 - rise(t, 5.8, 6.4).0), 1.0, 1.0);
+            (1.0 - 0.2 * smooth_step(t, 4.6, 5.2).0 * (1.0 - smooth_step(t, 5.8, 6.4).0), 1.0, 1.0);
         command.path_time_s = t;
         m.torque.phase = if t > 8.85 { PHASE_SETTLING } else { PHASE_RUNNING };
         command.segment = u32::from(t > 2.5) + u32::from(t > 4.3);

@@ -65,7 +65,7 @@ pub(crate) struct FaultArgs {
     /// Up to so many ticks more.
     #[arg(long, value_name = "TICKS")]
     jitter: Option<u64>,
-    /// Which field of the message is spoilt, as tau[2].
+    /// Which field of the message is corrupted, as tau[2].
     #[arg(long, value_name = "FIELD")]
     field: Option<String>,
     /// Which joint, from 1.

@@ -141,7 +141,7 @@ fn mode(manifest: &Manifest) -> &'static str {
     }
 }
 
-/// A fault of the ledger in words: to whom, what, from where, since when, and whether it acts now.
+/// A fault of the fault table in words: to whom, what, from where, since when, and whether it acts now.
 fn fault(account: &FaultRecord, manifest: &Manifest, now: &Look) -> (String, &'static str, bool) {
     let process = manifest.processes.get(account.scheduled.process as usize).map(|process| process.name.clone()).unwrap_or_default();
     let tick = now.processes.iter().map(|seen| seen.ticks).max().unwrap_or(0);

@@ -259,8 +259,8 @@ impl<const N: usize> Controller<N> {
         let reorients = self.path.leg(state.progress.leg).is_some_and(|leg| leg.reorient.is_some());
         let planned = self.guide.at(state.progress.leg, state.route_time_s).filter(|_| !reorients);
         // The path waits while the plan turns ζ.
-        let pace = planned.map_or(1.0, |plan| plan.pace);
-        let desired_E = self.path.desired(&state.progress, clock * pace, state.governor.rate_dot * pace);
+        let time_rate = planned.map_or(1.0, |plan| plan.time_rate);
+        let desired_E = self.path.desired(&state.progress, clock * time_rate, state.governor.rate_dot * time_rate);
         let desired = desired_E.at(now.p_EC);
         let turn_error = rotation_log(&(desired.R * now.terms.X_BE.R.transpose()));
         let error = stack(&(desired.p - now.at.p), &turn_error);
@@ -273,8 +273,8 @@ impl<const N: usize> Controller<N> {
             clock,
             desired_E,
             desired,
-            V_nominal: self.path.desired(&state.progress, pace, 0.0).at(now.p_EC).V,
-            a_feed: self.path.desired(&state.progress, clock * pace, 0.0).at(now.p_EC).a,
+            V_nominal: self.path.desired(&state.progress, time_rate, 0.0).at(now.p_EC).V,
+            a_feed: self.path.desired(&state.progress, clock * time_rate, 0.0).at(now.p_EC).a,
             error,
             feedback: feedback * k_p,
             a: desired.a + (desired.V - V) * k_v + feedback * k_p,
@@ -526,7 +526,7 @@ impl<const N: usize> Controller<N> {
             V_BE_d: desired_E.V,
             error: stack(&(desired_E.p - now.terms.X_BE.p), &angular(error)),
             path_time_s: state.path_time_s,
-            time_scale: motion.clock * motion.planned.map_or(1.0, |plan| plan.pace),
+            time_scale: motion.clock * motion.planned.map_or(1.0, |plan| plan.time_rate),
             null_scale: limited.null_scale,
             task_scale: limited.task_scale,
             beta: telemetry.beta,

@@ -46,14 +46,14 @@ fn plant(run: &Path, ticks: u64) -> Result<(), ProcessError> {
     let shell = Shell::open(run, "plant")?;
     let mut sensors = shell.writer::<SensorSample>()?;
     let mut torques = shell.reader::<TorqueCommand>()?;
-    let mut pace = shell.tick_source(0);
+    let mut tick_source = shell.tick_source(0);
     let mut state = 0.0;
-    while let Some(tick) = pace.next()? {
+    while let Some(tick) = tick_source.next()? {
         let mut sample = SensorSample::default();
         sample.header.tick = tick;
         sample.q_encoder[0] = state;
         sensors.send(sample)?;
-        match torques.arriving(tick, pace.deadline_ns())? {
+        match torques.arriving(tick, tick_source.deadline_ns())? {
             Some(torque) => state += torque.tau[0],
             None if shell.is_stopping() => break,
             None => state += 1e3,

@@ -21,8 +21,8 @@ const SILENCE_STOPPED: Duration = Duration::from_millis(100);
 /// Whether a fault has stopped its process for a time, and it has not gone on yet. The kind is looked at too: a way is a number, 0 where a kind
 /// has none.
 fn is_paused(account: &FaultRecord) -> bool {
-    let FaultRecord { scheduled: strike, injected_ns, recovered_ns, .. } = account;
-    strike.kind() == Some(Kind::Hang) && strike.way() == Some(Way::Paused) && *injected_ns != 0 && *recovered_ns == 0
+    let FaultRecord { scheduled, injected_ns, recovered_ns, .. } = account;
+    scheduled.kind() == Some(Kind::Hang) && scheduled.way() == Some(Way::Paused) && *injected_ns != 0 && *recovered_ns == 0
 }
 
 /// Whether a fault ends its process, by itself or through the launcher.
@@ -81,8 +81,8 @@ impl Supervised {
         if !is_known {
             let fault = Fault { at_tick: Some(self.first_tick_missed(index)), ..Fault::new(self.name(index), Kind::Kill) };
             // A process that the vocabulary does not know cannot be waited for by its ticks either.
-            if let Ok(strike) = fault.schedule(index as u32, self.plan.rate_hz, 0)
-                && let Some(place) = table.enter(&strike, Origin::Detected)
+            if let Ok(scheduled) = fault.schedule(index as u32, self.plan.rate_hz, 0)
+                && let Some(place) = table.enter(&scheduled, Origin::Detected)
             {
                 table.mark_injected(place, now_ns());
             }
@@ -117,13 +117,14 @@ impl Supervised {
     /// Continues those that a fault has stopped for a time.
     fn continue_paused(&self) {
         for (_, account) in self.control_page.fault_table().records() {
-            let FaultRecord { scheduled: strike, injected_ns, .. } = account;
+            let FaultRecord { scheduled, injected_ns, .. } = account;
             if !is_paused(&account) {
                 continue;
             }
-            let passed_ns = strike.until.saturating_sub(strike.at).saturating_mul(1_000_000_000 / u64::from(self.plan.rate_hz.max(1)));
-            if (self.ticks() >= strike.until || now_ns() >= injected_ns.saturating_add(passed_ns))
-                && let Some(child) = self.slots.0.get(strike.process as usize).and_then(|slot| slot.child.as_ref())
+            let passed_ns =
+                scheduled.until.saturating_sub(scheduled.at).saturating_mul(1_000_000_000 / u64::from(self.plan.rate_hz.max(1)));
+            if (self.ticks() >= scheduled.until || now_ns() >= injected_ns.saturating_add(passed_ns))
+                && let Some(child) = self.slots.0.get(scheduled.process as usize).and_then(|slot| slot.child.as_ref())
             {
                 child.signal(Signal::CONT);
             }

@@ -8,7 +8,7 @@ use shared_types::scenario::Scenario;
 use shared_types::{Header, MAX_DOF, PlantState, SensorSample, TorqueCommand};
 use sim::{Drive, Encoders, Plant, PlantError};
 
-use crate::trouble::Trouble;
+use crate::hardware_faults::HardwareFaults;
 
 /// How long after the controller refused to go on the run lasts: time to come to rest; s.
 const REFUSED_S: f64 = 2.0;
@@ -47,7 +47,7 @@ pub struct Cycle<const N: usize> {
     refused_limit: u64,
     limit: u64,
     diverged: bool,
-    trouble: Trouble<N>,
+    hardware_faults: HardwareFaults<N>,
     /// Torque that acted on the joints over the last tick: what the drives applied, where none of them failed; N·m.
     acted: SVector<f64, N>,
 }
@@ -69,7 +69,7 @@ impl<const N: usize> Cycle<N> {
             plant: Plant::new(robot, &scenario.frame, options, scenario.rate_hz, &start)?,
             acted: drive.applied().tau,
             drive,
-            trouble: Trouble::new(scenario.dt_s()),
+            hardware_faults: HardwareFaults::new(scenario.dt_s()),
             encoders: Encoders::new(robot, options.encoder_bits, options.encoder_noise_counts, scenario.seed),
             dof: robot.dof(),
             phase: PHASE_RUNNING,
@@ -89,7 +89,7 @@ impl<const N: usize> Cycle<N> {
         let header = Header { tick, ..Header::default() };
         *sample = SensorSample {
             header,
-            q_encoder: padded(&self.trouble.read(tick, &self.encoders.read(tick, &x.q))),
+            q_encoder: padded(&self.hardware_faults.read(tick, &self.encoders.read(tick, &x.q))),
             tau_drive: padded(&applied.tau),
             drive: applied.drive,
             stale_ticks: applied.stale_ticks,
@@ -117,9 +117,9 @@ impl<const N: usize> Cycle<N> {
     }
 
     /// Takes up the faults that concern `tick`, before its sample.
-    pub fn afflict(&mut self, tick: u64, strikes: &[ScheduledFault]) {
+    pub fn apply_faults(&mut self, tick: u64, scheduled_faults: &[ScheduledFault]) {
         let reading = self.encoders.read(tick, &self.plant.state().q);
-        self.trouble.begin(strikes, &reading, &self.acted);
+        self.hardware_faults.begin(scheduled_faults, &reading, &self.acted);
     }
 
     /// Advances one tick under `command` (`None`: none came). How old it is its header says.
@@ -128,7 +128,7 @@ impl<const N: usize> Cycle<N> {
         let age = command.map_or(0, |command| self.ticks.saturating_sub(command.header.tick));
         let x = self.plant.state();
         let applied = self.drive.answer(&x.q, &x.qdot, tau.as_ref(), u32::try_from(age).unwrap_or(u32::MAX));
-        let (braked, acting) = (applied.braked, self.trouble.act(&applied.tau, &x.qdot, self.plant.model().effort()));
+        let (braked, acting) = (applied.braked, self.hardware_faults.act(&applied.tau, &x.qdot, self.plant.model().effort()));
         self.acted = acting;
         if braked {
             self.plant.hold();

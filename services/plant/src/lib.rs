@@ -2,7 +2,7 @@
 #![allow(non_snake_case)]
 
 mod cycle;
-mod trouble;
+mod hardware_faults;
 
 use model::{Refused, Robot, with_dof};
 use runtime::{MOST_FAULTS, ProcessError, Shell};
@@ -19,7 +19,7 @@ pub trait Step {
     /// Moves the arm to the next tick under `command` (`None`: none came).
     fn step(&mut self, command: Option<&TorqueCommand>);
     /// Takes up the faults that concern `tick`, before its sample.
-    fn afflict(&mut self, tick: u64, strikes: &[ScheduledFault]);
+    fn apply_faults(&mut self, tick: u64, scheduled_faults: &[ScheduledFault]);
     /// Whether the task is over.
     fn is_over(&self) -> bool;
 }
@@ -31,8 +31,8 @@ impl<const N: usize> Step for Cycle<N> {
     fn step(&mut self, command: Option<&TorqueCommand>) {
         self.step(command);
     }
-    fn afflict(&mut self, tick: u64, strikes: &[ScheduledFault]) {
-        self.afflict(tick, strikes);
+    fn apply_faults(&mut self, tick: u64, scheduled_faults: &[ScheduledFault]) {
+        self.apply_faults(tick, scheduled_faults);
     }
     fn is_over(&self) -> bool {
         self.is_over()
@@ -57,25 +57,25 @@ pub fn run(shell: &Shell, robot: &Robot, scenario: &Scenario) -> Result<(), Proc
     let mut sensors = shell.writer::<SensorSample>()?;
     let mut truths = shell.writer::<PlantState>()?;
     let mut torques = shell.reader::<TorqueCommand>()?;
-    let mut pace = shell.tick_source(0);
-    let mut strikes = Vec::with_capacity(MOST_FAULTS);
-    while let Some(tick) = pace.next()? {
-        let was_afflicted = !strikes.is_empty();
-        strikes.clear();
-        shell.faults_at(tick, |place, strike, kind| {
+    let mut tick_source = shell.tick_source(0);
+    let mut scheduled_faults = Vec::with_capacity(MOST_FAULTS);
+    while let Some(tick) = tick_source.next()? {
+        let had_faults = !scheduled_faults.is_empty();
+        scheduled_faults.clear();
+        shell.faults_at(tick, |place, scheduled, kind| {
             if matches!(kind, Kind::Sensor | Kind::Drive) {
                 shell.mark_injected(place);
-                strikes.push(*strike);
+                scheduled_faults.push(*scheduled);
             }
         });
-        if was_afflicted || !strikes.is_empty() {
-            cycle.afflict(tick, &strikes);
+        if had_faults || !scheduled_faults.is_empty() {
+            cycle.apply_faults(tick, &scheduled_faults);
         }
         let (mut sample, mut truth) = (sensors.loan_as_is(tick)?, truths.loan_as_is(tick)?);
         cycle.sample(tick, &mut sample, &mut truth);
         sample.send()?;
         truth.send()?;
-        cycle.step(torques.arriving(tick, pace.deadline_ns())?);
+        cycle.step(torques.arriving(tick, tick_source.deadline_ns())?);
         if cycle.is_over() {
             break;
         }

@@ -37,8 +37,8 @@ pub(crate) struct Checkpoint {
     pub(crate) next: u64,
     pub(crate) rows: Vec<StoredRow>,
     pub(crate) result: RecorderSummary,
-    /// Entries of the fault table that have been told so far, with what was told of each.
-    pub(crate) told: Vec<u32>,
+    /// Entries of the fault table that have been reported so far, with what was reported of each.
+    pub(crate) reported: Vec<u32>,
 }
 
 /// How far one topic has been taken in.

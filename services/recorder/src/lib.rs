@@ -3,9 +3,9 @@
 
 mod assemble;
 mod checkpoint;
+mod fault_reporter;
 mod judge;
 mod tape;
-mod witness;
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -22,7 +22,7 @@ use shared_types::topics::{self, Build, ByTopic, COUNT, Each, Family, Topic};
 use viz::Level;
 
 use checkpoint::{Checkpoint, Memory, Progress, StoredRow};
-use witness::Witness;
+use fault_reporter::FaultReporter;
 
 pub use assemble::{Assembler, Row, Set};
 pub use judge::{Judge, Limits, TaskError, Tick, Verdict};
@@ -63,7 +63,7 @@ pub fn run(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<()
         .map_err(|error| ProcessError::setup(format!("cannot write {}: {error}", path.display())))
 }
 
-/// The summary as JSON that reads back. JSON has no infinity, and messages that a fault has spoilt give errors beyond all numbers: they are as
+/// The summary as JSON that reads back. JSON has no infinity, and messages that a fault has corrupted give errors beyond all numbers: they are as
 /// large as a number can be.
 fn written(summary: &Summary) -> serde_json::Result<Vec<u8>> {
     fn bound(value: &mut serde_json::Value) {
@@ -91,7 +91,7 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
         judge = judge.on_grid(shell.manifest().period_ns());
     }
     let mut tape = Tape::start(robot, job, shell.incarnation())?;
-    let mut witness = Witness::default();
+    let mut fault_reporter = FaultReporter::default();
     let mut progress = <[Progress; COUNT]>::default();
     if shell.incarnation() > 1 {
         tape.go_on_after(memory.written());
@@ -102,7 +102,7 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
         if tape.result.error.is_empty() {
             tape.result.error = past.result.error;
         }
-        (judge, witness) = (past.judge, Witness::resume(past.told));
+        (judge, fault_reporter) = (past.judge, FaultReporter::resume(past.reported));
     }
     let mut topics = Topics::open(shell, job.messages.then_some(folder.as_path()), &progress, &mut assembler)?;
     while shell.poll(pause(shell.mode()))? {
@@ -114,14 +114,15 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
         if !tape.result.error.is_empty() || topics.has_failed() {
             shell.mark_detected();
         }
-        witness.tell(shell, &mut tape);
+        fault_reporter.report(shell, &mut tape);
         if shell.is_about_to_go_down() || memory.is_due(assembler.next_tick()) {
             tape.flush();
             topics.flush();
             memory.note(tape.written());
             let (next, rows) = assembler.pending();
             let rows = rows.map(StoredRow::from).collect();
-            let checkpoint = Checkpoint { judge, progress: topics.progress(), next, rows, result: tape.result, told: witness.told() };
+            let checkpoint =
+                Checkpoint { judge, progress: topics.progress(), next, rows, result: tape.result, reported: fault_reporter.reported() };
             shell.elsewhere(|| memory.save(&checkpoint));
             (judge, tape.result) = (checkpoint.judge, checkpoint.result);
         }
@@ -129,7 +130,7 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
     while let Some(row) = assembler.pop(0, true) {
         take(row, &mut judge, &mut tape);
     }
-    witness.tell(shell, &mut tape);
+    fault_reporter.report(shell, &mut tape);
     let (kept, mut tape) = (topics.finish(), tape.finish());
     tape.messages_bytes = kept.bytes;
     if tape.error.is_empty() {

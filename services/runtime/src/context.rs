@@ -164,16 +164,16 @@ impl Context {
         if self.is_stopping() {
             return Ok(Waited::Stopped);
         }
-        let bell = self.entry().bell();
+        let doorbell = self.entry().doorbell();
         let limit_ns = self.manifest.wait_limit.as_nanos() as u64;
         let (mut is_first_look, mut began_ns) = (true, None);
         loop {
             // Armed before the look: whoever brings it after the look rings.
-            let seen = bell.rings();
-            bell.arm(bits);
+            let seen = doorbell.rings();
+            doorbell.arm(bits);
             let found = look();
             if self.is_stopping() || !matches!(found, Ok(None)) {
-                bell.disarm();
+                doorbell.disarm();
                 return Ok(found?.map_or(Waited::Stopped, Waited::Ready));
             }
             let mut sleep_ns = None;
@@ -182,11 +182,11 @@ impl Context {
                 let now = now_ns();
                 let waited_ns = now - *began_ns.get_or_insert(now);
                 if deadline_ns.is_some_and(|deadline| now >= deadline) {
-                    bell.disarm();
+                    doorbell.disarm();
                     return Ok(Waited::Late);
                 }
                 if waited_ns >= limit_ns {
-                    bell.disarm();
+                    doorbell.disarm();
                     let Wait { what, from } = describe();
                     let waited = Duration::from_nanos(waited_ns);
                     return Err(Interrupted::TimedOut { process: self.name().to_owned(), what, from, waited });
@@ -194,7 +194,7 @@ impl Context {
                 sleep_ns = deadline_ns.map(|deadline| deadline - now);
             }
             is_first_look = false;
-            bell.sleep(seen, sleep_ns);
+            doorbell.sleep(seen, sleep_ns);
         }
     }
 
@@ -436,7 +436,7 @@ impl Context {
     pub(crate) fn report_progress(&self) {
         match self.protocol().reports_to() {
             Report::Everybody => self.control_page.ring_all(),
-            Report::Source(source) => self.control_page.process(source).bell().ring(PROGRESS),
+            Report::Source(source) => self.control_page.process(source).doorbell().ring(PROGRESS),
             Report::Nobody => {}
         }
     }
@@ -458,7 +458,7 @@ impl View for Context {
             ticks: entry.ticks(),
             incarnation: entry.incarnation(),
             is_running: entry.state() == State::Running,
-            awaits_progress: entry.bell().is_armed_for(PROGRESS),
+            awaits_progress: entry.doorbell().is_armed_for(PROGRESS),
         }
     }
 

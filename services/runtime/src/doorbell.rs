@@ -14,11 +14,11 @@ use crate::wait::{Interrupted, Wait, Waited};
 const BIT: u32 = 1 << 29;
 
 /// The wake-up that topics use, without a topic.
-pub struct Doorbell {
+pub struct DoorbellPort {
     shared: Rc<Context>,
 }
 
-impl Doorbell {
+impl DoorbellPort {
     /// The doorbell of the process that a shell belongs to.
     #[must_use]
     pub fn of(shell: &Shell) -> Self {
@@ -33,7 +33,7 @@ impl Doorbell {
 
     /// Wakes the process at this place of the manifest if it waits.
     pub fn ring(&self, process: usize) {
-        self.shared.control_page.process(process).bell().ring(BIT);
+        self.shared.control_page.process(process).doorbell().ring(BIT);
     }
 
     /// Sleeps until `look` finds something; it is called again each time this process's doorbell has been rung. `None` when the run stops.

@@ -247,7 +247,7 @@ impl Shell {
             Round::From(ticks) => {
                 if ticks > shared.entry().ticks() {
                     shared.entry().set_ticks(ticks);
-                    self.each_other(|line| line.bell().ring(PROGRESS));
+                    self.each_other(|line| line.doorbell().ring(PROGRESS));
                 }
                 shared.tick.set(shared.entry().ticks());
                 if self.is_falling.replace(false) {
@@ -265,15 +265,15 @@ impl Shell {
             }
         }
         let is_awaited = Cell::new(false);
-        self.each_other(|line| is_awaited.set(is_awaited.get() || line.bell().is_armed_for(PROGRESS)));
+        self.each_other(|line| is_awaited.set(is_awaited.get() || line.doorbell().is_armed_for(PROGRESS)));
         if !is_awaited.get() && !shared.is_stopping() && !self.is_falling.get() {
-            let bell = shared.entry().bell();
-            let seen = bell.rings();
-            bell.arm(ANYTHING);
+            let doorbell = shared.entry().doorbell();
+            let seen = doorbell.rings();
+            doorbell.arm(ANYTHING);
             if !shared.is_stopping() {
-                bell.sleep(seen, Some(every.as_nanos() as u64));
+                doorbell.sleep(seen, Some(every.as_nanos() as u64));
             }
-            bell.disarm();
+            doorbell.disarm();
         }
         // Read before the round: everything of these ticks is in the buffers now.
         let last = shared.is_stopping();
@@ -320,7 +320,7 @@ impl Shell {
         let shared = &self.shared;
         shared.learn();
         if !shared.is_unharmed() {
-            shared.faults.known.borrow().of(shared.me, tick).for_each(|(place, strike, kind)| each(place, strike, kind));
+            shared.faults.known.borrow().of(shared.me, tick).for_each(|(place, scheduled, kind)| each(place, scheduled, kind));
         }
     }
 
@@ -355,7 +355,7 @@ impl Shell {
         self.shared.control_page.fault_table().mark_injected(place, now_ns());
     }
 
-    /// This process has noticed what has struck it.
+    /// This process has detected its fault.
     pub fn mark_detected(&self) {
         self.shared.control_page.fault_table().mark_detected(self.shared.me, self.shared.tick.get(), now_ns());
     }

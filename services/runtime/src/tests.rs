@@ -198,10 +198,10 @@ fn in_lockstep_the_source_waits_for_the_recorder() {
     let stage = stage(Mode::Lockstep);
     let (plant, recorder) = (stage.shell("plant"), stage.shell("recorder"));
     let (mut sensors, mut drain) = (plant.writer().unwrap(), recorder.collector::<SensorSample>().unwrap());
-    let mut pace = plant.tick_source(0);
+    let mut tick_source = plant.tick_source(0);
     let mut sent = 0;
     let error = loop {
-        match pace.next() {
+        match tick_source.next() {
             Ok(tick) => sensors.send(sample(tick.unwrap())).unwrap(),
             Err(error) => break error,
         }
@@ -213,7 +213,7 @@ fn in_lockstep_the_source_waits_for_the_recorder() {
     assert!(recorder.poll(Duration::ZERO).unwrap());
     drain.collect(|_| {}).unwrap();
     assert!(recorder.poll(Duration::ZERO).unwrap());
-    assert_eq!(pace.next().unwrap(), Some(sent));
+    assert_eq!(tick_source.next().unwrap(), Some(sent));
     assert_eq!(drain.lost(), 0);
 }
 
@@ -226,14 +226,14 @@ fn in_lockstep_the_source_waits_at_the_end_of_a_death_for_who_has_not_died_yet()
     // It is through with tick 0 and nobody has given it a core since.
     line.set_state(State::Running);
     line.set_ticks(1);
-    let mut pace = plant.tick_source(0);
+    let mut tick_source = plant.tick_source(0);
     for tick in 0..3 {
-        assert_eq!(pace.next().unwrap(), Some(tick), "nobody waits for the dead");
+        assert_eq!(tick_source.next().unwrap(), Some(tick), "nobody waits for the dead");
     }
-    let error = pace.next().unwrap_err().to_string();
+    let error = tick_source.next().unwrap_err().to_string();
     assert!(error.contains("its turn to begin tick 3") && error.contains("is estimator alive?"), "{error}");
     line.set_ticks(3);
-    assert_eq!(pace.next().unwrap(), Some(3));
+    assert_eq!(tick_source.next().unwrap(), Some(3));
 }
 
 #[test]
@@ -345,11 +345,11 @@ fn a_clock_that_is_behind_or_ahead_leaves_the_grid_where_it_is() {
             Fault { way: Some(Way::Jump), amount: Some(amount), at_tick: Some(3), for_ticks: Some(20), ..Fault::new("plant", Kind::Clock) };
         stage.control_page.fault_table().enter(&fault.schedule(0, 1000, 0).unwrap(), crate::Origin::Planned);
         let plant = stage.shell("plant");
-        let mut pace = plant.tick_source(0);
+        let mut tick_source = plant.tick_source(0);
         let (began, mut in_time) = (now_ns(), 0);
         for tick in 0..40 {
-            assert_eq!(pace.next().unwrap(), Some(tick));
-            let (now, deadline) = (now_ns(), pace.deadline_ns().unwrap());
+            assert_eq!(tick_source.next().unwrap(), Some(tick));
+            let (now, deadline) = (now_ns(), tick_source.deadline_ns().unwrap());
             assert!(deadline < now + 1_000_000, "{amount} ms, tick {tick}: {} ns ahead", deadline - now);
             // A busy machine is late with some wake-ups.
             in_time += u32::from(deadline > now);

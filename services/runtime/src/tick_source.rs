@@ -32,7 +32,7 @@ impl TickSource {
     ///
     /// # Errors
     /// When in lockstep the recorder takes nothing in within the limit, or the run does not start.
-    #[allow(clippy::should_implement_trait, reason = "it can fail; `while let Some(tick) = pace.next()?`")]
+    #[allow(clippy::should_implement_trait, reason = "it can fail; `while let Some(tick) = tick_source.next()?`")]
     pub fn next(&mut self) -> Result<Option<u64>, Interrupted> {
         if !matches!(self.context.start()?, Waited::Ready(())) {
             return Ok(None);

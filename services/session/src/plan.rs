@@ -15,7 +15,7 @@ use crate::failure::Failure;
 /// [`Failure::Input`] where a fault of the scenario does not fit the graph.
 pub fn plan(job: &Job) -> Result<Plan, Failure> {
     let place = |name: &str| job.graph.process.iter().position(|process| process.name == name).and_then(|place| u32::try_from(place).ok());
-    let faults = job.scenario.strikes(place).map_err(|complaint| Failure::Input(format!("{}: {complaint}", job.scenario.name)))?;
+    let faults = job.scenario.scheduled_faults(place).map_err(|complaint| Failure::Input(format!("{}: {complaint}", job.scenario.name)))?;
     let cores = allowed_cores();
     // Lockstep runs side by side shall not all crowd the same core: which one is "core 0" turns with the process id.
     let turn = if job.mode == Mode::Lockstep { std::process::id() as usize } else { 0 };

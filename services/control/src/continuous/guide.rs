@@ -51,7 +51,7 @@ impl<const N: usize> Guide<N> {
     /// The target of an auxiliary coordinate: its gradient times the way to the planned posture.
     #[must_use]
     pub fn target(&self, s: &Singularity<N>, planned: &Sample<N>, q: &SVector<f64, N>, clock: f64) -> Target {
-        let mode = if planned.pace == 0.0 { Mode::Reorient } else { Mode::Track };
+        let mode = if planned.time_rate == 0.0 { Mode::Reorient } else { Mode::Track };
         Target { error: s.aux_row.dot(&(planned.q - q)), rate: s.aux_row.dot(&planned.dq) * clock, weight: 1.0, mode, clipped: false }
     }
 

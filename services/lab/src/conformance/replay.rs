@@ -5,7 +5,7 @@ use std::path::Path;
 
 use message_log::{Difference, LogError, LogReader};
 use model::{Refused, Robot};
-use runtime::leaves_as;
+use runtime::apply_to_outgoing;
 use session::{Failure, JOB, Observer, Progress, SUMMARY, load};
 use shared_types::codes::{DRIVE_ABSENT, DRIVE_STALE};
 use shared_types::fault::{Fault, Kind, ScheduledFault};
@@ -76,7 +76,7 @@ pub fn replay(run: &Path, process: Replayable, settings: &[String], observer: Ob
         run,
         observer,
         process: process.name(),
-        strikes: scheduled_faults(run, &job, process.name())?,
+        scheduled_faults: scheduled_faults(run, &job, process.name())?,
     };
     observer(Progress::Begin { title: &scenario.name, length: scenario.planned_ticks(), unit: "ticks" });
     let refused = |error: Refused| Failure::input(error);
@@ -127,8 +127,9 @@ fn scheduled_faults(run: &Path, job: &Job, process: &str) -> Result<Vec<Schedule
     let happened = |summary: Summary| summary.faults.into_iter().filter_map(|fault| fault.fault).collect::<Vec<Fault>>();
     let faults = summary.map_or_else(|| job.scenario.fault.clone(), happened);
     let scenario = Scenario { fault: faults, ..job.scenario.clone() };
-    let all = scenario.strikes(|name| Some(u32::from(name != process))).map_err(|complaint| Failure::Input(complaint.to_string()))?;
-    Ok(all.into_iter().filter(|strike| strike.process == 0).collect())
+    let all =
+        scenario.scheduled_faults(|name| Some(u32::from(name != process))).map_err(|complaint| Failure::Input(complaint.to_string()))?;
+    Ok(all.into_iter().filter(|scheduled| scheduled.process == 0).collect())
 }
 
 /// The recorded scenario with other values laid over it. The arm stays: its inputs are in the record.
@@ -152,7 +153,7 @@ struct Tape<'a> {
     /// Who is computed again ...
     process: &'a str,
     /// ... and what happened to it.
-    strikes: Vec<ScheduledFault>,
+    scheduled_faults: Vec<ScheduledFault>,
 }
 
 impl Tape<'_> {
@@ -219,12 +220,13 @@ impl Tape<'_> {
     }
 
     fn was_shaped(&self, tick: u64) -> bool {
-        self.strikes.iter().any(|strike| strike.concerns(tick) && strike.kind().is_some_and(Kind::shapes_messages))
+        self.scheduled_faults.iter().any(|scheduled| scheduled.concerns(tick) && scheduled.kind().is_some_and(Kind::shapes_messages))
     }
 
     /// Whether the process worked at a tick of which nothing of it is in the record.
     fn was_withheld(&self, tick: u64) -> bool {
-        let was_down = self.strikes.iter().any(|strike| strike.concerns(tick) && strike.kind().is_some_and(Kind::takes_down));
+        let was_down =
+            self.scheduled_faults.iter().any(|scheduled| scheduled.concerns(tick) && scheduled.kind().is_some_and(Kind::takes_down));
         self.was_shaped(tick) && !was_down
     }
 
@@ -232,8 +234,8 @@ impl Tape<'_> {
     fn plant(&self, robot: &Robot, scenario: &Scenario) -> Result<Replayed, Failure> {
         let (mut samples, mut truths, mut commands) = (self.in_order::<SensorSample>()?, self.open()?, self.open::<TorqueCommand>()?);
         let mut cycle = plant::cycle(robot, scenario).map_err(Failure::input)?;
-        let of_physics = |strike: &&ScheduledFault| matches!(strike.kind(), Some(Kind::Sensor | Kind::Drive));
-        let faults: Vec<ScheduledFault> = self.strikes.iter().filter(of_physics).copied().collect();
+        let of_physics = |scheduled: &&ScheduledFault| matches!(scheduled.kind(), Some(Kind::Sensor | Kind::Drive));
+        let faults: Vec<ScheduledFault> = self.scheduled_faults.iter().filter(of_physics).copied().collect();
         let (mut sensor, mut state) = (Comparison::<SensorSample>::default(), Comparison::<PlantState>::default());
         let (mut sampled, mut moved) = <(SensorSample, PlantState)>::default();
         let mut ended = String::new();
@@ -247,14 +249,14 @@ impl Tape<'_> {
                 ended = format!("tick {tick} {what}: the replay of the plant ends there");
                 break;
             }
-            let strikes: Vec<ScheduledFault> = faults.iter().filter(|strike| strike.concerns(tick)).copied().collect();
-            let was_struck = faults.iter().any(|strike| tick > 0 && strike.concerns(tick - 1));
-            if was_struck || !strikes.is_empty() {
-                cycle.afflict(tick, &strikes);
+            let scheduled_faults: Vec<ScheduledFault> = faults.iter().filter(|scheduled| scheduled.concerns(tick)).copied().collect();
+            let had_faults = faults.iter().any(|scheduled| tick > 0 && scheduled.concerns(tick - 1));
+            if had_faults || !scheduled_faults.is_empty() {
+                cycle.apply_faults(tick, &scheduled_faults);
             }
             cycle.sample(tick, &mut sampled, &mut moved);
             let mut sent = sampled;
-            leaves_as(&mut sent, &self.strikes, self.process);
+            apply_to_outgoing(&mut sent, &self.scheduled_faults, self.process);
             sensor.take(&recorded, sent);
             if let Some(truth) = &truth {
                 state.take(truth, moved);
@@ -306,7 +308,7 @@ impl<M: Message> Outputs for M {
         messages.next_message()
     }
     fn compare((_, comparison): &mut Self::Recorded, last: &M, mut computed: M, tape: &Tape<'_>) -> Result<(), LogError> {
-        leaves_as(&mut computed, &tape.strikes, tape.process);
+        apply_to_outgoing(&mut computed, &tape.scheduled_faults, tape.process);
         comparison.take(last, computed);
         Ok(())
     }
@@ -348,7 +350,7 @@ impl Outputs for Control {
             recorded.state.take(&state, computed.state);
         }
         let mut torque = computed.torque;
-        leaves_as(&mut torque, &tape.strikes, tape.process);
+        apply_to_outgoing(&mut torque, &tape.scheduled_faults, tape.process);
         recorded.torque.take(last, torque);
         Ok(())
     }

@@ -203,14 +203,14 @@ mod tests {
         Scenario::parse(name, sim::scenarios::text(name).unwrap(), &[]).unwrap()
     }
 
-    /// An arm at rest for 100 ticks, with one tick spoilt.
-    fn broken(faults: &[Fault], spoil: impl Fn(&mut PlantState, &mut SensorSample)) -> Vec<String> {
+    /// An arm at rest for 100 ticks, with one tick corrupted.
+    fn broken(faults: &[Fault], corrupt: impl Fn(&mut PlantState, &mut SensorSample)) -> Vec<String> {
         let mut motion = Motion::new(Promise::new(&Robot::builtin("puma560").unwrap(), &scenario(), SPEED_MARGIN, faults.iter()));
         for tick in 0..100 {
             let (mut state, mut sample) = (PlantState::default(), SensorSample::default());
             (state.header.tick, sample.header.tick) = (tick, tick);
             if tick == 50 {
-                spoil(&mut state, &mut sample);
+                corrupt(&mut state, &mut sample);
             }
             motion.add(&state);
             motion.add_age(&sample);
@@ -221,8 +221,8 @@ mod tests {
     #[test]
     fn each_promise_that_is_broken_is_caught_and_named_with_its_tick() {
         assert_eq!(broken(&[], |_, _| ()), Vec::<String>::new());
-        let caught = |words: &str, spoil: &dyn Fn(&mut PlantState, &mut SensorSample)| {
-            let broken = broken(&[], spoil);
+        let caught = |words: &str, corrupt: &dyn Fn(&mut PlantState, &mut SensorSample)| {
+            let broken = broken(&[], corrupt);
             assert!(
                 broken.iter().any(|what| what.contains(words) && (what.contains("50") || words.contains("old"))),
                 "{words}: {broken:?}"

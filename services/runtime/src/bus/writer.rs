@@ -291,7 +291,7 @@ impl<M: Message> Outlet for Sending<M> {
 
     fn ring(&self) {
         for &reader in &self.readers {
-            self.shared.control_page.process(reader).bell().ring(self.bit);
+            self.shared.control_page.process(reader).doorbell().ring(self.bit);
         }
     }
 }

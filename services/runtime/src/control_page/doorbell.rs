@@ -16,7 +16,7 @@ pub(crate) const ANYTHING: u32 = u32::MAX;
 /// A doorbell: the futex word on which one process sleeps and that others ring.
 #[repr(C, align(64))]
 #[derive(Debug, Default)]
-pub(crate) struct Bell {
+pub(crate) struct Doorbell {
     /// Counts rings; the futex word.
     rings: AtomicU32,
     /// For which topics (bits) the owner sleeps; 0 while it is awake, so that ringing costs no system call then.
@@ -25,7 +25,7 @@ pub(crate) struct Bell {
     sleeps: AtomicU32,
 }
 
-impl Bell {
+impl Doorbell {
     /// Tells the owner that something arrived on the topics `bits`; a system call only if it sleeps for one of them.
     pub(crate) fn ring(&self, bits: u32) {
         self.rings.fetch_add(1, Ordering::SeqCst);
@@ -44,7 +44,7 @@ impl Bell {
         self.rings.load(Ordering::SeqCst)
     }
 
-    /// Announces the sleep; the caller must look for data once more before [`Bell::sleep`].
+    /// Announces the sleep; the caller must look for data once more before [`Doorbell::sleep`].
     pub(crate) fn arm(&self, bits: u32) {
         self.sleeps.store(self.sleeps.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
         self.awaited.store(bits | ATTENTION, Ordering::SeqCst);

@@ -2,8 +2,8 @@
 
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
-use crate::control_page::doorbell::Bell;
-use crate::control_page::live_statistics::{Distribution, Times};
+use crate::control_page::doorbell::Doorbell;
+use crate::control_page::live_statistics::{Distribution, DurationHistogram};
 
 /// What a process is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -77,22 +77,22 @@ counts! {
 #[repr(C, align(64))]
 #[derive(Debug, Default)]
 pub struct ProcessEntry {
-    bell: Bell,
+    doorbell: Doorbell,
     /// Ticks done: the heartbeat. Tick k done is k + 1.
     ticks: AtomicU64,
     pid: AtomicU32,
     incarnation: AtomicU32,
     state: AtomicU32,
     counts: [AtomicU64; COUNTS],
-    step: Times,
-    age: Times,
+    step: DurationHistogram,
+    age: DurationHistogram,
 }
 
 impl ProcessEntry {
     /// Its doorbell.
     #[must_use]
-    pub(crate) fn bell(&self) -> &Bell {
-        &self.bell
+    pub(crate) fn doorbell(&self) -> &Doorbell {
+        &self.doorbell
     }
 
     /// Ticks done.
@@ -149,7 +149,7 @@ impl ProcessEntry {
     /// The launcher, when the process has ended.
     pub fn end(&self) {
         self.set_state(State::Gone);
-        self.bell.disarm();
+        self.doorbell.disarm();
     }
 
     /// One of its counts.
@@ -173,7 +173,7 @@ impl ProcessEntry {
     /// How often it has looked for what it waits for: who only waits looks again and again, who is stuck or stopped does not.
     #[must_use]
     pub fn looks(&self) -> u32 {
-        self.bell.sleeps()
+        self.doorbell.sleeps()
     }
 
     pub(crate) fn note_step(&self, ns: u64) {

@@ -33,18 +33,18 @@ fn middle(index: usize) -> f64 {
 /// Times in logarithmic buckets; one writer.
 #[repr(C)]
 #[derive(Debug)]
-pub(crate) struct Times {
+pub(crate) struct DurationHistogram {
     longest_ns: AtomicU64,
     counts: [AtomicU64; BUCKETS],
 }
 
-impl Default for Times {
+impl Default for DurationHistogram {
     fn default() -> Self {
         Self { longest_ns: AtomicU64::new(0), counts: std::array::from_fn(|_| AtomicU64::new(0)) }
     }
 }
 
-impl Times {
+impl DurationHistogram {
     /// Two plain loads and stores: there is one writer, and a reader that sees one without the other sees a sample less.
     pub(crate) fn record(&self, ns: u64) {
         let count = &self.counts[bucket(ns)];
@@ -206,7 +206,7 @@ mod tests {
 
     #[test]
     fn quantiles_are_those_of_the_samples() {
-        let times = Times::default();
+        let times = DurationHistogram::default();
         (1..=1000).for_each(|us| times.record(us * 1000));
         let (first, share) =
             (times.read(), |spread: &Distribution, share, us: f64| (spread.quantile_us(share).unwrap() / us - 1.0).abs() < 0.07);

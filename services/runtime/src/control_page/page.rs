@@ -195,7 +195,7 @@ impl ControlPage {
     /// Wakes everybody: something has changed that is no message.
     pub fn ring_all(&self) {
         for line in &self.page().entries {
-            line.bell().ring(ANYTHING);
+            line.doorbell().ring(ANYTHING);
         }
     }
 
@@ -241,7 +241,7 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
-    use crate::control_page::doorbell::Bell;
+    use crate::control_page::doorbell::Doorbell;
     use crate::control_page::entry::{Count, State};
     use crate::control_page::watchdog::Watchdog;
 
@@ -274,13 +274,13 @@ mod tests {
 
     #[test]
     fn a_ring_between_looking_and_sleeping_is_not_lost() {
-        let bell = Bell::default();
-        let seen = bell.rings();
-        bell.arm(1);
-        bell.ring(1);
+        let doorbell = Doorbell::default();
+        let seen = doorbell.rings();
+        doorbell.arm(1);
+        doorbell.ring(1);
         // Would sleep for an hour if the ring were lost.
-        bell.sleep(seen, Some(3_600_000_000_000));
-        assert!(!bell.is_armed_for(1), "the ringer has disarmed it: the next ring costs no system call");
+        doorbell.sleep(seen, Some(3_600_000_000_000));
+        assert!(!doorbell.is_armed_for(1), "the ringer has disarmed it: the next ring costs no system call");
     }
 
     #[test]
@@ -293,16 +293,16 @@ mod tests {
             // Rings for a topic that the sleeper does not wait for must not pass for wakes.
             scope.spawn(|| {
                 while !is_over.load(Ordering::Relaxed) {
-                    control_page.process(0).bell().ring(0b10);
+                    control_page.process(0).doorbell().ring(0b10);
                     std::thread::sleep(Duration::from_millis(1));
                 }
             });
             for _ in 0..3 {
-                let bell = control_page.process(0).bell();
-                bell.arm(0b01);
+                let doorbell = control_page.process(0).doorbell();
+                doorbell.arm(0b01);
                 // Sleeps through all rings for other topics: only a wake ends it.
-                while bell.is_armed_for(0b01) {
-                    bell.sleep(bell.rings(), None);
+                while doorbell.is_armed_for(0b01) {
+                    doorbell.sleep(doorbell.rings(), None);
                 }
             }
             is_over.store(true, Ordering::Relaxed);
@@ -311,14 +311,14 @@ mod tests {
 
     #[test]
     fn a_ring_wakes_only_who_waits_for_it() {
-        let bell = Bell::default();
-        bell.arm(0);
-        bell.ring(ANYTHING);
-        assert!(!bell.is_armed_for(ANYTHING), "a sleeper that waits for no topic still hears of a stop");
-        bell.arm(0b10);
-        bell.ring(0b01);
-        assert!(bell.is_armed_for(0b10));
-        bell.ring(ANYTHING);
-        assert!(!bell.is_armed_for(ANYTHING));
+        let doorbell = Doorbell::default();
+        doorbell.arm(0);
+        doorbell.ring(ANYTHING);
+        assert!(!doorbell.is_armed_for(ANYTHING), "a sleeper that waits for no topic still hears of a stop");
+        doorbell.arm(0b10);
+        doorbell.ring(0b01);
+        assert!(doorbell.is_armed_for(0b10));
+        doorbell.ring(ANYTHING);
+        assert!(!doorbell.is_armed_for(ANYTHING));
     }
 }

@@ -20,11 +20,11 @@ impl Watchdog {
         let watch = move || {
             let mut seen = 0;
             while let Some(control_page) = control_page.upgrade() {
-                let bell = control_page.process(index).bell();
-                let sleeps = bell.sleeps();
+                let doorbell = control_page.process(index).doorbell();
+                let sleeps = doorbell.sleeps();
                 // The same sleep as the last time, whoever has rung for other topics meanwhile.
                 if sleeps == seen {
-                    bell.ring(ATTENTION);
+                    doorbell.ring(ATTENTION);
                 }
                 seen = sleeps;
                 drop(control_page);

@@ -38,7 +38,7 @@ pub(crate) fn shape<'a, M: Message>(
             // It leaves after the next one: that one is delivered before what is due is flushed.
             Kind::Reorder => shape.due += 1,
             Kind::Delay => shape.due += fault.amount as u64 + random(fault.seed, label) % (fault.jitter + 1),
-            Kind::Corrupt => spoil(message, fault, process),
+            Kind::Corrupt => corrupt(message, fault, process),
             _ => shape.is_stale = true,
         }
     }
@@ -46,33 +46,34 @@ pub(crate) fn shape<'a, M: Message>(
 }
 
 /// Whether a fault concerns the message of a tick: the same answer every time.
-pub(crate) fn happens(strike: &ScheduledFault, tick: u64) -> bool {
+pub(crate) fn happens(scheduled: &ScheduledFault, tick: u64) -> bool {
     // 53 bits make a number in [0, 1) exactly; another draw than the delay's.
-    strike.probability >= 1.0 || ((random(!strike.seed, tick) >> 11) as f64) < strike.probability * (1u64 << 53) as f64
+    scheduled.probability >= 1.0 || ((random(!scheduled.seed, tick) >> 11) as f64) < scheduled.probability * (1u64 << 53) as f64
 }
 
 /// Spoils the number that a corruption aims at.
-pub(crate) fn spoil<M: Message>(message: &mut M, strike: &ScheduledFault, process: &str) {
-    let Some((field, place)) = strike.field(process) else { return };
+pub(crate) fn corrupt<M: Message>(message: &mut M, scheduled: &ScheduledFault, process: &str) {
+    let Some((field, place)) = scheduled.field(process) else { return };
     let tick = message.header().tick;
     let start = field.offset + place * size_of::<f64>();
     let Some(bytes) = bytemuck::bytes_of_mut(message).get_mut(start..start + size_of::<f64>()) else { return };
     let value: f64 = bytemuck::pod_read_unaligned(bytes);
-    let spoilt = match strike.way() {
+    let corrupted = match scheduled.way() {
         Some(Way::Nan) => f64::NAN,
         Some(Way::Inf) => f64::INFINITY,
-        Some(Way::Flip) => f64::from_bits(value.to_bits() ^ 1 << (random(strike.seed, tick) % 64)),
-        _ => (value.abs().max(1.0) * strike.amount).copysign(value),
+        Some(Way::Flip) => f64::from_bits(value.to_bits() ^ 1 << (random(scheduled.seed, tick) % 64)),
+        _ => (value.abs().max(1.0) * scheduled.amount).copysign(value),
     };
-    bytes.copy_from_slice(&spoilt.to_ne_bytes());
+    bytes.copy_from_slice(&corrupted.to_ne_bytes());
 }
 
-/// Does to a message what the faults that strike its process make of it when it leaves in its own tick: its fields, not whether and when.
-pub fn leaves_as<M: Message>(message: &mut M, strikes: &[ScheduledFault], process: &str) {
+/// Does to a message what the faults in force on its process make of it when it leaves in its own tick: its fields, not whether and when.
+pub fn apply_to_outgoing<M: Message>(message: &mut M, scheduled_faults: &[ScheduledFault], process: &str) {
     let tick = message.header().tick;
-    let spoils = |strike: &&ScheduledFault| strike.kind() == Some(Kind::Corrupt) && strike.concerns(tick) && happens(strike, tick);
+    let corrupts =
+        |scheduled: &&ScheduledFault| scheduled.kind() == Some(Kind::Corrupt) && scheduled.concerns(tick) && happens(scheduled, tick);
     if shaped_topic(M::TOPIC) {
-        strikes.iter().filter(spoils).for_each(|strike| spoil(message, strike, process));
+        scheduled_faults.iter().filter(corrupts).for_each(|scheduled| corrupt(message, scheduled, process));
     }
 }
 

@@ -24,13 +24,13 @@ impl CpuLoad {
     /// Starts the load of the fault at `place` of the table.
     pub(crate) fn start(place: usize, core: Option<usize>) -> Self {
         let stop = Arc::new(AtomicBool::new(false));
-        let told = Arc::clone(&stop);
+        let stop_requested = Arc::clone(&stop);
         let work = move || {
             if let Some(core) = core {
                 // A load on any core is a load.
                 let _ = realtime::pin(core);
             }
-            while !told.load(Ordering::Relaxed) {
+            while !stop_requested.load(Ordering::Relaxed) {
                 let until = now_ns() + Self::BUSY_NS;
                 while now_ns() < until {
                     std::hint::spin_loop();

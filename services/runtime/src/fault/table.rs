@@ -15,7 +15,7 @@ pub const MOST_FAULTS: usize = 64;
 /// So long after a fault what it has done to messages may still come to light: the longest delay, twice.
 const AFTERMATH_TICKS: u64 = 2 * MOST_DELAY_TICKS;
 
-/// 64-bit words of a strike.
+/// 64-bit words of a scheduled fault.
 const WORDS: usize = size_of::<ScheduledFault>() / size_of::<u64>();
 
 /// Where a fault comes from.
@@ -84,22 +84,22 @@ pub struct FaultRecord {
 
 impl FaultTable {
     /// Enters a fault that is in force from its tick on; `None` when the fault table is full.
-    pub fn enter(&self, strike: &ScheduledFault, origin: Origin) -> Option<usize> {
-        self.write(strike, origin, IN_FORCE)
+    pub fn enter(&self, scheduled: &ScheduledFault, origin: Origin) -> Option<usize> {
+        self.write(scheduled, origin, IN_FORCE)
     }
 
     /// Requests a fault from the next tick on (`at` 0), or from a tick still to come; `None` when the fault table is full.
-    pub fn request(&self, strike: &ScheduledFault) -> Option<usize> {
-        self.write(strike, Origin::Live, REQUESTED)
+    pub fn request(&self, scheduled: &ScheduledFault) -> Option<usize> {
+        self.write(scheduled, Origin::Live, REQUESTED)
     }
 
-    fn write(&self, strike: &ScheduledFault, origin: Origin, standing: u32) -> Option<usize> {
+    fn write(&self, scheduled: &ScheduledFault, origin: Origin, standing: u32) -> Option<usize> {
         let place = self.taken.fetch_add(1, Ordering::AcqRel) as usize;
         let Some(entry) = self.entries.get(place) else {
             self.taken.store(MOST_FAULTS as u32, Ordering::Release);
             return None;
         };
-        entry.put(strike);
+        entry.put(scheduled);
         entry.origin.store(origin as u32, Ordering::Relaxed);
         entry.standing.store(standing, Ordering::Release);
         if standing == IN_FORCE {
@@ -168,18 +168,18 @@ impl FaultTable {
         }
     }
 
-    /// Something noticed at a tick what has struck this process: what has taken it down, and what else is in force or has been shortly before.
+    /// A fault of this process is detected at a tick: the one that ended it, and others that are in force or has been shortly before.
     pub fn mark_detected(&self, process: usize, tick: u64, now_ns: u64) {
         let is_it = |entry: &&Entry| entry.is_at_work(tick) || entry.scheduled().kind().is_some_and(Kind::takes_down);
-        let struck = self.of(process).filter(|entry| entry.injected_ns.load(Ordering::Relaxed) != 0);
-        struck.filter(is_it).for_each(|entry| first(&entry.detected_ns, now_ns));
+        let injected = self.of(process).filter(|entry| entry.injected_ns.load(Ordering::Relaxed) != 0);
+        injected.filter(is_it).for_each(|entry| first(&entry.detected_ns, now_ns));
     }
 
-    /// A message is missing, or came twice, or was refused, at a tick: whatever has struck anywhere and is in force, or has been shortly before, has
+    /// A message is missing, or came twice, or was refused, at a tick: every injected fault that is in force, or has been shortly before, has
     /// been noticed by that.
     pub(crate) fn mark_all_detected(&self, tick: u64, now_ns: u64) {
-        let struck = self.taken().iter().filter(|entry| entry.injected_ns.load(Ordering::Relaxed) != 0);
-        struck.filter(|entry| entry.is_at_work(tick)).for_each(|entry| first(&entry.detected_ns, now_ns));
+        let injected = self.taken().iter().filter(|entry| entry.injected_ns.load(Ordering::Relaxed) != 0);
+        injected.filter(|entry| entry.is_at_work(tick)).for_each(|entry| first(&entry.detected_ns, now_ns));
     }
 
     /// This process works again.
@@ -201,8 +201,8 @@ fn first(time: &AtomicU64, now_ns: u64) {
 }
 
 impl Entry {
-    fn put(&self, strike: &ScheduledFault) {
-        let words: [u64; WORDS] = bytemuck::cast(*strike);
+    fn put(&self, scheduled: &ScheduledFault) {
+        let words: [u64; WORDS] = bytemuck::cast(*scheduled);
         self.words.iter().zip(words).for_each(|(place, word)| place.store(word, Ordering::Relaxed));
     }
 
@@ -250,13 +250,13 @@ impl KnownFaults {
     pub(crate) fn of(&self, process: usize, tick: u64) -> impl Iterator<Item = (usize, &ScheduledFault, Kind)> {
         self.faults
             .iter()
-            .filter(move |(_, strike)| strike.process as usize == process && strike.concerns(tick))
-            .filter_map(|(place, strike)| Some((*place, strike, strike.kind()?)))
+            .filter(move |(_, scheduled)| scheduled.process as usize == process && scheduled.concerns(tick))
+            .filter_map(|(place, scheduled)| Some((*place, scheduled, scheduled.kind()?)))
     }
 
     /// Whether any fault makes more or fewer than one message of a topic leave in a tick.
     pub(crate) fn shapes_messages(&self) -> bool {
-        self.faults.iter().any(|(_, strike)| strike.kind().is_some_and(Kind::shapes_messages))
+        self.faults.iter().any(|(_, scheduled)| scheduled.kind().is_some_and(Kind::shapes_messages))
     }
 }
 
@@ -266,7 +266,7 @@ mod tests {
     use crate::{ControlPage, RunDir};
     use shared_types::fault::Fault;
 
-    fn strike(kind: Kind, at: u64) -> ScheduledFault {
+    fn scheduled(kind: Kind, at: u64) -> ScheduledFault {
         Fault { at_tick: Some(at), ..Fault::new("controller", kind) }.schedule(3, 1000, 7).unwrap()
     }
 
@@ -277,7 +277,7 @@ mod tests {
         let mut copied = KnownFaults::default();
         let is_down = |copied: &KnownFaults, process, tick| copied.of(process, tick).any(|(_, _, kind)| kind.takes_down());
         assert!(copied.is_current(theirs.fault_table()) && !is_down(&copied, 3, 500));
-        let place = theirs.fault_table().request(&strike(Kind::Kill, 0)).unwrap();
+        let place = theirs.fault_table().request(&scheduled(Kind::Kill, 0)).unwrap();
         assert!(copied.is_current(theirs.fault_table()) && !theirs.fault_table().is_in_force(place));
         ours.fault_table().adopt(500);
         assert!(!copied.is_current(theirs.fault_table()) && theirs.fault_table().is_in_force(place));
@@ -291,16 +291,16 @@ mod tests {
         let run = RunDir::create().unwrap();
         let control_page = ControlPage::create(&run).unwrap();
         let table = control_page.fault_table();
-        let place = table.enter(&strike(Kind::Hang, 10), Origin::Planned).unwrap();
+        let place = table.enter(&scheduled(Kind::Hang, 10), Origin::Planned).unwrap();
         table.mark_detected(3, 10, 50);
-        assert_eq!(table.record(place).unwrap().detected_ns, 0, "it has not struck yet");
+        assert_eq!(table.record(place).unwrap().detected_ns, 0, "not injected yet");
         table.mark_injected(place, 60);
         table.mark_detected(3, 10, 70);
         table.mark_detected(3, 10, 80);
         table.mark_recovered(3, 90);
         let account = table.record(place).unwrap();
         assert_eq!((account.injected_ns, account.detected_ns, account.recovered_ns, account.origin), (60, 70, 90, Origin::Planned));
-        assert_eq!(account.scheduled, strike(Kind::Hang, 10));
+        assert_eq!(account.scheduled, scheduled(Kind::Hang, 10));
     }
 
     #[test]
@@ -308,7 +308,7 @@ mod tests {
         let run = RunDir::create().unwrap();
         let control_page = ControlPage::create(&run).unwrap();
         let table = control_page.fault_table();
-        let places = [10, 1_000, 3_000].map(|at| table.enter(&strike(Kind::Drop, at), Origin::Planned).unwrap());
+        let places = [10, 1_000, 3_000].map(|at| table.enter(&scheduled(Kind::Drop, at), Origin::Planned).unwrap());
         places.iter().for_each(|place| table.mark_injected(*place, 5));
         // The second lasts 100 ticks from 1000.
         table.mark_all_detected(1_150, 77);
@@ -322,9 +322,9 @@ mod tests {
         let run = RunDir::create().unwrap();
         let control_page = ControlPage::create(&run).unwrap();
         for _ in 0..MOST_FAULTS {
-            assert!(control_page.fault_table().enter(&strike(Kind::Drop, 1), Origin::Planned).is_some());
+            assert!(control_page.fault_table().enter(&scheduled(Kind::Drop, 1), Origin::Planned).is_some());
         }
-        assert_eq!((0..3).map(|_| control_page.fault_table().request(&strike(Kind::Drop, 1))).collect::<Vec<_>>(), [None; 3]);
+        assert_eq!((0..3).map(|_| control_page.fault_table().request(&scheduled(Kind::Drop, 1))).collect::<Vec<_>>(), [None; 3]);
         assert_eq!(control_page.fault_table().records().count(), MOST_FAULTS);
     }
 }

@@ -46,7 +46,7 @@ pub struct Sample<const N: usize> {
     /// Time on the path's clock, s.
     pub t: f64,
     /// Speed of the path's clock against the route's: 1, or 0 while the path waits.
-    pub pace: f64,
+    pub time_rate: f64,
     /// Posture, rad.
     pub q: SVector<f64, N>,
     /// Its rate per unit of the route's clock, rad/s.
@@ -184,7 +184,7 @@ impl<const N: usize> PathPlan<N> {
         let after = self.points.partition_point(|point| point.u <= u);
         let (Some(b), Some(a)) = (self.points.get(after), after.checked_sub(1).and_then(|i| self.points.get(i))) else {
             let end = self.points.last().map_or((0.0, SVector::zeros()), |last| (last.t, last.q));
-            return Sample { t: end.0 + (u - self.duration_s).max(0.0), pace: 1.0, q: end.1, dq: SVector::zeros(), speed: 1.0 };
+            return Sample { t: end.0 + (u - self.duration_s).max(0.0), time_rate: 1.0, q: end.1, dq: SVector::zeros(), speed: 1.0 };
         };
         let h = b.u - a.u;
         let x = (u - a.u) / h;
@@ -195,9 +195,9 @@ impl<const N: usize> PathPlan<N> {
             + b.q * (3.0 * x2 - 2.0 * x3)
             + b.slope * (h * (x3 - x2));
         let dq = (b.q - a.q) * (6.0 * (x - x2) / h) + a.slope * (3.0 * x2 - 4.0 * x + 1.0) + b.slope * (3.0 * x2 - 2.0 * x);
-        let pace = (b.t - a.t) / h;
+        let time_rate = (b.t - a.t) / h;
         let speed = (a.speed * a.speed * (1.0 - x) + b.speed * b.speed * x).sqrt();
-        Sample { t: a.t + (b.t - a.t) * x, pace: if pace > 0.5 { 1.0 } else { 0.0 }, q, dq, speed }
+        Sample { t: a.t + (b.t - a.t) * x, time_rate: if time_rate > 0.5 { 1.0 } else { 0.0 }, q, dq, speed }
     }
 }
 

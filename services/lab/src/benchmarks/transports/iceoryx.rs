@@ -10,7 +10,7 @@ use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
-use runtime::{Doorbell, ProcessError, Shell};
+use runtime::{DoorbellPort, ProcessError, Shell};
 
 use super::block::Block;
 
@@ -42,7 +42,7 @@ type Ipc = ipc::Service;
 
 /// One process's ends of a ring of processes: it reads the payloads of the process before it.
 pub struct Iceoryx<In: ZeroCopySend + std::fmt::Debug + 'static, Out: ZeroCopySend + std::fmt::Debug + 'static> {
-    doorbell: Doorbell,
+    doorbell: DoorbellPort,
     publisher: Publisher<Ipc, Out, ()>,
     subscriber: Subscriber<Ipc, In, ()>,
     notifier: Notifier<Ipc>,
@@ -60,7 +60,7 @@ impl<In: ZeroCopySend + std::fmt::Debug + 'static, Out: ZeroCopySend + std::fmt:
     /// # Errors
     /// [`ProcessError`] when iceoryx2 refuses.
     pub fn open(shell: &Shell, from: usize, me: usize, to: usize) -> Result<Self, ProcessError> {
-        let doorbell = Doorbell::of(shell);
+        let doorbell = DoorbellPort::of(shell);
         let publisher = {
             let service = data::<Out>(&doorbell, me)?;
             service.publisher_builder().max_loaned_samples(1).create().map_err(refused)?
@@ -142,7 +142,7 @@ fn name(what: &str, writer: usize) -> Result<ServiceName, ProcessError> {
 
 /// The service on which a process writes. One reader holds one sample: large payloads take no more memory than they must.
 fn data<P: ZeroCopySend + std::fmt::Debug + 'static>(
-    doorbell: &Doorbell,
+    doorbell: &DoorbellPort,
     writer: usize,
 ) -> Result<iceoryx2::service::port_factory::publish_subscribe::PortFactory<Ipc, P, ()>, ProcessError> {
     let builder = doorbell.node().service_builder(&name("data", writer)?).publish_subscribe::<P>();

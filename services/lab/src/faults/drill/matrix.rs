@@ -106,7 +106,7 @@ pub fn drill(request: &Request<'_>, observer: Observer<'_>) -> Result<Drilled, F
 struct Drill<'a> {
     job: Job,
     robot: &'a Robot,
-    /// Ticks of the task, in the middle of which faults strike.
+    /// Ticks of the task, in the middle of which faults are injected.
     span: u64,
     folder: &'a Path,
 }
@@ -120,13 +120,13 @@ impl<'a> Drill<'a> {
         Ok(Self { job, robot, span, folder })
     }
 
-    fn strike(&self, fault: &Fault, seed: u64) -> Result<ScheduledFault, Failure> {
+    fn scheduled(&self, fault: &Fault, seed: u64) -> Result<ScheduledFault, Failure> {
         let place = self.job.graph.process.iter().position(|process| process.name == fault.process).unwrap_or_default();
         fault.schedule(place as u32, self.job.scenario.rate_hz, seed).map_err(|complaint| Failure::Input(complaint.to_string()))
     }
 
     fn cell(&self, plan: &Plan, base: &Ran) -> Result<Cell, Failure> {
-        let live = plan.iter().enumerate().map(|(i, fault)| self.strike(fault, random(self.job.scenario.seed, i as u64)));
+        let live = plan.iter().enumerate().map(|(i, fault)| self.scheduled(fault, random(self.job.scenario.seed, i as u64)));
         // The picture costs time, and only the recorder's faults concern it.
         let records = plan.iter().any(|fault| fault.process == "recorder");
         let ran = self.run(&self.job.scenario, &live.collect::<Result<Vec<_>, _>>()?, records)?;
@@ -145,7 +145,7 @@ impl<'a> Drill<'a> {
         // As `armplane fault` would request them, before the first tick.
         let mut begin = |run: &RunDir| {
             let control_page = ControlPage::open(run).map_err(Failure::work)?;
-            match live.iter().any(|strike| control_page.fault_table().request(strike).is_none()) {
+            match live.iter().any(|scheduled| control_page.fault_table().request(scheduled).is_none()) {
                 true => Err(Failure::Work(format!("a run has room for {} faults", runtime::MOST_FAULTS))),
                 false => Ok(()),
             }

@@ -36,9 +36,9 @@ impl Only {
 pub struct Terms<'a> {
     /// The processes of the graph.
     pub processes: &'a [&'a str],
-    /// Of when the faults strike, and of the pairs.
+    /// Of when the faults are injected, and of the pairs.
     pub seed: u64,
-    /// Ticks of the task, in the middle of which faults strike.
+    /// Ticks of the task, in the middle of which faults are injected.
     pub span: u64,
     /// Joints of the arm.
     pub dof: usize,

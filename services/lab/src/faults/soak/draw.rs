@@ -26,7 +26,7 @@ const FATAL_ONE_IN: u64 = 4;
 /// Deaths that spend a budget of five restarts.
 const SPENT: u32 = 6;
 
-/// What is done to a process from outside, which no ledger knows.
+/// What is done to a process from outside, which no fault table knows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Signal {
     /// SIGKILL.

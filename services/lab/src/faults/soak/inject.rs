@@ -1,4 +1,4 @@
-//! Strikes: requests faults of a running graph and sends signals to its processes, each at its time.
+//! Requests faults of a running graph and sends signals to its processes, each at its time.
 
 use std::collections::BTreeMap;
 use std::os::fd::OwnedFd;
@@ -13,13 +13,13 @@ use super::draw::{Act, Planned, Signal};
 /// Restarts that a round's planned may cost a process: the budget is five, and a stop can turn into one more death.
 const MOST_RESTARTS: u32 = 4;
 
-/// Entries of the ledger for planned; the rest is for deaths that the launcher detects.
+/// Entries of the fault table for planned; the rest is for deaths that the launcher detects.
 const MOST_REQUESTS: usize = 48;
 
 /// What became of a planned.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Done {
-    /// Requested of the ledger, at this place of it.
+    /// Requested of the fault table, at this place of it.
     Requested(usize),
     /// The process got its signal.
     Signalled,
@@ -47,7 +47,7 @@ enum Todo {
     Stop,
 }
 
-/// One run, seen by who strikes it.
+/// One run, seen by the injector.
 pub struct Injector<'a> {
     pub control_page: &'a ControlPage,
     /// As on the control_page.
@@ -59,7 +59,7 @@ pub struct Injector<'a> {
 }
 
 impl Injector<'_> {
-    /// Strikes from the first tick, which `going` tells by a word, to the end of the run, which it tells by closing; and stops the run after
+    /// Injects from the first tick, which `going` tells by a word, to the end of the run, which it tells by closing; and stops the run after
     /// `most_s`.
     pub fn inject(&self, planned: Vec<Planned>, most_s: f64, going: &Receiver<()>) -> Vec<Executed> {
         let mut executed = Vec::new();
@@ -110,11 +110,11 @@ impl Injector<'_> {
         let ms = |ms: u32| Duration::from_millis(u64::from(ms));
         let signal = match &planned.act {
             Act::Fault(fault) => {
-                let ledger = self.control_page.fault_table();
-                let strike = fault.schedule(index as u32, self.rate_hz, random(self.seed, number));
-                let is_full = !planned.is_fatal && ledger.records().count() >= MOST_REQUESTS;
-                let place = strike.ok().filter(|_| !is_full).and_then(|strike| ledger.request(&strike));
-                return (place.map_or(Done::LeftOut("the ledger is full"), Done::Requested), None);
+                let fault_table = self.control_page.fault_table();
+                let scheduled = fault.schedule(index as u32, self.rate_hz, random(self.seed, number));
+                let is_full = !planned.is_fatal && fault_table.records().count() >= MOST_REQUESTS;
+                let place = scheduled.ok().filter(|_| !is_full).and_then(|scheduled| fault_table.request(&scheduled));
+                return (place.map_or(Done::LeftOut("the fault table is full"), Done::Requested), None);
             }
             Act::Signal(_, signal) => *signal,
         };

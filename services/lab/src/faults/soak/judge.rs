@@ -178,7 +178,7 @@ mod tests {
     use shared_types::{PlantState, codes};
 
     /// A round without fault, with something about it changed.
-    fn judged(spoil: impl Fn(&mut Evidence)) -> Vec<String> {
+    fn judged(corrupt: impl Fn(&mut Evidence)) -> Vec<String> {
         let name = "fig5-wrist-rotation";
         let scenario = Scenario::parse(name, sim::scenarios::text(name).unwrap(), &[]).unwrap();
         let mut motion =
@@ -202,7 +202,7 @@ mod tests {
             falsely_silenced: Vec::new(),
             left_over: Vec::new(),
         };
-        spoil(&mut seen);
+        corrupt(&mut seen);
         broken(&seen)
     }
 
@@ -217,7 +217,7 @@ mod tests {
 
     #[test]
     fn a_round_that_keeps_everything_is_not_accused() {
-        let fine = |spoil: &dyn Fn(&mut Evidence)| assert_eq!(judged(spoil), Vec::<String>::new());
+        let fine = |corrupt: &dyn Fn(&mut Evidence)| assert_eq!(judged(corrupt), Vec::<String>::new());
         fine(&|_| ());
         fine(&|seen| seen.end = died("controller", 5));
         fine(&|seen| (seen.end, seen.fatal) = (died("plant", 0), Some(("plant".to_owned(), true))));
@@ -229,8 +229,8 @@ mod tests {
 
     #[test]
     fn every_promise_that_is_broken_is_caught() {
-        let caught = |words: &str, spoil: &dyn Fn(&mut Evidence)| {
-            let broken = judged(spoil);
+        let caught = |words: &str, corrupt: &dyn Fn(&mut Evidence)| {
+            let broken = judged(corrupt);
             assert!(broken.len() == 1 && broken[0].contains(words), "{words}: {broken:?}");
         };
         caught("501 messages lost, 500", &|seen| (seen.recorder_deaths, seen.messages.lost, seen.messages.kept) = (1, 501, 49_500));

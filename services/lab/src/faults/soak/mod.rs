@@ -3,12 +3,12 @@
 mod draw;
 mod inject;
 mod judge;
+mod launcher_events;
 mod picture;
 mod read_back;
 mod round;
 mod rounds;
 mod tally;
-mod told;
 
 pub use judge::Messages;
 pub use picture::picture;

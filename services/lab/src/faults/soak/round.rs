@@ -19,8 +19,8 @@ use super::super::motion::{Motion, Promise, SPEED_MARGIN_AT_FULL_TORQUE};
 use super::draw::{Act, Planned, Signal};
 use super::inject::{Done, Executed, Injector};
 use super::judge::{Death, Ended, Evidence, Files, Messages, broken};
+use super::launcher_events::{LauncherEvents, RECORDING_ENDS};
 use super::read_back::{Stop, left_over, read};
-use super::told::{RECORDING_ENDS, Told};
 
 /// A round may take so many times as long as planned, and a little more: whoever is stopped again and again is late at the goal.
 const LONGEST: f64 = 1.5;
@@ -109,7 +109,7 @@ impl Setting<'_> {
         let plan = session::plan(&job)?;
         let source = plan.children.iter().position(|child| child.ends_run).unwrap_or_default();
         let (rate_hz, most_s) = (job.scenario.rate_hz, LONGEST * self.seconds + LONGEST_MORE_S);
-        let mut told = Told::default();
+        let mut events = LauncherEvents::default();
         // Before the launch, for the kernel ends the children of a thread that ends.
         let (begun, begins) = channel::<ControlPage>();
         let (go, going) = channel();
@@ -134,7 +134,7 @@ impl Setting<'_> {
                     Event::Progress { ticks } => progress(*ticks),
                     _ => {}
                 }
-                told.take(event);
+                events.take(event);
             });
             (go, _) = (None, drop(begun));
             (launched, injector.join())
@@ -144,14 +144,14 @@ impl Setting<'_> {
         let (executed, Some(control_page)) = injected.unwrap_or_default() else {
             return Err(Failure::Work("the run was never begun".to_owned()));
         };
-        let ledger = control_page.fault_table();
-        let accounts: Vec<(usize, FaultRecord)> = ledger.records().collect();
+        let fault_table = control_page.fault_table();
+        let accounts: Vec<(usize, FaultRecord)> = fault_table.records().collect();
         let summary = session::summarise(&job, &outcome, account);
         session::keep(out, &job, &summary)?;
-        let seen = Seen { processes, executed, accounts, told, outcome, summary, end_ns, run: name };
+        let seen = Seen { processes, executed, accounts, events, outcome, summary, end_ns, run: name };
         let round = seen.judge(self, number, seed, &job, out)?;
         if !round.broken.is_empty() {
-            let lines = seen.told.lines.iter().map(|line| format!("{line}\n")).collect::<String>();
+            let lines = seen.events.lines.iter().map(|line| format!("{line}\n")).collect::<String>();
             let _ = std::fs::write(out.join("stderr.txt"), lines);
         }
         Ok(round)
@@ -163,7 +163,7 @@ struct Seen {
     processes: Vec<String>,
     executed: Vec<Executed>,
     accounts: Vec<(usize, FaultRecord)>,
-    told: Told,
+    events: LauncherEvents,
     outcome: Outcome,
     summary: Summary,
     end_ns: u64,
@@ -186,7 +186,7 @@ impl Seen {
         // A recorder that is dead at the end leaves no account, but it leaves its files; where a full volume has ended those, its last words.
         let account = &self.summary.recorder;
         let (taken_in, recording_error) = match (account.messages, self.full_at()) {
-            (0, Some(_)) => (sent.saturating_sub(refused + fenced), self.told.words_on(RECORDING_ENDS)),
+            (0, Some(_)) => (sent.saturating_sub(refused + fenced), self.events.words_on(RECORDING_ENDS)),
             (0, None) => (in_files, String::new()),
             (messages, _) => (messages, account.error.clone()),
         };
@@ -302,7 +302,7 @@ impl Seen {
         self.accounts.iter().map(|(_, account)| account).filter(of_it).filter(takes_down).min_by_key(|account| account.detected_ns)
     }
 
-    /// What a fault or signal was; `None` where it was left out, or the run was over before it could strike.
+    /// What a fault or signal was; `None` where it was left out, or the run was over before it was due.
     fn injected(&self, executed: &Executed, rate_hz: u32) -> Option<Injected> {
         let act = &executed.planned.act;
         let since_ms = |from: u64, to: u64| (to > from && from > 0).then(|| (to - from) as f64 * 1e-6);
@@ -350,7 +350,7 @@ impl Seen {
     /// The planned that was to end the run, and whether it fell.
     fn fatal(&self) -> Option<(String, bool)> {
         // A busy machine may have continued the plant too late.
-        if let Some(stopped) = self.told.silenced.iter().find(|process| *process == "plant" && self.was_stopped(process)) {
+        if let Some(stopped) = self.events.silenced.iter().find(|process| *process == "plant" && self.was_stopped(process)) {
             return Some((stopped.clone(), true));
         }
         let mut fatal = self.executed.iter().filter(|executed| executed.planned.is_fatal);
@@ -364,9 +364,9 @@ impl Seen {
         self.accounts.iter().filter(|account| full(account)).map(|(_, account)| account.scheduled.at).min()
     }
 
-    /// Every death that was brought about: by the ledger, by a signal.
+    /// Every death that was brought about: by the fault table, by a signal.
     fn deaths(&self) -> Vec<Death> {
-        let is_restarted = |process: &str, at_ns: u64| self.told.ended.iter().any(|(who, _, ns)| who == process && *ns > at_ns);
+        let is_restarted = |process: &str, at_ns: u64| self.events.ended.iter().any(|(who, _, ns)| who == process && *ns > at_ns);
         let before_end_s = |at_ns: u64| self.end_ns.saturating_sub(at_ns) as f64 * 1e-9;
         let mut deaths = Vec::new();
         for executed in self.executed.iter().filter(|executed| executed.planned.act.deaths() > 0 && self.has_injected(executed)) {
@@ -397,16 +397,16 @@ impl Seen {
     /// The ends that the launcher saw, each with whether something of ours explains it.
     fn ended(&self) -> Vec<Ended> {
         let mut ended: Vec<Ended> = Vec::new();
-        for (process, exit, _) in &self.told.ended {
+        for (process, exit, _) in &self.events.ended {
             let so_far = |exits: &dyn Fn(Exit) -> bool| ended.iter().filter(|one| one.process == *process && exits(one.exit)).count();
             let injected = || self.executed.iter().filter(|one| one.planned.act.process() == process && self.has_injected(one));
             let crashes = injected().filter(|one| matches!(&one.planned.act, Act::Fault(fault) if fault.kind == Kind::Crash)).count();
             let kills: usize = injected().map(|one| one.planned.act.deaths() as usize).sum::<usize>() - crashes;
             // A stop that lasts too long ends with a kill; a stopped process killed by a second planned dies once.
-            let silenced = self.told.silenced.iter().filter(|one| *one == process).count();
+            let silenced = self.events.silenced.iter().filter(|one| *one == process).count();
             // Numbers far out of range may end in one that is not finite; then a process stops rather than send it.
-            let is_spoilt = self.executed.iter().any(|one| matches!(&one.planned.act, Act::Fault(fault) if fault.kind == Kind::Corrupt));
-            let refused = if is_spoilt { self.told.refused.iter().filter(|one| *one == process).count() } else { 0 };
+            let is_corrupted = self.executed.iter().any(|one| matches!(&one.planned.act, Act::Fault(fault) if fault.kind == Kind::Corrupt));
+            let refused = if is_corrupted { self.events.refused.iter().filter(|one| *one == process).count() } else { 0 };
             let is_ours = match exit {
                 Exit::Signal(9) => so_far(&|exit| exit == Exit::Signal(9)) < kills + silenced,
                 // A panic.
@@ -421,7 +421,7 @@ impl Seen {
 
     /// Who was killed for its silence, and nobody had stopped it.
     fn falsely_silenced(&self) -> Vec<String> {
-        self.told.silenced.iter().filter(|process| !self.was_stopped(process)).cloned().collect()
+        self.events.silenced.iter().filter(|process| !self.was_stopped(process)).cloned().collect()
     }
 
     fn was_stopped(&self, process: &str) -> bool {

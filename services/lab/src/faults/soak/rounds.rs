@@ -16,7 +16,7 @@ use super::tally::{Kind, Totals, kinds};
 use crate::folder::Folder;
 use crate::prolonged::prolonged;
 
-/// How long a round is planned; s. The budget of restarts and the ledger are a run's.
+/// How long a round is planned; s. The budget of restarts and the fault table are a run's.
 const ROUND_S: f64 = 60.0;
 
 /// What is left at the end is not worth another round; s.

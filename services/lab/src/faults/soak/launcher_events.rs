@@ -8,9 +8,9 @@ use runtime::now_ns;
 /// Lines that processes wrote on their standard error, kept for a round with a broken promise.
 const LINES: usize = 500;
 
-/// What the launcher told while the round went on.
+/// The events of the launcher while the round went on.
 #[derive(Default)]
-pub struct Told {
+pub struct LauncherEvents {
     pub ended: Vec<(String, Exit, u64)>,
     pub silenced: Vec<String>,
     /// Who ended because it would have sent a number that is not finite.
@@ -24,7 +24,7 @@ pub const REFUSED: &str = "refused its own";
 /// As the recorder says that its volume is full.
 pub const RECORDING_ENDS: &str = "recording ends";
 
-impl Told {
+impl LauncherEvents {
     pub fn take(&mut self, event: &Event<'_>) {
         let line = match event {
             Event::Line { process, line } => {

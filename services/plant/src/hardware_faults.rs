@@ -1,4 +1,4 @@
-//! Faults that physics sees: encoders that lie, drives that do not do what they are told.
+//! Faults that physics sees: encoders that read wrong, drives that do not follow their command.
 
 use nalgebra::SVector;
 use shared_types::fault::{Kind, ScheduledFault, Way};
@@ -6,7 +6,7 @@ use sim::gaussian;
 
 /// What is wrong with an arm's sensors and drives at a tick. No allocation.
 #[derive(Clone, Debug)]
-pub(crate) struct Trouble<const N: usize> {
+pub(crate) struct HardwareFaults<const N: usize> {
     sensor: [Option<ScheduledFault>; N],
     drive: [Option<ScheduledFault>; N],
     stuck_reading: [f64; N],
@@ -17,19 +17,19 @@ pub(crate) struct Trouble<const N: usize> {
 /// Speed below which dry friction is proportional to speed; rad/s.
 const STICTION_SPEED: f64 = 0.01;
 
-impl<const N: usize> Trouble<N> {
+impl<const N: usize> HardwareFaults<N> {
     pub(crate) fn new(dt: f64) -> Self {
         Self { sensor: [None; N], drive: [None; N], stuck_reading: [0.0; N], stuck_torque: [0.0; N], dt }
     }
 
     /// Takes up what concerns this tick; `reading` and `tau` are what a joint that gets stuck now is stuck at.
-    pub(crate) fn begin(&mut self, strikes: &[ScheduledFault], reading: &SVector<f64, N>, tau: &SVector<f64, N>) {
+    pub(crate) fn begin(&mut self, scheduled_faults: &[ScheduledFault], reading: &SVector<f64, N>, tau: &SVector<f64, N>) {
         let (mut sensor, mut drive) = ([None; N], [None; N]);
-        for strike in strikes {
-            let joint = strike.target as usize;
-            match strike.kind() {
-                Some(Kind::Sensor) if joint < N => sensor[joint] = Some(*strike),
-                Some(Kind::Drive) if joint < N => drive[joint] = Some(*strike),
+        for scheduled in scheduled_faults {
+            let joint = scheduled.target as usize;
+            match scheduled.kind() {
+                Some(Kind::Sensor) if joint < N => sensor[joint] = Some(*scheduled),
+                Some(Kind::Drive) if joint < N => drive[joint] = Some(*scheduled),
                 _ => {}
             }
         }
@@ -48,12 +48,12 @@ impl<const N: usize> Trouble<N> {
     pub(crate) fn read(&self, tick: u64, reading: &SVector<f64, N>) -> SVector<f64, N> {
         SVector::from_fn(|joint, _| {
             let true_reading = reading[joint];
-            let Some(strike) = &self.sensor[joint] else { return true_reading };
-            let amount = strike.amount;
-            match strike.way() {
+            let Some(scheduled) = &self.sensor[joint] else { return true_reading };
+            let amount = scheduled.amount;
+            match scheduled.way() {
                 Some(Way::Bias) => true_reading + amount,
-                Some(Way::Drift) => true_reading + amount * (tick - strike.at.min(tick)) as f64 * self.dt,
-                Some(Way::Noise) => true_reading + amount * gaussian(strike.seed, tick, joint as u64),
+                Some(Way::Drift) => true_reading + amount * (tick - scheduled.at.min(tick)) as f64 * self.dt,
+                Some(Way::Noise) => true_reading + amount * gaussian(scheduled.seed, tick, joint as u64),
                 Some(Way::Quantise) if amount > 0.0 => (true_reading / amount).round() * amount,
                 Some(Way::Stuck) => self.stuck_reading[joint],
                 _ => true_reading,
@@ -64,15 +64,15 @@ impl<const N: usize> Trouble<N> {
     /// The torque that acts on the joints when the drives apply `tau`, N·m, with the drives' own limits as the measure.
     pub(crate) fn act(&self, tau: &SVector<f64, N>, qdot: &SVector<f64, N>, effort: &SVector<f64, N>) -> SVector<f64, N> {
         SVector::from_fn(|joint, _| {
-            let told = tau[joint];
-            let Some(strike) = &self.drive[joint] else { return told };
-            let part = strike.amount.clamp(0.0, 1.0) * effort[joint];
-            match strike.way() {
+            let commanded = tau[joint];
+            let Some(scheduled) = &self.drive[joint] else { return commanded };
+            let part = scheduled.amount.clamp(0.0, 1.0) * effort[joint];
+            match scheduled.way() {
                 Some(Way::Lost) => 0.0,
                 Some(Way::Stuck) => self.stuck_torque[joint],
-                Some(Way::Saturated) => told.clamp(-part, part),
-                Some(Way::Friction) => told - part * (qdot[joint] / STICTION_SPEED).clamp(-1.0, 1.0),
-                _ => told,
+                Some(Way::Saturated) => commanded.clamp(-part, part),
+                Some(Way::Friction) => commanded - part * (qdot[joint] / STICTION_SPEED).clamp(-1.0, 1.0),
+                _ => commanded,
             }
         })
     }
@@ -83,42 +83,42 @@ mod tests {
     use super::*;
     use shared_types::fault::Fault;
 
-    fn struck(kind: Kind, way: Way, amount: f64) -> Trouble<2> {
+    fn with_fault(kind: Kind, way: Way, amount: f64) -> HardwareFaults<2> {
         let fault = Fault { way: Some(way), joint: Some(2), amount: Some(amount), at_tick: Some(10), ..Fault::new("plant", kind) };
-        let mut trouble = Trouble::new(1e-3);
-        trouble.begin(&[fault.schedule(0, 1000, 1).unwrap()], &SVector::from([0.1, 0.2]), &SVector::from([3.0, 4.0]));
-        trouble
+        let mut hardware_faults = HardwareFaults::new(1e-3);
+        hardware_faults.begin(&[fault.schedule(0, 1000, 1).unwrap()], &SVector::from([0.1, 0.2]), &SVector::from([3.0, 4.0]));
+        hardware_faults
     }
 
     #[test]
     fn an_encoder_lies_as_it_is_told_and_only_that_one() {
         let reading = SVector::from([0.5, 0.7]);
-        let read = |way, amount, tick| struck(Kind::Sensor, way, amount).read(tick, &reading);
+        let read = |way, amount, tick| with_fault(Kind::Sensor, way, amount).read(tick, &reading);
         assert_eq!(read(Way::Bias, 0.25, 10), SVector::from([0.5, 0.95]));
         assert!((read(Way::Drift, 2.0, 110)[1] - 0.9).abs() < 1e-12);
         assert!((read(Way::Quantise, 0.3, 10)[1] - 0.6).abs() < 1e-12);
         assert_ne!(read(Way::Noise, 0.1, 10), read(Way::Noise, 0.1, 11));
         assert_eq!(read(Way::Noise, 0.1, 10), read(Way::Noise, 0.1, 10));
-        let none = struck(Kind::Drive, Way::Lost, 0.0).read(10, &reading);
+        let none = with_fault(Kind::Drive, Way::Lost, 0.0).read(10, &reading);
         assert_eq!(none, reading);
     }
 
     #[test]
     fn what_is_stuck_stays_what_it_was() {
-        let mut trouble = struck(Kind::Sensor, Way::Bias, 0.0);
-        let strikes = [trouble.sensor[1].unwrap()];
-        trouble.sensor = [None; 2];
-        trouble.begin(&strikes, &SVector::from([0.1, 0.2]), &SVector::zeros());
-        trouble.begin(&strikes, &SVector::from([0.3, 0.4]), &SVector::zeros());
-        assert_eq!(trouble.stuck_reading, [0.3, 0.2], "joint 2 has not moved on");
+        let mut hardware_faults = with_fault(Kind::Sensor, Way::Bias, 0.0);
+        let scheduled_faults = [hardware_faults.sensor[1].unwrap()];
+        hardware_faults.sensor = [None; 2];
+        hardware_faults.begin(&scheduled_faults, &SVector::from([0.1, 0.2]), &SVector::zeros());
+        hardware_faults.begin(&scheduled_faults, &SVector::from([0.3, 0.4]), &SVector::zeros());
+        assert_eq!(hardware_faults.stuck_reading, [0.3, 0.2], "joint 2 has not moved on");
     }
 
     #[test]
     fn a_drive_fails_as_it_is_told() {
         let (tau, effort) = (SVector::from([5.0, 8.0]), SVector::from([10.0, 10.0]));
-        let act = |way, amount, speed| struck(Kind::Drive, way, amount).act(&tau, &SVector::from([speed, speed]), &effort)[1];
+        let act = |way, amount, speed| with_fault(Kind::Drive, way, amount).act(&tau, &SVector::from([speed, speed]), &effort)[1];
         assert_eq!((act(Way::Lost, 0.0, 0.0), act(Way::Saturated, 0.3, 0.0)), (0.0, 3.0));
         assert_eq!((act(Way::Friction, 0.1, 1.0), act(Way::Friction, 0.1, -1.0), act(Way::Friction, 0.1, 0.0)), (7.0, 9.0, 8.0));
-        assert_eq!(struck(Kind::Drive, Way::Lost, 0.0).act(&tau, &SVector::zeros(), &effort)[0], 5.0);
+        assert_eq!(with_fault(Kind::Drive, Way::Lost, 0.0).act(&tau, &SVector::zeros(), &effort)[0], 5.0);
     }
 }
