@@ -57,7 +57,7 @@ wire! {
         latched: u32,
         /// 1 where ζ points against the measured direction: a fold is left against it.
         flipped: u32,
-        /// Where it is reported, of arms with spare joints; elsewhere the place itself says.
+        /// Its place in the report, for arms with spare joints; elsewhere the array index is the place.
         place: u32,
         /// Second-order motion along ζ per null motion.
         kappa_1: f64,

@@ -51,7 +51,7 @@ codes! {
         TYPE_1 = 1 "type 1",
         /// Null-space motion only turns the singular direction.
         TYPE_2 = 2 "type 2",
-        /// Neither alone: the value of κ₁ and κ₂ says how much of each.
+        /// Both: κ₁ and κ₂ give the share of each.
         TYPE_MIXED = 3 "mixed",
     }
 }

@@ -93,7 +93,7 @@ words! {
         Corrupt "corrupt",
         /// An encoder lies.
         Sensor "sensor",
-        /// A joint's drive does not do what it is told.
+        /// A joint's drive does not follow its command.
         Drive "drive",
         /// Its clock jumps or runs at another rate.
         Clock "clock",
@@ -111,7 +111,7 @@ words! {
     Way {
         /// hang: continued (SIGCONT) after `for`.
         Paused "paused",
-        /// hang: until the supervisor notices the silence and replaces it; the replacement answers after `for`.
+        /// hang: until the launcher detects the silence and replaces it; the replacement answers after `for`.
         ForEver "for-ever",
         /// corrupt: not a number.
         Nan "nan",
@@ -164,7 +164,7 @@ const fn rule(kind: Kind, processes: &'static [&'static str], lasts_s: f64) -> R
     Rule { kind, ways: &[], processes, lasts_s, has_probability: false }
 }
 
-/// What a corrupted value is corrupted by, where `as = "huge"` says nothing else.
+/// The factor of a corruption `as = "huge"` without `amount`.
 const HUGE: f64 = 1e3;
 
 const RULES: [Rule; 15] = [

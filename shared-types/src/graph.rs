@@ -87,13 +87,13 @@ impl Graph {
         self.process.iter().find(|process| process.name == name)
     }
 
-    /// Who writes a topic.
+    /// The writer of a topic.
     #[must_use]
     pub fn writer(&self, topic: &str) -> Option<&Process> {
         self.process.iter().find(|process| process.writes.iter().any(|name| name == topic))
     }
 
-    /// Who reads a topic, feedback included.
+    /// The readers of a topic, feedback included.
     pub fn readers<'a>(&'a self, topic: &'a str) -> impl Iterator<Item = &'a Process> {
         self.process.iter().filter(move |process| process.reads.iter().chain(&process.feedback).any(|name| name == topic))
     }

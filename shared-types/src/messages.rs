@@ -7,7 +7,7 @@ use crate::wire::{Header, wire};
 use crate::{MAX_DOF, MAX_SINGULARITIES};
 
 wire! {
-    /// What the arm's own sensors say at a tick: plant → estimator.
+    /// The readings of the arm's own sensors at a tick: plant → estimator.
     SensorSample on "sensor" version 2 {
         /// Tick, incarnation, stamps.
         header: Header,
@@ -59,7 +59,7 @@ wire! {
 }
 
 wire! {
-    /// What the estimator believes: estimator → analyzer, controller.
+    /// The estimated state: estimator → analyzer, controller.
     StateEstimate on "estimate" version 3 {
         /// Tick, incarnation, stamps.
         header: Header,

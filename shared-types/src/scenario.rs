@@ -321,7 +321,7 @@ impl BySingularity {
         Self::over(Self::SLEW, from)
     }
 
-    /// What a file says, over the defaults.
+    /// The file's values over the defaults.
     fn over<'de, D: serde::Deserializer<'de>>(default: Self, from: D) -> Result<Self, D::Error> {
         #[derive(Deserialize)]
         #[serde(deny_unknown_fields)]
@@ -726,7 +726,7 @@ impl Scenario {
         self.scheduled_faults(|_| Some(0)).map(drop)
     }
 
-    /// Its faults in their fixed-size form; `index` says where a process stands in the manifest (`None`: it is not there).
+    /// Its faults in their fixed-size form; `index` gives a process's place in the manifest (`None`: it is not there).
     ///
     /// # Errors
     /// [`Complaint`]: a fault that makes no sense, or of a process that the graph does not have.

@@ -211,7 +211,7 @@ pub struct ModeChange {
     pub mode: String,
 }
 
-/// A fault, planned, live or detected, and what became of it; or a process's end that ended the run (`kind` `"exit"`).
+/// A fault, planned, live or detected, and its outcome; or a process's end that ended the run (`kind` `"exit"`).
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct FaultSummary {
@@ -227,7 +227,7 @@ pub struct FaultSummary {
     pub origin: String,
     /// Whether it came to pass: the run may have ended before.
     pub injected: bool,
-    /// How long it took until anything noticed, wall-clock time; ms.
+    /// Time to detection, wall-clock; ms.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub detected_ms: Option<f64>,
     /// How long it took until a process that was down worked again, wall-clock time; ms.

@@ -1,6 +1,6 @@
 //! THE list of topics, and what is derived from it: a structure with one field per topic, a visitor, the hash of the wire.
 //!
-//! A new topic is a message in [`messages`](crate::messages) and one line in [`for_each_topic`]; the graph says which process writes it.
+//! A new topic is a message in [`messages`](crate::messages) and one line in [`for_each_topic`]; the graph names the process that writes it.
 
 use std::convert::Infallible;
 use std::fmt::Debug;

@@ -1,4 +1,4 @@
-//! The hybrid plant: an exact integrator carries the state, rapier3d says what constraints do to it.
+//! The hybrid plant: an exact integrator carries the state, rapier3d computes the effect of constraints.
 
 use crate::error::PlantError;
 use crate::smooth::{Smooth, State};

@@ -3,7 +3,7 @@
 //! PURE: no clock, thread, file, environment or unseeded randomness. Same inputs, same bits.
 //!
 //! - [`Plant`] integrates the arm. `"reference"`: classical Runge–Kutta of the smooth dynamics, nothing else.
-//!   `"rapier"` (the default): the same integrator carries the state, and rapier3d says what contact, joint stops and dry
+//!   `"rapier"` (the default): the same integrator carries the state, and rapier3d computes the effect of contact, joint stops and dry
 //!   friction do to it.
 //! - [`Encoders`] read the joints: quantised, with noise that is a function of (seed, tick, joint).
 //! - [`Drive`] turns commanded torque into applied torque: it checks, limits and reports, and stops the arm by itself when

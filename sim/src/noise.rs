@@ -12,7 +12,7 @@ fn unit(bits: u64) -> f64 {
 /// z = √(−2 ln u₁)·cos 2πu₂                     [Box & Muller 1958]
 ///
 /// Ensures finite, |z| < 8.6; the same on every machine (libm). Independent between any two different arguments, for
-/// all that a simulation can notice.
+/// all that matters to a simulation.
 #[must_use]
 pub fn gaussian(seed: u64, tick: u64, channel: u64) -> f64 {
     let key = mix(mix(mix(seed) ^ tick) ^ channel);

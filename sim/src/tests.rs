@@ -437,7 +437,7 @@ fn the_mass_factor_makes_the_arm_heavier() {
 proptest::proptest! {
     #![proptest_config(proptest::prelude::ProptestConfig::with_cases(200))]
 
-    /// The clearance bound holds: no point moves farther than Σ reach·|Δq| says.
+    /// The clearance bound holds: no point moves farther than Σ reach·|Δq|.
     #[test]
     fn no_point_of_the_arm_outruns_its_reach(q in proptest::array::uniform6(-3.0f64..3.0), d in proptest::array::uniform6(-0.5f64..0.5)) {
         let (robot, arm) = (puma(), Model::<6>::new(&puma(), None).unwrap());

@@ -39,7 +39,7 @@ const INERTIA_FLOOR: f64 = 1e-7;
 /// Stand-in for the mass and inertia of a massless link; kg, kg·m².
 const NO_MASS: f64 = 1e-9;
 
-/// What rapier3d says about one sub-step.
+/// rapier3d's result of one sub-step.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Response<const N: usize> {
     /// rapier's own state afterwards.

@@ -51,7 +51,7 @@ pub(crate) fn asserts(body: &[TokenTree], all: &[Function]) -> bool {
     false
 }
 
-/// Early ends of a test that do not say so: a `return` outside closures and inner functions that is not `return skipped(…)`.
+/// Early ends of a test without a message: a `return` outside closures and inner functions that is not `return skipped(…)`.
 fn silent_ends(body: &[TokenTree]) -> usize {
     let mut found = 0;
     let mut at = 0;

@@ -56,7 +56,7 @@ fn a_short_soak_strikes_and_judges_and_leaves_nothing() {
     assert_nothing_left(said.launcher);
     let round = &soak["rounds"][0];
     assert!(round["ticks"].as_u64().unwrap() > 500, "{round}");
-    // A recorder that this machine leaves without a processor for seconds loses messages, and the soak must say so; nothing else may break.
+    // A recorder that this machine leaves without a processor for seconds loses messages, and the soak must report it; nothing else may break.
     let is_of_time = |what: &Value| ["messages", "the recording has numbers"].iter().any(|word| what.as_str().unwrap().contains(word));
     assert!(round["broken"].as_array().unwrap().iter().all(is_of_time), "{round}");
     let injected = round["injected"].as_array().unwrap();

@@ -1,4 +1,4 @@
-//! Hostile input: random and broken files, messages of any bits; and who may look into a run's memory.
+//! Hostile input: random and broken files, messages of any bits; and access to a run's memory.
 
 use std::os::unix::fs::MetadataExt;
 use std::os::unix::process::CommandExt;

@@ -150,7 +150,7 @@ fn is_safe(tau: &[f64], robot: &Robot, who: &str) {
     assert!(tau[robot.joints.len()..].iter().all(|tau| *tau == 0.0));
 }
 
-/// Whatever the controller is told, tick after tick, its torque is finite and within the limits: messages of any bits, every arm and law.
+/// For any input, tick after tick, the controller's torque is finite and within the limits: messages of any bits, every arm and law.
 pub fn controller(bytes: &[u8]) {
     let mut hand = Hand(bytes);
     let Some(case) = case(hand.byte(), hand.byte(), hand.byte() & 1 != 0) else { return };
@@ -171,7 +171,7 @@ pub fn controller(bytes: &[u8]) {
     is_safe(&command.tau, robot, "restored controller");
 }
 
-/// Whatever the drive is told, what acts on the arm is finite and within the limits, and what the sensors say is finite.
+/// For any command, the torque that acts on the arm is finite and within the limits, and the sensors' readings are finite.
 pub fn drive(bytes: &[u8]) {
     let mut hand = Hand(bytes);
     let Some(case) = case(hand.byte(), 0, false) else { return };
@@ -402,7 +402,7 @@ pub fn fingers(bytes: &[u8]) {
     assert!(sample.is_finite() && truth.is_finite(), "{sample:?} {truth:?}");
 }
 
-/// A file of kept messages of any bytes is read to its end or refused with a sentence, and who goes on writing it corrupts nothing.
+/// A file of kept messages of any bytes is read to its end or refused with a sentence, and a writer that continues it corrupts nothing.
 pub fn message_log(bytes: &[u8]) {
     fn check<M: Message>(bytes: &[u8], run: &Path) {
         let path = run.join(format!("{}.log", M::TOPIC));
@@ -472,7 +472,7 @@ pub fn manifest(bytes: &[u8]) {
     });
 }
 
-/// Whatever stands on a run's control page, who looks at it is not led astray: counts, times, the arm's state, every fault in the fault table.
+/// For any bytes on a run's control page, a reader stays within bounds: counts, times, the arm's state, every fault in the fault table.
 pub fn control_page(bytes: &[u8]) {
     RUN.with(|run| {
         let path = run.path().join("control_page");
@@ -528,7 +528,7 @@ pub fn job() -> String {
     serde_json::to_string(&job).expect("a job can be written")
 }
 
-/// What a results folder says of its run is refused with a sentence, or a run that could have been.
+/// A results folder's description of its run is refused with a sentence, or describes a possible run.
 pub fn results(bytes: &[u8]) {
     if let Ok(job) = serde_json::from_slice::<Job>(bytes) {
         match job.check() {

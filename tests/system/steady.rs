@@ -44,7 +44,7 @@ impl Traced {
         status
     }
 
-    /// Lets it run to the next beginning of a system call and says which.
+    /// Lets it run to the beginning of its next system call and returns which.
     fn next_call(&self) -> u64 {
         let mut signal = 0;
         loop {

@@ -1,4 +1,4 @@
-//! `armplane verify`: the bytes do not depend on the circumstances, and where they do, it says where.
+//! `armplane verify`: the bytes do not depend on the circumstances; the first difference is shown.
 
 use serde_json::Value;
 use shared_types::topics::TOPICS;
@@ -58,7 +58,7 @@ fn a_process_that_is_not_in_order_is_caught_with_tick_topic_and_field() {
     assert_eq!((code, &json["identical"]), (1, &false.into()), "{json}");
     let difference = &json["difference"];
     assert!(difference["tick"].as_u64().is_some_and(|tick| tick > 0), "the start is the scenario's: {difference}");
-    // A torque of another tick shows in what the plant says of itself first.
+    // A torque of another tick shows first in the plant's own state.
     assert!(["sensor", "plant_state"].contains(&difference["topic"].as_str().unwrap()), "{difference}");
     let [field, expected, found] = ["field", "expected", "found"].map(|key| difference[key].as_str().unwrap());
     assert!(field.starts_with("q") || field.starts_with("tau"), "{difference}");

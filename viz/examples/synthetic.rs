@@ -1,4 +1,4 @@
-//! Records the synthetic run over and over and says what it cost:
+//! Records the synthetic run repeatedly and prints its cost:
 //! `cargo run --release -p viz --example synthetic -- FOLDER [REPEATS] [control|timing|faults]`.
 
 #![allow(non_snake_case)]

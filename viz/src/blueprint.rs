@@ -52,7 +52,7 @@ pub(crate) struct Subject {
     pub(crate) bands: usize,
     /// The largest η_out; 0 where none is known.
     pub(crate) widest: f64,
-    /// Torque over a limit says nothing: some joint has none.
+    /// Torque over its limit is undefined: some joint has no limit.
     pub(crate) unlimited_torque: bool,
     /// The same for speeds.
     pub(crate) unlimited_speed: bool,
@@ -119,7 +119,7 @@ impl Sheet {
     fn id(&mut self, class: &str, name: &str) -> Uuid {
         self.ids += 1;
         let of = format!("{}/{class}/{name}/{}", self.layout.name(), self.ids);
-        // FNV-1a, without the bits that say which kind of id it is.
+        // FNV-1a, without the bits of the id's kind.
         let hash = of.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3));
         Uuid::from_u128(ID_BASE | u128::from(hash >> 4))
     }
@@ -133,7 +133,7 @@ impl Sheet {
         (id, path)
     }
 
-    /// `name` is what its tab says, where it is in one.
+    /// `name` is the title of its tab, where it is in one.
     fn container(&mut self, kind: ContainerKind, name: &str, cells: Vec<Cell>) -> EntityPath {
         self.root = self.id("container", name);
         let path = EntityPath::from(format!("container/{}", self.root));
@@ -390,7 +390,7 @@ impl Desk<'_> {
         self.sheet.row("Joints", vec![(1.0, range), (1.0, speed)])
     }
 
-    /// Who controls what, and how fast.
+    /// Modes of control and their rates.
     fn governor(&mut self) -> EntityPath {
         let names = ["time", "task torque", "null torque"].map(str::to_owned).to_vec();
         let scales = Lines::of(Signal::Scale, names, [[120, 190, 250, 255], [110, 215, 150, 255], [200, 200, 120, 255]]);

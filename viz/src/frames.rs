@@ -1,6 +1,6 @@
-//! The chunks of an `.rrd` file, which may be damaged: nothing that it says of itself is believed before it is checked.
+//! The chunks of an `.rrd` file, which may be damaged: each length that it states is checked before it is used.
 //!
-//! Rerun's own stream decoder asks for as much memory as a file says a message has, and Arrow's for as much as a message says a table has: a
+//! Rerun's own stream decoder allocates the length that a file states for a message, and Arrow's the length that a message states for a table: a
 //! flipped bit there ends the program. Only what is whole is handed to them, and a panic of theirs is an error.
 
 use std::cell::RefCell;

@@ -25,7 +25,7 @@ impl Ellipsoid {
     /// {J q̇ : |q̇_i| bounded in the ellipsoidal norm of the joints' speed limits}: half axes √λ(J diag(q̇_max²) Jᵀ). Where a joint has no limit,
     /// all count as equally fast.
     pub(crate) fn velocity<const N: usize>(J: &SMatrix<f64, 6, N>, qdot_max: &SVector<f64, N>, half: Half) -> Self {
-        // A joint that does not move the frame, an absent one among them, has no say.
+        // A joint that does not move the frame, an absent one among them, does not count.
         let limited = qdot_max.iter().enumerate().all(|(i, limit)| limit.is_finite() || J.column(i).iter().all(|x| *x == 0.0));
         let scaled = SMatrix::<f64, 6, N>::from_fn(|row, column| {
             let limit = qdot_max[column];

@@ -96,7 +96,7 @@ impl Situation {
         situation
     }
 
-    /// Markdown that says which singularity the arm is in, what it cannot do there, and what it does about it.
+    /// Markdown: the singularity that the arm is in, the motion that is lost there, and the arm's response.
     pub(crate) fn markdown(&self) -> String {
         let mut text = String::new();
         if let Some(drive) = self.undriven {

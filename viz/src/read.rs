@@ -32,7 +32,7 @@ pub enum ReadError {
     },
 }
 
-/// What a recording says of its run before the first number.
+/// The static description of a run in its recording.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct About {
     /// `scenario`, `robot`, `run`, `seed`, `rate_hz`, `armplane`.
@@ -180,7 +180,7 @@ fn read_part<E: From<ReadError>>(path: &Path, about: &mut About, each: &mut impl
     Ok(())
 }
 
-/// What static chunks say of the run.
+/// The run's description in static chunks.
 fn learn(chunk: &Chunk, at: &str, about: &mut About) {
     if at == entity::SIGNALS {
         for (name, column) in chunk.components().iter() {

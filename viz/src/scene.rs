@@ -144,7 +144,7 @@ impl NullMotion {
         Self { length_m, postures: Vec::with_capacity(GHOSTS), start: None, turned: still, asked: still }
     }
 
-    /// Takes a tick in; says whether the postures changed.
+    /// Takes a tick in; returns whether the postures changed.
     ///
     /// Motion counts as null-space motion where |V_E|, with lengths over L, is below a twentieth of |q̇|, and where the null space is what
     /// tracks the path along a Type 1 singularity's ζ.

@@ -19,13 +19,13 @@ pub trait Storage: Write + Send {
     /// Cuts to `bytes` and continues there.
     ///
     /// # Errors
-    /// Whatever the medium says.
+    /// The medium's own errors.
     fn cut(&mut self, bytes: u64) -> io::Result<()>;
 
     /// Makes everything written durable.
     ///
     /// # Errors
-    /// Whatever the medium says.
+    /// The medium's own errors.
     fn sync(&mut self) -> io::Result<()>;
 }
 
@@ -103,7 +103,7 @@ impl Write for Whole {
     fn write(&mut self, message: &[u8]) -> io::Result<usize> {
         let before = self.bytes.load(Ordering::Relaxed);
         if let Err(error) = self.storage.write_all(message) {
-            // The first error is the one to report, not what cutting says.
+            // The first error is the one to report, not the error of the cut.
             let _ = self.storage.cut(before);
             return Err(error);
         }

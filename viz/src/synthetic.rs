@@ -8,7 +8,7 @@ use shared_types::messages::{SingularityReport, SingularityState};
 use shared_types::topics::{self, ByTopic, Each, Topic, Whole};
 use shared_types::wire::Stamps;
 
-/// What a scenario would say of it.
+/// The scenario that would describe it.
 pub(crate) const SCENARIO: &str = r#"
 name = "synthetic"
 title = "Wrist lock, then elbow lock (moved kinematically)"

@@ -1,4 +1,4 @@
-//! `armplane graph`: who talks to whom.
+//! `armplane graph`: which process writes and reads which topic.
 
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -68,7 +68,7 @@ enum Command {
         after_help = "Examples:\n  armplane verify fig5-wrist-rotation\n  armplane verify my.toml --runs 12 --json\n\nExit code 1: some bytes differ."
     )]
     Verify(verify::VerifyArgs),
-    /// Feed a run's recorded inputs to one process and say where its outputs first differ.
+    /// Feed a run's recorded inputs to one process and show where its outputs first differ.
     #[command(
         long_about = "Takes the messages that a run kept, feeds its inputs to the step of one process as this program computes it, and compares every \
                       output with the recorded one: where they first differ (tick, topic, field, both values), and by how much each field \

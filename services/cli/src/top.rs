@@ -154,7 +154,7 @@ fn quantiles(before: &Distribution, now: &Distribution) -> [Option<f64>; 3] {
     [0.5, 0.99, 0.999].map(|share| spread.quantile_us(share))
 }
 
-/// "p50 / p99 / longest" in µs; empty for who computes nothing.
+/// "p50 / p99 / longest" in µs; empty for a process that computes nothing.
 fn times(before: &Distribution, now: &Distribution) -> String {
     let part = |time: Option<f64>| time.map_or("–".to_owned(), digits);
     let [p50, p99, _] = quantiles(before, now);

@@ -118,7 +118,7 @@ impl<const N: usize> Controller<N> {
 
     /// One tick: the torque for this state.
     ///
-    /// `tau_disturbance` is the torque on the joints that the model does not explain; it is compensated where the scenario says so.
+    /// `tau_disturbance` is the torque on the joints that the model does not explain; it is compensated where the scenario asks for it.
     /// Shapes N · Units rad, rad/s, N·m · Requires `report` to be the analysis of this very state · Ensures finite torques within the limits for any
     /// data, each within the torque rate of the tick before: where the law's equations are singular it refuses, and the torque brings the arm to rest
     /// from then on; an estimate that no arm can have moved to is set aside, and the arm is brought to rest meanwhile · Errors none: a refusal is in

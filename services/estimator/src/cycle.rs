@@ -8,7 +8,7 @@ use shared_types::{EstimatorCheckpoint, Header, MAX_DOF, SensorSample, StateEsti
 
 /// A predictor–corrector observer per joint with the arm's own dynamics as its predictor.
 ///
-/// Between two samples the state moves as the model says under the torque that the drives report; the encoder then corrects
+/// Between two samples the state follows the model under the torque that the drives report; the encoder then corrects
 /// position, velocity and a disturbance acceleration d with the constant gains g, h, k of a fading-memory filter (Brookner 1998,
 /// *Tracking and Kalman Filtering Made Easy*, §1.4), so that the error dynamics have the discrete poles θ, θ, φ:
 ///

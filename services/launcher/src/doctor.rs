@@ -19,7 +19,7 @@ pub struct Health {
     pub kernel: String,
     /// Whether the kernel is built with `PREEMPT_RT`.
     pub preempt_rt: bool,
-    /// What the kernel reads the time from ("tsc" is the fast one); empty when it does not say.
+    /// The kernel's clock source ("tsc" is the fast one); empty where unknown.
     pub clock_source: String,
     /// The share of each period that real-time tasks may use, "950000 of 1000000 µs" on a stock kernel; `None` is no limit.
     pub realtime_budget: Option<(u64, u64)>,

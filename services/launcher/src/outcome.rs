@@ -85,7 +85,7 @@ pub enum Failure {
         /// The limit.
         limit: Duration,
     },
-    /// A process did not stop when asked and told to.
+    /// A process did not stop after the request and SIGTERM.
     #[error("{process} (process {pid}) did not stop within {limit:?} and was killed")]
     DidNotStop {
         /// Which.

@@ -40,7 +40,7 @@ pub struct Child {
 pub struct Limits {
     /// Until all processes are ready.
     pub start: Duration,
-    /// Until the asked have stopped, and again until the told have.
+    /// From the request to SIGTERM, and from SIGTERM to SIGKILL.
     pub stop: Duration,
     /// The same for the polled ones (the recorder has files to finish).
     pub stop_polled: Duration,
@@ -119,7 +119,7 @@ pub(crate) type Report<'a> = &'a mut dyn FnMut(Event<'_>);
 /// The usual command for a process: this same program again, `armplane NAME --run DIR`.
 ///
 /// # Errors
-/// When the operating system does not say where this program lies.
+/// When the operating system does not give this program's path.
 pub fn reexec(process: &str, run: &Path) -> io::Result<Command> {
     let mut command = Command::new(std::env::current_exe()?);
     command.arg(process).arg("--run").arg(run);

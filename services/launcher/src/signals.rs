@@ -35,7 +35,7 @@ impl Drop for Urgency {
 
 /// SIGINT, SIGTERM and SIGHUP to this process, taken in as long as somebody holds this; otherwise they do what they always do.
 ///
-/// A run holds one; who makes several runs and cleans up after the last holds one over all of them.
+/// A run holds one; a command of several runs holds one over all of them, to clean up after the last.
 pub struct Interrupts(Signals);
 
 static IDLE: OnceLock<Arc<AtomicBool>> = OnceLock::new();

@@ -23,7 +23,7 @@ const RECALL: Duration = Duration::from_millis(500);
 /// A run and its processes.
 #[derive(Debug)]
 pub(crate) struct Supervised {
-    // Dropped in this order: no child may live without the control page, no file may outlive the directory.
+    // Dropped in this order: no child may outlive the control page, no file may outlive the directory.
     pub(crate) slots: Slots,
     pub(crate) hub: Hub,
     pub(crate) control_page: ControlPage,
@@ -151,7 +151,7 @@ impl Supervised {
         }
     }
 
-    /// The first process in the order of the data that is a tick behind its source and still lives: the others may have waited for it.
+    /// The first process in the order of the data that is a tick behind its source and still runs: the others may have waited for it.
     pub(crate) fn stood_still(&self) -> Option<usize> {
         let ticks = |index: usize| self.control_page.process(index).ticks();
         let chain = (0..self.plan.children.len()).filter(|&index| !self.plan.children[index].process.polled);

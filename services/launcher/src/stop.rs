@@ -1,4 +1,4 @@
-//! The end of a run: processes are asked to stop, then told, then killed, the polled ones last.
+//! The end of a run: processes are asked to stop, then get SIGTERM, then SIGKILL; the polled ones last.
 
 use std::time::{Duration, Instant};
 
@@ -26,7 +26,7 @@ impl Supervised {
         let mut failure = None;
         let concerned: Vec<usize> =
             (0..self.plan.children.len()).filter(|&index| self.plan.children[index].process.polled == polled).collect();
-        // Who has been stopped cannot end.
+        // A stopped process cannot end.
         self.signal(&concerned, Signal::CONT);
         for insist in [None, Some(Signal::TERM)] {
             if let Some(signal) = insist {

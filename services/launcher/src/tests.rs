@@ -346,7 +346,7 @@ fn a_stopped_recorder_costs_the_chain_nothing_in_real_time_and_its_losses_are_co
     assert!(number(0) + number(2) + number(4) <= 8_000, "{recorded:?}");
 }
 
-/// Starts a launcher of its own and waits until it goes; returns it, its run and the rest of what it says.
+/// Starts a launcher of its own and waits until it goes; returns it, its run and the rest of its output.
 fn independent_launcher() -> (std::process::Child, String, std::sync::mpsc::Receiver<String>) {
     use std::io::BufRead;
     let mut launcher = role("launcher").stderr(std::process::Stdio::piped()).stdout(std::process::Stdio::null()).spawn().unwrap();

@@ -15,7 +15,7 @@ use crate::spawn::{BEAT, Supervised};
 /// A process that does nothing for so long while it should is killed ...
 const SILENCE: Duration = Duration::from_secs(2);
 
-/// ... sooner where the kernel says that it is stopped.
+/// ... sooner where the kernel reports it as stopped.
 const SILENCE_STOPPED: Duration = Duration::from_millis(100);
 
 /// Whether a fault has stopped its process for a time, and it has not gone on yet. The kind is looked at too: a way is a number, 0 where a kind
@@ -67,7 +67,7 @@ impl Supervised {
         }
     }
 
-    /// A death that a fault explains has been noticed; one that nobody planned becomes a fault, so that nobody waits for the dead, and
+    /// A death that a fault explains is detected; an unplanned one becomes a fault, so that no process waits for the dead one, and
     /// so that the run can be repeated.
     fn enter_death(&self, index: usize) {
         let table = self.control_page.fault_table();
@@ -107,7 +107,7 @@ impl Supervised {
             self.control_page.fault_table().records().any(|(_, record)| is_it(&record.scheduled) && takes_down(&record.scheduled))
         };
         let has_got = |(other, child): (usize, &Child)| {
-            // Who makes the ticks says when it begins one, the others when they end it.
+            // The tick source reports the beginning of a tick, the others its end.
             let head_start = u64::from(child.process.makes_ticks);
             reads(&child.process) && self.control_page.process(other).ticks() > closed + head_start && !has_missed(other)
         };
@@ -139,7 +139,7 @@ impl Supervised {
             let slot = &mut self.slots.0[index];
             let Some(child) = slot.child.as_ref() else { continue };
             let (ticks, now) = (line.ticks(), Instant::now());
-            // Who waits for another one that is silent is not silent itself.
+            // A process that waits for a silent one is not silent itself.
             let signs = (ticks, line.looks());
             let is_replaced = plan.process.makes_ticks || plan.restart != Restart::Never;
             let since = match slot.seen {

@@ -8,7 +8,7 @@
 //! All integers little-endian. Inside a block a message is a row of 64-bit words, each word minus the one above it (the first row minus
 //! nothing), zig-zagged so that small changes of either sign are small numbers. A plane is one byte of one word of all messages: of the first
 //! word the lowest bytes, its second bytes, … then those of the second word. Planes of zeros, most of them, are left out: before the planes
-//! there is a byte for each word whose bits say which of its eight planes follow. Blocks do not depend on each other: what a killed writer
+//! there is a byte for each word, with a bit for each of its eight planes that follows. Blocks do not depend on each other: what a killed writer
 //! leaves is readable up to its last whole block.
 
 use std::fs::{File, OpenOptions};

@@ -28,7 +28,7 @@ pub(crate) struct Cut<'a> {
     pub(crate) base: Option<&'a str>,
     /// The link that is its end; the end of the only chain there is if `None`.
     pub(crate) end: Option<&'a str>,
-    /// Joints held where they are told to be, rad (m for a sliding joint).
+    /// Locked joints and their positions, rad (m for a sliding joint).
     pub(crate) locked: BTreeMap<&'a str, f64>,
 }
 

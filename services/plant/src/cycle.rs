@@ -1,4 +1,4 @@
-//! The plant's pure step: applied torque to motion, motion to what the sensors say.
+//! The plant's pure step: applied torque to motion, motion to sensor readings.
 
 use model::{Model, ModelError, Robot, StartError, embedded};
 use nalgebra::SVector;
@@ -81,7 +81,7 @@ impl<const N: usize> Cycle<N> {
         })
     }
 
-    /// What the sensors say at `tick`, and the truth; incarnation and stamps are the caller's to fill.
+    /// The sensors' readings at `tick`, and the truth; incarnation and stamps are the caller's to fill.
     ///
     /// A pure function of the state and `tick`: asking twice gives the same.
     pub fn sample(&self, tick: u64, sample: &mut SensorSample, truth: &mut PlantState) {
@@ -122,7 +122,7 @@ impl<const N: usize> Cycle<N> {
         self.hardware_faults.begin(scheduled_faults, &reading, &self.acted);
     }
 
-    /// Advances one tick under `command` (`None`: none came). How old it is its header says.
+    /// Advances one tick under `command` (`None`: none came); its header gives its age.
     pub fn step(&mut self, command: Option<&TorqueCommand>) {
         let tau = command.map(|command| embedded::<N>(&command.tau[..self.dof]));
         let age = command.map_or(0, |command| self.ticks.saturating_sub(command.header.tick));

@@ -44,7 +44,7 @@ impl<const N: usize> HardwareFaults<N> {
         (self.sensor, self.drive) = (sensor, drive);
     }
 
-    /// What the encoders say instead of `reading`; rad.
+    /// The encoders' faulty readings in place of `reading`; rad.
     pub(crate) fn read(&self, tick: u64, reading: &SVector<f64, N>) -> SVector<f64, N> {
         SVector::from_fn(|joint, _| {
             let true_reading = reading[joint];

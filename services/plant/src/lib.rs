@@ -14,7 +14,7 @@ pub use cycle::Cycle;
 
 /// The pure step, whatever the number of joints; compiled once per number, here.
 pub trait Step {
-    /// What the sensors say at `tick`, and the truth.
+    /// The sensors' readings at `tick`, and the truth.
     fn sample(&self, tick: u64, sample: &mut SensorSample, truth: &mut PlantState);
     /// Moves the arm to the next tick under `command` (`None`: none came).
     fn step(&mut self, command: Option<&TorqueCommand>);

@@ -20,7 +20,7 @@ use crate::judge::Judge;
 /// Name of the file in the run's directory.
 const FILE: &str = "recorder.state";
 
-/// Name of the file beside it that says how far the recording has come.
+/// Name of the file beside it with the recording's progress.
 const WRITTEN: &str = "recorder.written";
 
 /// How much a replacement has to go through again: messages that are kept, but in no figure yet.

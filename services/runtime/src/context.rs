@@ -28,7 +28,7 @@ pub(crate) trait Connect {
     fn connect(&self, context: &Context) -> Result<(), Interrupted>;
 }
 
-/// An end of the process that a closing tick concerns: what is held back for it leaves, and its readers are told.
+/// An end of the process that a closing tick concerns: messages held back for it are sent, and its readers are woken.
 pub(crate) trait Outlet {
     /// Sends what is due at `tick` or before.
     fn flush(&self, tick: u64);
@@ -106,7 +106,7 @@ impl Context {
         self.manifest.processes[self.me].disturbance.unordered
     }
 
-    /// Sleeps where the run's disturbance says so.
+    /// Sleeps where the run's disturbance requires it.
     pub(crate) fn pause(&self) {
         if let Some(pause) = self.pauses.borrow_mut().as_mut().and_then(Pauses::next) {
             std::thread::sleep(pause);
@@ -177,7 +177,7 @@ impl Context {
                 return Ok(found?.map_or(Waited::Stopped, Waited::Ready));
             }
             let mut sleep_ns = None;
-            // Without a deadline the clock is only read when the first sleep was in vain: the usual hop does without it.
+            // Without a deadline the clock is read only after a first sleep without a message: the usual hop does without it.
             if deadline_ns.is_some() || !is_first_look {
                 let now = now_ns();
                 let waited_ns = now - *began_ns.get_or_insert(now);
@@ -269,7 +269,7 @@ impl Context {
         self.faults.known.borrow().faults().is_empty()
     }
 
-    /// Something is wrong with a message: if there are faults, they have been noticed.
+    /// A message is wrong: faults in force are thereby detected.
     pub(crate) fn message_fault_detected(&self) {
         if !self.is_unharmed() {
             self.control_page.fault_table().mark_all_detected(self.tick.get(), now_ns());
@@ -334,7 +334,7 @@ impl Context {
         Some((*fault, fault.kind()?))
     }
 
-    /// The others are told before, so that none waits for what cannot come.
+    /// The others are informed before, so that none waits for a message that cannot come.
     fn leave(&self, state: State) {
         self.entry().set_state(state);
         self.control_page.ring_all();
@@ -360,7 +360,7 @@ impl Context {
         }
     }
 
-    /// Loads the process's core as long as a fault says so.
+    /// Loads the process's core for the duration of a fault.
     pub(crate) fn load_core(&self, tick: u64) {
         let known = self.faults.known.borrow();
         let starving = known.of(self.me, tick).find(|(_, _, kind)| *kind == Kind::Starve).map(|(place, ..)| place);

@@ -25,7 +25,7 @@ impl DoorbellPort {
         Self { shared: shell.shared() }
     }
 
-    /// The process's iceoryx2 node; its services live in the run's directory.
+    /// The process's iceoryx2 node; its services are in the run's directory.
     #[must_use]
     pub fn node(&self) -> &Node<ipc::Service> {
         &self.shared.bus

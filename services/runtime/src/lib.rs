@@ -1,7 +1,7 @@
 //! The shell of a process: ports on topics, the clock, the waits, real-time settings, the run's place in shared memory.
 //!
 //! ```text
-//! RunDir        /dev/shm/armplane-…: where a run lives; found again and removed when its launcher has died
+//! RunDir        /dev/shm/armplane-…: a run's files; found again and removed when its launcher has died
 //! Manifest      the processes of the run and their topics   ControlPage   heartbeats, doorbells, counts, the stop flag
 //! Hub           the launcher's side of all topics           Shell         one process's side of everything
 //! Reader, Writer, Collector   typed ends of a topic         TickSource    the rhythm of the process that makes the ticks

@@ -1,4 +1,4 @@
-//! The lockstep protocol: which ticks are closed, who waits for whom, and what a death changes. Pure decisions on a view of the run.
+//! The lockstep protocol: which ticks are closed, which process waits for which, and what a death changes. Pure decisions on a view of the run.
 //!
 //! ```text
 //! tick k of a process     its messages of k are sent, or it is down at k; then k is closed and its tick count is k + 1
@@ -238,7 +238,7 @@ impl<'a, V: View> Protocol<'a, V> {
         (self.view.is_lockstep() && !role.polled && !role.makes_ticks && tick > closed).then_some(tick)
     }
 
-    /// Who must know that this process has closed a tick.
+    /// The processes to inform that this process has closed a tick.
     pub(crate) fn reports_to(&self) -> Report {
         match self.source() {
             Some(source) if self.view.has_faults() => {

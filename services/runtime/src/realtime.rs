@@ -23,13 +23,13 @@ pub enum Missing {
     Fifo {
         /// The priority asked for.
         priority: u8,
-        /// What the kernel says.
+        /// The kernel's error.
         reason: String,
     },
     /// Memory not locked.
     #[error("locked memory ({reason}; needs CAP_IPC_LOCK or `ulimit -l unlimited`)")]
     LockedMemory {
-        /// What the kernel says.
+        /// The kernel's error.
         reason: String,
     },
 }

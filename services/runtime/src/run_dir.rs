@@ -1,11 +1,11 @@
-//! Where a run lives in shared memory: one private directory, and iceoryx2's files beside it under the same name.
+//! A run's place in shared memory: one private directory, and iceoryx2's files beside it under the same name.
 //!
 //! ```text
 //! /dev/shm/armplane-<uid>-<pid>-<start>-<n>/     manifest.json, control page, nodes/, services/; mode 0700
 //! /dev/shm/armplane-<uid>-<pid>-<start>-<n>.*    iceoryx2's segments
 //! ```
 //!
-//! The name says whose it is: the launcher's process id and its start time (field 22 of `/proc/PID/stat`), so that a process id
+//! The name identifies its owner: the launcher's process id and its start time (field 22 of `/proc/PID/stat`), so that a process id
 //! used again is not mistaken for the old launcher. Besides, a living launcher holds a lock on the directory, which also holds
 //! where process ids mean different things (containers that share `/dev/shm`).
 
@@ -24,7 +24,7 @@ pub const SHM: &str = "/dev/shm";
 #[derive(Debug)]
 pub struct RunDir {
     path: PathBuf,
-    /// Held by the creator only: the lock that says "alive".
+    /// Held by the creator only: the lock of a living run.
     owner: Option<OwnedFd>,
 }
 
@@ -67,7 +67,7 @@ pub struct FoundRun {
     pub name: String,
     /// Process id of the launcher that made it.
     pub launcher_pid: u32,
-    /// Whether that launcher still lives.
+    /// Whether that launcher is still alive.
     pub alive: bool,
     /// Size of all its files as they are allocated; bytes.
     pub bytes: u64,

@@ -79,7 +79,7 @@ pub enum ProcessError {
     /// A topic could not be opened.
     #[error(transparent)]
     Topic(#[from] TopicError),
-    /// A wait ended in vain.
+    /// A wait ended without its message.
     #[error(transparent)]
     Interrupted(#[from] Interrupted),
     /// A message was refused or could not be sent.
@@ -182,7 +182,7 @@ impl Shell {
     /// Reads a topic message by message: the next tick in lockstep, the newest in real time.
     ///
     /// # Errors
-    /// When the graph does not say that this process reads it, or the wire formats differ.
+    /// When the graph does not list this process as its reader, or the wire formats differ.
     pub fn reader<M: Message>(&self) -> Result<Reader<M>, TopicError> {
         self.declared::<M>("read")?;
         Ok(Reader::new(Rc::clone(&self.shared), self.subscriber(CHAIN_DEPTH)?))
@@ -200,7 +200,7 @@ impl Shell {
     /// Writes a topic; wakes the processes that the graph names as its readers.
     ///
     /// # Errors
-    /// When the graph does not say that this process writes it, or the wire formats differ.
+    /// When the graph does not list this process as its writer, or the wire formats differ.
     pub fn writer<M: Message>(&self) -> Result<Writer<M>, TopicError> {
         self.declared::<M>("write")?;
         let publisher = Rc::new(topic::publisher(&self.shared.bus)?);
@@ -360,7 +360,7 @@ impl Shell {
         self.shared.control_page.fault_table().mark_detected(self.shared.me, self.shared.tick.get(), now_ns());
     }
 
-    /// Something is wrong with what a message says: whatever is at work has been noticed by that.
+    /// A message's content is refused: the faults in force are thereby detected.
     pub fn mark_message_fault_detected(&self) {
         self.shared.message_fault_detected();
     }
@@ -397,7 +397,7 @@ impl Shell {
     }
 }
 
-/// Takes the nice value and sleeps as the disturbance says.
+/// Applies the disturbance's nice value and pauses.
 fn begin_disturbed(Disturbance { start_delay, nice, .. }: Disturbance) {
     if nice != 0
         && let Err(errno) = rustix::process::setpriority_process(None, nice)

@@ -58,7 +58,7 @@ impl TickSource {
 
     /// Until when a tick's torque is waited for, on `CLOCK_MONOTONIC`; in lockstep without limit.
     ///
-    /// A tenth of a period, at most 100 µs, before the next tick: whoever waits in vain is in time for the next grid point nevertheless.
+    /// A tenth of a period, at most 100 µs, before the next tick: a wait without a message still ends in time for the next grid point.
     #[must_use]
     pub fn deadline_ns(&self) -> Option<u64> {
         let period = self.context.manifest.period_ns();
@@ -94,7 +94,7 @@ impl TickSource {
         self.began_ns = self.by_machine(self.grid_ns);
     }
 
-    /// What the machine's clock says when this process's says `ns`.
+    /// The machine's clock when this process's clock reads `ns`.
     fn by_machine(&self, ns: u64) -> u64 {
         ns.saturating_add_signed(-self.context.clock_error_ns(now_ns()))
     }

@@ -6,7 +6,7 @@ use shared_types::wire::{Field, Header};
 /// Refuses the messages of a writer's dead incarnations.
 ///
 /// A SIGKILLed writer's undelivered messages come first, before its replacement's. In real time the control page says which incarnation
-/// lives. In lockstep the last messages of the dead one belong to the run (whether they are read before or after the launcher notices the
+/// lives. In lockstep the last messages of the dead one belong to the run (whether they are read before or after the launcher detects the
 /// death must not matter), so there only an incarnation older than one already heard is refused.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Fence {

@@ -1,4 +1,4 @@
-//! How a wait ends: with what was waited for, late, by a stop of the run, or in vain.
+//! How a wait ends: with its message, late, by a stop of the run, or without.
 
 use std::time::Duration;
 
@@ -8,11 +8,11 @@ pub enum Interrupted {
     /// Nothing came within the limit.
     #[error("{process} waited {waited:?} for {what} and gave up: is {from} alive?")]
     TimedOut {
-        /// Who waited.
+        /// The waiting process.
         process: String,
         /// For what.
         what: String,
-        /// Who should have brought it.
+        /// The process that it was expected from.
         from: String,
         /// How long.
         waited: Duration,
@@ -20,7 +20,7 @@ pub enum Interrupted {
     /// In lockstep a tick was skipped; nothing may be lost there.
     #[error("{process} expected tick {expected} of topic {topic:?} and got tick {found}: a message was lost in lockstep")]
     Lost {
-        /// Who reads.
+        /// The reading process.
         process: String,
         /// Which topic.
         topic: &'static str,
@@ -32,11 +32,11 @@ pub enum Interrupted {
     /// iceoryx2 failed.
     #[error("{process} cannot use topic {topic:?}: {reason}")]
     Port {
-        /// Who.
+        /// The process.
         process: String,
         /// Which topic.
         topic: &'static str,
-        /// What iceoryx2 says.
+        /// iceoryx2's own error.
         reason: String,
     },
 }
@@ -48,7 +48,7 @@ pub(crate) enum Waited<T> {
     Stopped,
 }
 
-/// What a wait waits for, told only when it fails.
+/// The object of a wait, for its error message.
 pub(crate) struct Wait {
     pub(crate) what: String,
     pub(crate) from: String,

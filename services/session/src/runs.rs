@@ -8,7 +8,7 @@ use shared_types::summary::Summary;
 use crate::failure::Failure;
 use crate::results::{JOB, SUMMARY};
 
-/// Where runs go unless `--out` says otherwise.
+/// The folder of runs without `--out`.
 pub const RUNS: &str = "runs";
 
 /// A run's folder and what is in it.

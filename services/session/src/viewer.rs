@@ -87,7 +87,7 @@ fn is_running() -> bool {
     TcpStream::connect_timeout(&SocketAddr::from((Ipv4Addr::LOCALHOST, VIEWER_PORT)), Duration::from_millis(300)).is_ok()
 }
 
-/// The viewer's version as it says itself; `None` if it does not, or not soon.
+/// The version that the viewer reports; `None` without an answer in time.
 fn version(viewer: &str) -> std::io::Result<Option<(u32, u32)>> {
     let command = &mut Command::new(viewer);
     let mut child = command.arg("--version").stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn()?;

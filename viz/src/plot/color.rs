@@ -20,7 +20,7 @@ pub const BLUE: Color = rgb(0, 98, 178);
 /// What went wrong.
 pub const RED: Color = rgb(203, 50, 52);
 
-/// The n-th of eight colours that can be told apart, by the colour-blind too (after Okabe and Ito).
+/// The n-th of eight distinguishable colours, for the colour-blind too (after Okabe and Ito).
 pub fn numbered(n: usize) -> Color {
     const COLORS: [Color; 8] = [
         BLUE,

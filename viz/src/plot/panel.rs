@@ -38,7 +38,7 @@ pub struct Panel {
 }
 
 impl Panel {
-    /// A diagram without data; the title says what goes upwards, and its unit.
+    /// A diagram without data; the title names the vertical quantity and its unit.
     pub fn new(title: &str, x: Axis, y: Axis) -> Self {
         Self { title: title.to_owned(), x, y, share: 1.0, ..Self::default() }
     }

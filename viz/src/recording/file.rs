@@ -169,7 +169,7 @@ impl Recording {
             ticks: self.before.ticks + self.part_ticks,
             parts: parts + 1,
         };
-        // What is told when it changes is told again.
+        // Values written only on change are written again.
         self.part_ticks = 0;
         self.blueprint_sent = false;
         self.guides_due = 0;

@@ -11,7 +11,7 @@ pub fn part_name(part: u32) -> String {
     if part == 0 { "run.rrd".to_owned() } else { format!("run-{part:03}.rrd") }
 }
 
-/// The parts of a recording that a folder holds, in order; without one that whoever began it did not live to write anything into.
+/// The parts of a recording that a folder holds, in order; without a part that its recorder began and died before it wrote.
 #[must_use]
 pub fn parts_in(folder: &Path) -> Vec<PathBuf> {
     let parts = (0..).map(|part| folder.join(part_name(part))).take_while(|path| path.exists());

@@ -123,7 +123,7 @@ pub struct Recording {
     pub(super) incarnations: [u32; PROCESSES.len()],
 }
 
-/// What a recording says of its run.
+/// A recording's description of its run.
 pub(super) struct Title {
     pub(super) name: String,
     pub(super) properties: [(&'static str, String); 6],
@@ -132,7 +132,7 @@ pub(super) struct Title {
 /// Writers of the five messages.
 pub(super) const PROCESSES: [&str; 4] = ["plant", "estimator", "analyzer", "controller"];
 
-/// What each lane of the state timeline says.
+/// The text of each lane of the state timeline.
 #[derive(Debug, Default)]
 pub(super) struct Lanes {
     pub(super) modes: [Option<u32>; MAX_SINGULARITIES],

@@ -155,7 +155,7 @@ fn a_recording_shows_what_happened() {
     assert_eq!(instances(1), [1], "the upper arm stood still");
     assert_eq!(instances(3).last(), Some(&1), "one, too small to see");
 
-    // The picture runs at 50 Hz, and the flange is where the model says.
+    // The picture runs at 50 Hz, and the flange is at the model's pose.
     let flange = of(&data, &entity::link(5));
     let expected: Vec<i64> = (0..ticks as i64).step_by(20).collect();
     assert_eq!(times(&flange, "tick"), expected);
@@ -265,7 +265,7 @@ fn every_part_opens_alone_and_all_together() {
         paths
     });
     assert!(statics[0] == statics[1] && statics[0].contains(&entity::link(5)), "{statics:?}");
-    // What stands, and would not be told again for long, is told at the part's beginning.
+    // Values that rarely change are written again at the beginning of each part.
     assert_eq!(texts(&of(&data[1], "/state/mode/wrist"), "StateChange:state"), ["reorient"]);
     assert!(times(&of(&data[1], entity::NOW), "tick").first() == Some(&130) && times(&of(&data[1], entity::GUIDES), "tick")[0] == 130);
     assert_eq!(times(&of(&data[1], &entity::ghost(0)), "tick"), [130]);

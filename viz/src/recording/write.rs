@@ -26,7 +26,7 @@ impl Recording {
 
     pub(super) fn write_properties(&mut self) {
         let info = RecordingInfo::new().with_name(self.title.name.as_str());
-        // When it began is what the first part says.
+        // The first part holds the time of its beginning.
         let info = if self.before.parts == 0 { info.with_start_time(Timestamp::now()) } else { info };
         self.log_static(EntityPath::properties(), &info);
         let columns = self.title.properties.clone().map(|(name, value)| {

@@ -140,7 +140,7 @@ impl Recorded {
         }
     }
 
-    /// Signals over the joints' limits, with what their titles say; where the limits are infinite, hence all is 0, the signals themselves.
+    /// Signals over the joints' limits, with their titles; where the limits are infinite, hence all is 0, the signals themselves.
     pub(super) fn over_limit<const K: usize>(&self, ratios: [Signal; K], values: [Signal; K], unit: &str) -> ([Signal; K], String) {
         let moves = |signal: &Signal| {
             self.lines.get(signal.name()).into_iter().flatten().any(|line| line.points.iter().any(|(_, value)| *value != 0.0))

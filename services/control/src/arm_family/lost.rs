@@ -60,7 +60,7 @@ const SMALLEST: f64 = 1e-12;
 /// Most that a turns in Π at a tick, rad: inside η_in, and beyond it in addition at full openness.
 const TURN: (f64, f64) = (0.01, 1.6);
 
-/// Length below which a projected direction says nothing.
+/// Length below which a projected direction is undefined.
 const GONE: f64 = 0.05;
 
 /// Damping of squared singular values in what turns a.
@@ -72,7 +72,7 @@ const NEWTON: (usize, f64, f64) = (24, 0.3, 1e-8);
 /// Postures sampled for σ_ref, and singular ones per name for the type that is most frequent.
 const SAMPLES: (usize, u32) = (256, 6);
 
-/// s beyond which m says which way the self-motion goes.
+/// s beyond which m gives the direction of the self-motion.
 const FOUND: f64 = 0.02;
 
 /// One direction that is followed.

@@ -20,7 +20,7 @@ const FOLLOW: (f64, f64) = (0.2, 0.1);
 /// Rate at which a neighbourhood is left along the self-motion, rad/s.
 const LEAVE: f64 = 0.8;
 
-/// Angle between ζ and where it should be beyond which the path waits, rad; and the motion left on a leg that says little about it, unit-scaled.
+/// Angle between ζ and where it should be beyond which the path waits, rad; and the remaining motion of a leg below which its direction is undefined, unit-scaled.
 const AWAY: (f64, f64) = (0.1, 0.02);
 
 /// Angle near a quarter turn at which either way round is as good: the one taken before, rad.
@@ -98,7 +98,7 @@ fn aside<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>, memory: &mut
     Some(Direction { error: angle / s.kappa_2, rate: 0.0, weight, passing: memory.passing, holding: memory.holding, clipped: false })
 }
 
-/// Out of the neighbourhood along the self-motion: away from the lock, or where nothing says which way that is, to where the joints have more room.
+/// Out of the neighbourhood along the self-motion: away from the lock, or where that direction is undefined, to where the joints have more room.
 fn leave<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>, memory: &mut Memory) -> Direction {
     if !s.inside {
         memory.passing = false;

@@ -1,4 +1,4 @@
-//! The path plan at work: what it says of auxiliary coordinates, posture and clock at each tick (+).
+//! The path plan in use: auxiliary coordinates, posture and clock at each tick (+).
 //!
 //! Reduces to the paper's law: without a plan nothing changes, and on a feasible path the planned coordinate is the one that the path needs.
 

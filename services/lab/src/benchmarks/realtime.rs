@@ -1,4 +1,4 @@
-//! The whole graph in real time beside somebody else who wants every core: which deadlines are missed, by whom, and why.
+//! The whole graph in real time beside a competing load on every core: which deadlines are missed, by which process, and why.
 
 use std::collections::BTreeMap;
 

@@ -41,7 +41,7 @@ pub fn record(robot: &Robot, scenario: &Scenario, observer: Observer<'_>) -> Res
         let judged = now_ns();
         tape.tick(&row);
         let taped = now_ns();
-        // A full disk is told by the run below.
+        // The run below reports a full disk.
         let _ = topics::try_each(&mut Add(&mut files, tick));
         for (times, lap) in times.iter_mut().zip([judged - began, taped - judged, now_ns() - taped]) {
             times.saturating_record(lap);

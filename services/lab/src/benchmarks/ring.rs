@@ -316,7 +316,7 @@ fn go<E: Ends>(
             }
         }
     }
-    // The end of the run is the first process's to say.
+    // The first process ends the run.
     while !shell.is_stopping() {
         std::thread::sleep(std::time::Duration::from_millis(1));
     }

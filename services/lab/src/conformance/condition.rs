@@ -11,7 +11,7 @@ const LONGEST_DELAY_MS: u64 = 300;
 /// Where the processes run.
 #[derive(Clone, Copy)]
 pub enum Placement {
-    /// As the graph says.
+    /// The graph's own order.
     Graph,
     /// All on one core.
     Together(usize),

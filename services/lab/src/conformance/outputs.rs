@@ -26,7 +26,7 @@ impl<M: Message> Default for Comparison<M> {
 
 impl<M: Message> Comparison<M> {
     pub fn take(&mut self, recorded: &M, mut computed: M) {
-        // Who computed it is the runtime's to say, not the step's.
+        // The runtime sets the incarnation, not the step.
         computed.header_mut().incarnation = recorded.header().incarnation;
         self.messages += 1;
         if self.first.is_none() {

@@ -150,7 +150,7 @@ struct Tape<'a> {
     folder: std::path::PathBuf,
     run: &'a Path,
     observer: Observer<'a>,
-    /// Who is computed again ...
+    /// The process that is computed again ...
     process: &'a str,
     /// ... and what happened to it.
     scheduled_faults: Vec<ScheduledFault>,
@@ -277,7 +277,7 @@ impl Tape<'_> {
     }
 }
 
-/// What a step puts out at a tick; the last of the messages is the one that faults shape, and that says which incarnation computed it.
+/// A step's outputs at a tick; faults shape the last of the messages, which also carries the incarnation that computed it.
 trait Outputs: Copy {
     /// Messages to be filled.
     fn empty() -> Self;

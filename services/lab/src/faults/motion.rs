@@ -64,7 +64,7 @@ impl Promise {
         }
     }
 
-    /// Whether the step of a joint's torque to that of `tick` is its drive's own: a tick's torque is told with the next tick.
+    /// Whether the step of a joint's torque to that of `tick` is its drive's own: a tick's torque is reported with the next tick.
     fn excuses_step(&self, joint: usize, tick: u64) -> bool {
         self.drive_faults.iter().any(|fault| fault.joint == joint && (fault.from..=fault.until.saturating_add(1)).contains(&tick))
     }

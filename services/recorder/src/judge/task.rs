@@ -26,7 +26,7 @@ impl TaskError {
         Self::on(tick, &[true; 6])
     }
 
-    /// [`of`](Self::of) on the task axes `served` alone (x, y, z, rx, ry, rz of the base): an arm of fewer axes has no say in the others.
+    /// [`of`](Self::of) on the task axes `served` alone (x, y, z, rx, ry, rz of the base): an arm of fewer axes does not move the others.
     #[must_use]
     pub fn on(tick: &Tick<'_>, served: &[bool; 6]) -> Self {
         let (truth, command) = (tick.truth, tick.control);

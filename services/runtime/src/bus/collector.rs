@@ -21,7 +21,7 @@ pub struct Collector<M: Message> {
     recall: Option<Recall<M>>,
 }
 
-/// The messages that were delivered while nobody received them, and those that were received and died with who had them.
+/// The messages that no living reader has received: delivered to none, or received by a process that has died since.
 struct Recall<M: Message> {
     handed_over: HandedOver<M>,
     /// Number of the next one to take from the file.

@@ -131,7 +131,7 @@ impl<M: Message> Reader<M> {
     /// The newest message that arrives in the tick a [`TickSource`](crate::TickSource) has given out, for the process that makes the ticks: in
     /// lockstep when its writer has closed the tick, in real time by `deadline_ns` on `CLOCK_MONOTONIC`, or as soon as that tick's own is there.
     ///
-    /// `None` when none came that is newer than the last, or the run stops. It may be older than `tick`; its header says.
+    /// `None` when none came that is newer than the last, or the run stops. It may be older than `tick`; its header gives its own.
     ///
     /// # Errors
     /// As [`Reader::next`].

@@ -48,7 +48,7 @@ pub enum TopicError {
     Node {
         /// The run's name.
         run: String,
-        /// What iceoryx2 says.
+        /// iceoryx2's own error.
         reason: String,
     },
     /// No message of that name.
@@ -66,7 +66,7 @@ pub enum TopicError {
         action: &'static str,
         /// Which topic.
         topic: &'static str,
-        /// What iceoryx2 says.
+        /// iceoryx2's own error.
         reason: String,
     },
     /// Two builds that disagree on the bytes.
@@ -77,7 +77,7 @@ pub enum TopicError {
     WireFormat {
         /// Which topic.
         topic: &'static str,
-        /// What the service says.
+        /// The service's own error.
         found: String,
         /// What this program was built with.
         ours: u64,
@@ -87,7 +87,7 @@ pub enum TopicError {
     Memory {
         /// Which topic.
         topic: &'static str,
-        /// What the operating system says.
+        /// The operating system's error.
         reason: String,
     },
     /// The graph does not declare it.

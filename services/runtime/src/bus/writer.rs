@@ -26,7 +26,7 @@ pub enum SendError {
     /// A number in it is not finite; it does not leave the process.
     #[error("{process} refused its own {topic:?} of tick {tick}: {field} is not finite")]
     NotFinite {
-        /// Who sends.
+        /// The writing process.
         process: String,
         /// Which topic.
         topic: &'static str,
@@ -38,11 +38,11 @@ pub enum SendError {
     /// iceoryx2 failed.
     #[error("{process} cannot send topic {topic:?}: {reason}")]
     Port {
-        /// Who sends.
+        /// The writing process.
         process: String,
         /// Which topic.
         topic: &'static str,
-        /// What iceoryx2 says.
+        /// iceoryx2's own error.
         reason: String,
     },
 }
@@ -248,7 +248,7 @@ impl<M: Message> Sending<M> {
         (newest.header().tick < tick).then_some(newest)
     }
 
-    /// Does to a message what the faults of its tick say.
+    /// Applies the faults of its tick to a message.
     fn shape(&self, message: &M) -> Result<(), SendError> {
         let (shared, tick) = (&self.shared, self.shared.tick.get());
         let (mut message, label) = (*message, message.header().tick);

@@ -60,7 +60,7 @@ impl Doorbell {
 
     /// Sleeps until the next ring after the count `seen`, a signal, or the end of the time. Every return is a hint only.
     ///
-    /// Without a limit it is the [`Watchdog`] who ends a sleep in vain: a timer for each sleep would cost a sixth of a hop.
+    /// Without a limit the [`Watchdog`] ends a sleep that brings nothing: a timer for each sleep would cost a sixth of a hop.
     pub(crate) fn sleep(&self, seen: u32, limit_ns: Option<u64>) {
         let limit = limit_ns.map(timespec);
         let _ = futex::wait(&self.rings, futex::Flags::empty(), seen, limit.as_ref());

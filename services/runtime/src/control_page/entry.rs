@@ -170,7 +170,7 @@ impl ProcessEntry {
         self.age.read()
     }
 
-    /// How often it has looked for what it waits for: who only waits looks again and again, who is stuck or stopped does not.
+    /// How often it has polled its inputs: the count of a waiting process rises, that of a stuck or stopped one does not.
     #[must_use]
     pub fn looks(&self) -> u32 {
         self.doorbell.sleeps()

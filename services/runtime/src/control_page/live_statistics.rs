@@ -102,7 +102,7 @@ impl Distribution {
     }
 }
 
-/// The last of what matters to somebody who watches: each topic's writer notes its own.
+/// The latest values for observers of the run: each topic's writer stores its own.
 #[repr(C, align(64))]
 #[derive(Debug, Default)]
 pub(crate) struct LiveStateCells {
@@ -118,7 +118,7 @@ pub(crate) struct LiveStateCells {
 }
 
 impl LiveStateCells {
-    /// Notes what a message says; which one it is is known when the program is compiled.
+    /// Stores a message's values; the topic is known at compile time.
     pub(crate) fn note<M: Message>(&self, message: &M) {
         let message: &dyn Any = message;
         if let Some(report) = message.downcast_ref::<SingularityReport>() {

@@ -1,4 +1,4 @@
-//! The end of a sleep in vain.
+//! Wakes a process whose wait has lasted beyond its limit.
 
 use std::sync::Arc;
 use std::time::Duration;

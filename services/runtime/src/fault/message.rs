@@ -17,7 +17,7 @@ pub(crate) struct Shape {
 }
 
 /// Applies the faults that concern a process at `tick` to a message, in the order of the fault table: its fields in place, whether and when it leaves
-/// as the answer. `injected` is told the place of each fault that takes effect.
+/// as the answer. `injected` is called with the place of each fault that takes effect.
 pub(crate) fn shape<'a, M: Message>(
     message: &mut M,
     tick: u64,

@@ -1,6 +1,6 @@
-//! The fault table: every fault of a run, planned or live, in one place that all its processes see.
+//! The fault table: every fault of a run, planned or live, in one place that all its processes read.
 //!
-//! The launcher enters the planned faults before anything starts and the deaths that nobody planned when it notices them; anybody may
+//! The launcher enters the planned faults before anything starts and unplanned deaths when it detects them; any process may
 //! request one (`armplane fault`). The source of ticks adopts a request at the beginning of a tick, before it sends anything of that tick,
 //! so that all processes know of it when that tick reaches them: a live fault is a planned one from then on, and repeats itself as one.
 //! What cannot be decided from the fault table and a tick is no fault: that is why a run with faults has the same bytes every time.
@@ -76,7 +76,7 @@ pub struct FaultRecord {
     pub origin: Origin,
     /// When it took effect first.
     pub injected_ns: u64,
-    /// When something noticed: the supervisor an end or a silence, a reader a message that it refused or missed.
+    /// When it was detected: by the launcher as an end or a silence, by a reader as a refused or missing message.
     pub detected_ns: u64,
     /// When the process worked again.
     pub recovered_ns: u64,
@@ -176,7 +176,7 @@ impl FaultTable {
     }
 
     /// A message is missing, or came twice, or was refused, at a tick: every injected fault that is in force, or has been shortly before, has
-    /// been noticed by that.
+    /// been detected by that.
     pub(crate) fn mark_all_detected(&self, tick: u64, now_ns: u64) {
         let injected = self.taken().iter().filter(|entry| entry.injected_ns.load(Ordering::Relaxed) != 0);
         injected.filter(|entry| entry.is_at_work(tick)).for_each(|entry| first(&entry.detected_ns, now_ns));

@@ -116,7 +116,7 @@ fn attempt<const N: usize>(request: &Request<'_, N>, fan: bool, times: &[f64]) -
         if let Some((place, angle)) = leg.reorient {
             let node = search.best(&layer).unwrap_or_default();
             let q = search.node(node).q;
-            // Where ζ cannot be turned the controller says so when the leg begins.
+            // Where ζ cannot be turned the controller reports it when the leg begins.
             let by = (request.turning)(&q, &report, place, angle).unwrap_or_else(SVector::zeros);
             let knots = (1..=24).map(|k| {
                 let t = leg.duration_s * f64::from(k) / 24.0;
@@ -154,7 +154,7 @@ fn attempt<const N: usize>(request: &Request<'_, N>, fan: bool, times: &[f64]) -
             let goal = pose(leg.duration_s);
             let far = search.furthest.unwrap_or(Furthest { t: from_s, q: q_start, block: Block::End });
             if !search.is_exhausted() && !reachable(&arm, &goal, &far.q) {
-                // Beyond reach: the controller clips the goal to the boundary, and says so.
+                // Beyond reach: the controller clips the goal to the boundary, and reports it.
                 break;
             }
             let beyond = pose((far.t - from_s + 0.01 * leg.duration_s).min(leg.duration_s));

@@ -71,7 +71,7 @@ impl<In: ZeroCopySend + std::fmt::Debug + 'static, Out: ZeroCopySend + std::fmt:
             builder.event_id_max_value(7).open_or_create().map_err(refused)
         };
         let notifier = events(me)?.notifier_builder().create().map_err(refused)?;
-        // A wait set borrows what is attached to it; both live as long as the process, and what they leave goes with the run.
+        // A wait set borrows its attachments; both last as long as the process, and their files go with the run.
         let listener: &'static _ = Box::leak(Box::new(events(from)?.listener_builder().create().map_err(refused)?));
         let waitset = WaitSetBuilder::new().signal_handling_mode(SignalHandlingMode::Disabled).create::<Ipc>().map_err(refused)?;
         let waitset: &'static _ = Box::leak(Box::new(waitset));

@@ -35,7 +35,7 @@ struct Ran {
     left_behind: Vec<String>,
 }
 
-/// An arm that was led astray is given this time to come back after its task; s.
+/// Time for a disturbed arm to return to its goal after the task; s.
 const TIME_TO_RECOVER_S: f64 = 2.0;
 
 /// What to drill.

@@ -14,7 +14,7 @@ fn shade(value: f64, range: std::ops::Range<f64>, is_broken: bool) -> Color {
     Color { 0: mix(BLUE.0), 1: mix(BLUE.1), 2: mix(BLUE.2), 3: 1.0 }
 }
 
-/// Two maps, faults downwards and processes to the right: how far the arm left its path, and how quickly something noticed.
+/// Two maps, faults downwards and processes to the right: how far the arm left its path, and how quickly the fault was detected.
 pub fn picture(cells: &[Cell]) -> Page {
     let singles: Vec<&Cell> = cells.iter().filter(|cell| cell.faults.len() == 1).collect();
     let (mut processes, mut faults) = (Vec::<String>::new(), Vec::<String>::new());

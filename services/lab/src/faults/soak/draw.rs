@@ -221,7 +221,7 @@ impl Dealer {
             Act::Fault(fault) => Act::Fault(self.detailed_fault(fault)),
             Act::Signal(process, Signal::KillTwice(_)) => Act::Signal(process, Signal::KillTwice(1 + self.dice.below(80) as u32)),
             Act::Signal(process, Signal::StopFor(_)) => {
-                // Who is stopped for a tenth of a second is replaced, and there is no other world.
+                // A process stopped for a tenth of a second is replaced; the plant has no replacement.
                 let most_ms = if process == "plant" { 50 } else { 250 };
                 Act::Signal(process, Signal::StopFor(1 + self.dice.below(most_ms) as u32))
             }

@@ -7,10 +7,10 @@ use super::super::motion::Motion;
 /// A recorder that dies may cost the record of so much; s.
 const LOST_PER_DEATH_S: f64 = 0.1;
 
-/// Who dies later than this before the end of the run may miss it; s.
+/// A process that dies later than this before the end of the run may miss it; s.
 const TIME_TO_RETURN_S: f64 = 2.0;
 
-/// Who the arm belongs to.
+/// The robot and the limits of the arm.
 const WORLD: &str = "plant";
 
 /// A death that was brought about, and what came of it.
@@ -63,7 +63,7 @@ pub struct Files {
 #[derive(Clone, Debug)]
 pub struct Evidence {
     pub end: End,
-    /// The planned that was to end it, if there was one: who was injected, and whether it was injected.
+    /// The planned fault that was to end it, if any: its process, and whether it was injected.
     pub fatal: Option<(String, bool)>,
     pub goal_reached: bool,
     pub rate_hz: u32,
@@ -97,7 +97,7 @@ pub fn broken(seen: &Evidence) -> Vec<String> {
     broken
 }
 
-/// It ends at its goal or at rest, or as a fatal planned or a spent budget makes it end, with a sentence that names who died.
+/// It ends at its goal or at rest, or at a fatal planned fault or an exhausted restart budget, with a sentence that names the process.
 fn end(seen: &Evidence) -> Option<String> {
     let is_spent = |failure: &Failure| matches!(failure, Failure::Died { restarts: 1.., .. });
     // The record of how it ended goes with the volume; and an arm is where a drive that has just failed carries it.

@@ -13,15 +13,15 @@ const LINES: usize = 500;
 pub struct LauncherEvents {
     pub ended: Vec<(String, Exit, u64)>,
     pub silenced: Vec<String>,
-    /// Who ended because it would have sent a number that is not finite.
+    /// Processes that ended rather than send a number that is not finite.
     pub refused: Vec<String>,
     pub lines: VecDeque<String>,
 }
 
-/// As a process says that it does not send what it has computed.
+/// The words with which a process refuses to send its own result.
 pub const REFUSED: &str = "refused its own";
 
-/// As the recorder says that its volume is full.
+/// The recorder's words for a full volume.
 pub const RECORDING_ENDS: &str = "recording ends";
 
 impl LauncherEvents {
@@ -50,7 +50,7 @@ impl LauncherEvents {
         self.lines.push_back(line);
     }
 
-    /// The last line that says something like this; empty where there is none.
+    /// The last line that contains these words; empty where there is none.
     pub fn words_on(&self, what: &str) -> String {
         self.lines.iter().rfind(|line| line.contains(what)).cloned().unwrap_or_default()
     }

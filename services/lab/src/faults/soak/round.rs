@@ -419,7 +419,7 @@ impl Seen {
         ended
     }
 
-    /// Who was killed for its silence, and nobody had stopped it.
+    /// Processes killed for their silence that no fault had stopped.
     fn falsely_silenced(&self) -> Vec<String> {
         self.events.silenced.iter().filter(|process| !self.was_stopped(process)).cloned().collect()
     }

@@ -99,7 +99,7 @@ pub fn soak(
     let (mut rounds, mut usage, mut interrupted) = (Vec::<Round>::new(), Vec::<Usage>::new(), None);
     let mut done = 0;
     for number in 1.. {
-        // Who ends before its time leaves time for another.
+        // A round that ends early leaves time for another.
         let left_s = seconds - done as f64 / rate;
         if number > 1 && left_s < SHORTEST_S {
             break;
