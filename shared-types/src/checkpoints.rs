@@ -1,4 +1,4 @@
-//! What a process that is started again needs of its own past. Arrays of joints are zero beyond the arm's own joints. Frames: B base,
+//! Checkpoints: the state that a replacement takes over. Arrays of joints are zero beyond the arm's own joints. Frames: B base,
 //! C the wrist centre. A checkpoint is filled at every tick and taken up by the process's replacement, which then goes on bit for bit.
 
 #![allow(non_snake_case)]

@@ -9,7 +9,7 @@ pub fn name_of(table: &[Named], code: u32) -> &'static str {
     table.iter().find(|(known, _)| *known == code).map_or("unknown", |(_, name)| name)
 }
 
-/// What people call a singularity: its kind, or, for one found numerically, its place in the report (`s1`, `s2`, …).
+/// The name of a singularity: its kind, or, for one found numerically, its place in the report (`s1`, `s2`, …).
 #[must_use]
 pub fn singularity_name(kind: u32, place: usize) -> String {
     match kind {
@@ -27,7 +27,7 @@ macro_rules! codes {
 }
 
 codes! {
-    /// What a singularity is called.
+    /// The name of a singularity.
     KINDS {
         /// Found numerically; its place in the report is its name.
         KIND_NUMERIC = 0 "numeric",
@@ -121,7 +121,7 @@ codes! {
 }
 
 codes! {
-    /// What the drive did to the commanded torque: bits, added up.
+    /// The drive's changes to the commanded torque: bits, added up.
     DRIVE_FLAGS {
         /// No torque came this tick.
         DRIVE_ABSENT = 1 "absent",

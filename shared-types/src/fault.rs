@@ -71,7 +71,7 @@ macro_rules! words {
 }
 
 words! {
-    /// What happens.
+    /// The kind of fault.
     Kind {
         /// The process ends itself by SIGKILL at the tick; its replacement answers after `for`.
         Kill "kill",
@@ -144,7 +144,7 @@ words! {
     }
 }
 
-/// What a kind of fault needs, and to whom it can happen.
+/// The arguments of a kind of fault, and the processes that it applies to.
 struct Rule {
     kind: Kind,
     /// In which ways it comes; the first is the default.
@@ -317,7 +317,7 @@ pub struct ScheduledFault {
 }
 
 impl ScheduledFault {
-    /// What happens; `None` for a number that no kind has.
+    /// The kind; `None` for a number that no kind has.
     #[must_use]
     pub fn kind(&self) -> Option<Kind> {
         Kind::of(self.kind)

@@ -15,9 +15,9 @@ pub struct InvalidFile {
     pub text: String,
     /// Where in the text, in bytes.
     pub span: Option<Range<usize>>,
-    /// What is wrong.
+    /// The defect.
     pub message: String,
-    /// What to do about it.
+    /// The remedy.
     pub remedy: String,
 }
 
@@ -51,9 +51,9 @@ impl std::error::Error for InvalidFile {}
 pub struct Complaint {
     /// Keys and indices, joined by dots.
     pub path: String,
-    /// What is wrong.
+    /// The defect.
     pub message: String,
-    /// What to do about it.
+    /// The remedy.
     pub remedy: String,
 }
 

@@ -37,12 +37,12 @@ pub struct Process {
     /// SCHED_FIFO priority in real time, 1 to 99; 0: ordinary scheduling.
     #[serde(default)]
     pub priority: u32,
-    /// What the launcher does when it dies unasked.
+    /// The launcher's response to its unrequested end.
     #[serde(default)]
     pub restart: Restart,
 }
 
-/// What the launcher does when a process dies unasked.
+/// The launcher's response to the unrequested end of a process.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Restart {

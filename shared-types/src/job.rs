@@ -41,7 +41,7 @@ pub struct RobotText {
     pub urdf: String,
 }
 
-/// What is to be done in a run, and with what.
+/// The job of a run: scenario, graph and settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Job {
     /// Identifies the run.
@@ -60,7 +60,7 @@ pub struct Job {
     /// Whether somebody watches the recording grow: it is written more often then.
     #[serde(default)]
     pub live: bool,
-    /// What happens.
+    /// The kind of fault.
     pub scenario: Scenario,
     /// With which arm.
     pub robot: RobotText,
@@ -69,7 +69,7 @@ pub struct Job {
 }
 
 impl Job {
-    /// What a scenario and a graph are checked for when they are read as people write them: a job may come from anywhere too.
+    /// The checks of a scenario and a graph as read from their files: a job may come from elsewhere.
     ///
     /// # Errors
     /// [`Complaint`], its path relative to the job.

@@ -161,7 +161,7 @@ wire! {
 const _: () = assert!(size_of::<TorqueCommand>() <= 256, "what a drive needs, at every tick");
 
 wire! {
-    /// What the control law did to arrive at its torque, and the reference it follows: controller → recorder, for judging and showing.
+    /// The control law's intermediate results and its reference: controller → recorder, for judging and showing.
     ControlState on "control_state" version 2 {
         /// Tick, incarnation, stamps.
         header: Header,

@@ -1,4 +1,4 @@
-//! What a run does, as TOML: robot, start posture, task, gains, noise, seed, judgement.
+//! A scenario, as TOML: robot, start posture, task, gains, noise, seed, judgement.
 //!
 //! ```toml
 //! name = "fig5-wrist-rotation"
@@ -68,10 +68,10 @@ pub struct Scenario {
     /// When the goal counts as reached.
     #[serde(default)]
     pub goal: Goal,
-    /// What the recording shows first.
+    /// The layout that the recording opens with.
     #[serde(default)]
     pub view: View,
-    /// What goes wrong, and when.
+    /// The planned faults.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub fault: Vec<Fault>,
     /// How the recording is kept.
@@ -377,7 +377,7 @@ pub struct Control {
     pub governor: bool,
     /// Whether the disturbance estimate is compensated.
     pub compensate_disturbance: bool,
-    /// What the baselines are tuned to.
+    /// The tuning of the baselines.
     pub baseline: Baseline,
 }
 
@@ -534,7 +534,7 @@ impl Default for Goal {
     }
 }
 
-/// What the recording shows first.
+/// The layout that the recording opens with.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct View {
@@ -625,7 +625,7 @@ impl Scenario {
         (self.duration_s() * f64::from(self.rate_hz)).round() as u64
     }
 
-    /// What can be said without knowing the robot.
+    /// The checks that do not need the robot.
     pub(crate) fn check(&self) -> Result<(), Complaint> {
         let positive = |path: &str, value: f64| {
             if value.is_finite() && value > 0.0 {

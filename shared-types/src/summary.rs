@@ -1,4 +1,4 @@
-//! What a run left: the schema of `summary.json`. Field names carry their units; everything is judged on the simulator's truth.
+//! The result of a run: the schema of `summary.json`. Field names carry their units; everything is judged on the simulator's truth.
 
 use std::collections::BTreeMap;
 
@@ -41,7 +41,7 @@ pub struct Summary {
     pub task: TaskSummary,
     /// Joint loads.
     pub joints: JointSummary,
-    /// What happened at each singularity.
+    /// The events at each singularity.
     pub singularities: Vec<SingularitySummary>,
     /// Null-space turns of singular directions: what was said before each began, and what came of it.
     pub turns: Vec<TurnSummary>,
@@ -58,7 +58,7 @@ pub struct Summary {
     pub recorder: RecorderSummary,
     /// The processes.
     pub processes: Vec<ProcessSummary>,
-    /// What it ran on.
+    /// The machine.
     #[serde(default)]
     pub machine: Machine,
 }

@@ -25,7 +25,7 @@ macro_rules! for_each_topic {
 
 /// One type for each message: what a [`ByTopic`] holds of a topic.
 pub trait Family {
-    /// What it holds of the topic of `M`.
+    /// Its value for the topic of `M`.
     type Of<M: Topic>;
 }
 
@@ -34,10 +34,10 @@ pub trait Topic: Message {
     /// Its place in [`TOPICS`].
     const INDEX: usize;
 
-    /// What a bundle holds of this topic.
+    /// A bundle's value for this topic.
     fn of<F: Family>(all: &ByTopic<F>) -> &F::Of<Self>;
 
-    /// What a bundle holds of this topic, to be changed.
+    /// A bundle's value for this topic, mutable.
     fn of_mut<F: Family>(all: &mut ByTopic<F>) -> &mut F::Of<Self>;
 }
 
@@ -55,7 +55,7 @@ pub trait Build<F: Family> {
 
 /// Does something for each topic: a closure that is generic over the message.
 pub trait Each {
-    /// What comes of one topic.
+    /// The result for one topic.
     type Output;
 
     /// Does it for the topic of `M`.

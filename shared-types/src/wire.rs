@@ -1,4 +1,4 @@
-//! What a message is: plain bytes with a name, a layout and a tick.
+//! Messages: plain bytes with a name, a layout and a tick.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -79,7 +79,7 @@ pub trait Layout: Part + Pod + Send + Sync + std::fmt::Debug {
     }
 }
 
-/// What travels on a topic; its first field is its [`Header`].
+/// A message of a topic; its first field is its [`Header`].
 pub trait Message: Layout {
     /// The topic it travels on; a topic has one type and one writer.
     const TOPIC: &'static str;
@@ -96,7 +96,7 @@ pub trait Message: Layout {
     }
 }
 
-/// What a process needs of its own past when it is started again.
+/// The state that a replacement takes over.
 ///
 /// The process fills it at every tick, the runtime keeps it in the run's shared memory beyond the process's death, and no message carries it.
 /// All zeros is no state: the runtime tells a replacement whether there is a checkpoint.

@@ -33,7 +33,7 @@ const REST_SPEED: f64 = 0.05;
 /// ... or after this time, at whatever speed is left; s.
 const STOP_TIME: f64 = 1.0;
 
-/// What the drives did over a tick.
+/// The drives' actions over a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Applied<const N: usize> {
     /// Torque on the joints; N·m.
@@ -68,7 +68,7 @@ pub struct Applied<const N: usize> {
 /// there. A torque with a NaN or an infinity is refused whole and counts as absent.
 #[derive(Clone, Debug)]
 pub struct Drive<const N: usize> {
-    /// What the drives know of the arm: its description, not the simulated deviation from it.
+    /// The drives' model of the arm: its description, not the simulated deviation from it.
     model: Model<N>,
     dt: f64,
     hold_ticks: u32,
@@ -93,7 +93,7 @@ impl<const N: usize> Drive<N> {
         Self { model, dt, hold_ticks, rest, applied, returning: false, stopping_ticks: 0, refused: 0 }
     }
 
-    /// What the drives did over the last tick.
+    /// The drives' actions over the last tick.
     #[must_use]
     pub fn applied(&self) -> &Applied<N> {
         &self.applied

@@ -33,7 +33,7 @@ impl<const N: usize> Encoders<N> {
         Self { resolution, noise_counts, seed }
     }
 
-    /// What the encoders read at `tick` with the joints at `q`; rad. A pure function: asking twice gives the same.
+    /// The encoders' readings at `tick` with the joints at `q`; rad. A pure function of both.
     #[must_use]
     pub fn read(&self, tick: u64, q: &SVector<f64, N>) -> SVector<f64, N> {
         SVector::from_fn(|i, _| {

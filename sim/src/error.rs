@@ -26,7 +26,7 @@ pub enum PlantError {
         key: &'static str,
         /// Its value.
         value: f64,
-        /// What it may be.
+        /// The allowed values.
         range: &'static str,
     },
     /// Dry friction is not smooth.

@@ -15,7 +15,7 @@ const NEAR: f64 = 2.0 * PREDICTION;
 /// instead of being left and hit again every other sub-step.
 pub(crate) const STOP_DEPTH: f64 = 1e-6;
 
-/// What constraints did over the last tick.
+/// The effect of constraints over the last tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Touch {
     /// Mean force from the world on the arm over the tick, base axes; N.

@@ -102,7 +102,7 @@ impl<const N: usize> Plant<N> {
 
     /// Holds the arm by its brakes for one tick: it is at rest where it is.
     ///
-    /// What the world does to a braked arm is not computed: the brakes take it, and [`Plant::touch`] is empty.
+    /// The world's forces on a braked arm are not computed: the brakes bear them, and [`Plant::touch`] is empty.
     pub fn hold(&mut self) {
         self.state.qdot.fill(0.0);
         self.touch = Touch::default();
@@ -113,7 +113,7 @@ impl<const N: usize> Plant<N> {
         &self.state
     }
 
-    /// What constraints did over the last tick.
+    /// The effect of constraints over the last tick.
     pub fn touch(&self) -> &Touch {
         &self.touch
     }

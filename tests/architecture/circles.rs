@@ -10,7 +10,7 @@ use proc_macro2::{Delimiter, TokenTree};
 
 use crate::source::{self, File, Target, is, items, paths};
 
-/// What one module binds: items that it defines, names that it imports, modules from which it imports everything.
+/// The bindings of one module: items that it defines, names that it imports, modules from which it imports everything.
 #[derive(Default)]
 struct Module {
     file: usize,

@@ -12,7 +12,7 @@ use proc_macro2::TokenTree;
 use crate::claims;
 use crate::source::{self, File, Function, documentation, functions, items, name_of, paths, root, walk};
 
-/// What Chang & Khatib 1995 states and shows.
+/// Statements and figures of Chang & Khatib 1995.
 const EQUATIONS: [&str; 5] = ["Eq. 1", "Eq. 2", "Eq. 3", "Eq. 4", "Eq. 5"];
 const FIGURES: [&str; 4] = ["Figure 1", "Figure 2", "Figure 4", "Figure 5"];
 

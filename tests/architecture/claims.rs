@@ -58,7 +58,7 @@ fn silent_ends(body: &[TokenTree]) -> usize {
     while at < body.len() {
         match &body[at] {
             TokenTree::Ident(word) if *word == "return" => found += usize::from(!body.get(at + 1).is_some_and(|next| is(next, "skipped"))),
-            // What is inside parentheses may be a closure; what is inside braces after `|…|` or `fn` is one.
+            // Content of parentheses may be a closure; content of braces after `|…|` or `fn` is one.
             TokenTree::Group(group) if group.delimiter() == Delimiter::Brace => {
                 let before: Vec<&TokenTree> = body[..at].iter().rev().take_while(|token| !is(token, ";") && !is(token, "=")).collect();
                 let is_function = before.iter().any(|token| is(token, "fn")) || before.first().is_some_and(|token| is(token, "|"));

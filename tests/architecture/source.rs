@@ -16,7 +16,7 @@ pub(crate) struct Package {
     pub(crate) targets: Vec<Target>,
 }
 
-/// What cargo builds from one root file.
+/// A crate as built from one root file.
 pub(crate) struct Target {
     pub(crate) name: String,
     /// `lib`, `bin`, `test`, `example`, `bench` or `custom-build`.

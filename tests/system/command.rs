@@ -15,7 +15,7 @@ pub(crate) struct Desk {
     folder: TempDir,
 }
 
-/// What a finished command said.
+/// The output of a finished command.
 pub(crate) struct Said {
     pub(crate) code: i32,
     pub(crate) out: String,

@@ -97,7 +97,7 @@ fn in_real_time_a_death_costs_one_restart_and_no_message() {
             pause_ms(1_000);
         });
         assert_eq!(restarts(&summary, process), 1, "{process}: {}", summary["faults"]);
-        // Whoever is away for longer than the writers' memory, a second, may lose something; this machine may be that busy.
+        // A process that is away for longer than the writers' buffers, a second, may lose messages; this machine may be that busy.
         let away_ms = summary["faults"][0]["recovered_ms"].as_f64().unwrap();
         assert!(summary["recorder"]["lost"] == 0 || process == "recorder" && away_ms > 600.0, "{process}: {}", summary["recorder"]);
         let ticks = summary["topics"]["plant_state"]["count"].as_u64().unwrap();

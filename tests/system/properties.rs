@@ -1,4 +1,4 @@
-//! What must hold for any input whatever: the same functions are fuzzed in `tests/fuzz` and tried with random inputs here.
+//! Properties that hold for any input: the same functions are fuzzed in `tests/fuzz` and tried with random inputs here.
 #![allow(dead_code, reason = "each fuzz target uses one of them")]
 
 use std::cell::RefCell;

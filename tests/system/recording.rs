@@ -1,4 +1,4 @@
-//! What becomes of a recording: shown, watched as it is made, written up, exported. A script stands in for the viewer.
+//! Uses of a recording: viewing, live viewing, report, export. A script stands in for the viewer.
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};

@@ -139,7 +139,7 @@ fn in_real_time_the_plant_sleeps_to_its_deadline_besides() {
         assert!(count(FUTEX) <= futex_bound(process), "{process}: {calls:?}");
         let sleeps = if process == "plant" { TICKS + TICKS / 10 } else { 0 };
         assert!(count(CLOCK_NANOSLEEP) <= sleeps, "{process}: {calls:?}");
-        // What the kernel counts is looked at when a deadline is missed, and this tracing makes it miss some; and every 64th tick.
+        // The kernel's counters are read at a missed deadline, and this tracing causes some; and every 64th tick.
         assert!(count(GETRUSAGE) <= TICKS, "{process}: {calls:?}");
     });
 }

@@ -1,4 +1,4 @@
-//! What an arm looks like: one mesh per link, in the link's frame. PURE.
+//! An arm's shape: one mesh per link, in the link's frame. PURE.
 
 use glam::{Mat3, Vec3};
 use model::{Factors, Geometry, Joint, JointKind, Pose, Robot};
@@ -157,7 +157,7 @@ fn puma(robot: &Robot, floor: f32) -> (Mesh, Vec<Mesh>) {
     (base, vec![shoulder, upper, fore, fork, hub, flange])
 }
 
-/// What an arm stands on whose base is above the floor.
+/// The pedestal of an arm whose base is above the floor.
 fn pedestal(base: &mut Mesh, floor: f32, radius: f32) {
     base.add_extrusion(Placement::IDENTITY, &[disc(0.0, 0.0, 1.7 * radius)], floor, floor + 0.02, 0.006, DARK);
     base.add_extrusion(Placement::IDENTITY, &[disc(0.0, 0.0, radius)], floor + 0.01, -0.01, 0.004, JOINT);

@@ -42,7 +42,7 @@ const ACROSS: Rgba = [110, 215, 150, 255];
 const ALONG: Rgba = [250, 150, 210, 255];
 const LIMITS: Option<[f64; 2]> = Some([-1.1, 1.1]);
 
-/// What a blueprint needs to know of its run.
+/// The properties of a run that its blueprint depends on.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Subject {
     pub(crate) joints: usize,

@@ -6,7 +6,7 @@ pub(crate) const SIGNALS: &str = "/signals";
 pub(crate) const GUIDES: &str = "/guides";
 /// Names of the singularities, in the order of their numbers: a static component of [`SIGNALS`].
 pub(crate) const SINGULARITY_NAMES: &str = "singularity:names";
-/// What is happening, in words.
+/// The state of the run, in words.
 pub(crate) const NOW: &str = "/now";
 /// The text log.
 pub(crate) const LOG: &str = "/log";
@@ -22,9 +22,9 @@ pub(crate) const BASE: &str = "/world/arm/base";
 pub(crate) const HAND: &str = "/world/hand";
 /// The desired end-effector frame.
 pub(crate) const TARGET: &str = "/world/target";
-/// What speeds the hand can reach.
+/// The hand's reachable speeds.
 pub(crate) const VELOCITY: &str = "/world/manipulability/velocity";
-/// What accelerations forces give it.
+/// Its accelerations under unit forces.
 pub(crate) const MOBILITY: &str = "/world/manipulability/mobility";
 /// The ways of the joints in null-space motion.
 pub(crate) const TRAIL: &str = "/world/null_motion/trail";

@@ -26,7 +26,7 @@ pub enum ExportFormat {
     Mcap,
 }
 
-/// What [`export`] tells while it works.
+/// Progress of [`export`].
 #[derive(Clone, Copy, Debug)]
 pub enum ExportNews<'a> {
     /// So many rows more are written.

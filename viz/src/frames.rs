@@ -41,7 +41,7 @@ impl Frames {
     /// The next chunk; `None` at the end.
     ///
     /// # Errors
-    /// What is wrong with the bytes; what follows them cannot be read either.
+    /// The defect of the bytes; the rest of the file cannot be read either.
     pub(crate) fn next_chunk(&mut self) -> Result<Option<Chunk>, String> {
         if self.place == 0 {
             let head = self.take(StreamHeader::ENCODED_SIZE_BYTES as u64)?.ok_or("it is too short to be a recording")?;
@@ -89,16 +89,16 @@ fn chunk(message: &[u8]) -> Result<Option<Chunk>, String> {
 }
 
 thread_local! {
-    /// What a panic of guarded work said; `None` where nothing is being guarded.
+    /// The message of a panic in guarded work; `None` where no work is guarded.
     static SAID: RefCell<Option<String>> = const { RefCell::new(None) };
 }
 
 /// Does work that panics on damaged bytes: its panic is an error, and nobody sees a stack trace.
 ///
-/// Whatever the work has touched may be half done then, and must not be used again.
+/// State touched by the work may be half done then, and must not be used again.
 ///
 /// # Errors
-/// What the panic said.
+/// The panic's message.
 fn guarded<T>(work: impl FnOnce() -> T) -> Result<T, String> {
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {
@@ -121,7 +121,7 @@ fn guarded<T>(work: impl FnOnce() -> T) -> Result<T, String> {
 /// A message, unpacked, where the lengths in it agree with what there is.
 ///
 /// # Errors
-/// What does not agree.
+/// The difference.
 fn believable(message: ArrowMsg) -> Result<ArrowMsg, String> {
     /// No byte of an LZ4 block stands for more.
     const MOST_EXPANSION: u64 = 255;

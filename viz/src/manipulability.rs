@@ -1,4 +1,4 @@
-//! What the hand can do at a posture, as ellipsoids that go flat along a lost direction. PURE.
+//! The hand's mobility at a posture, as ellipsoids that go flat along a lost direction. PURE.
 
 use glam::{Mat3, Vec3};
 use nalgebra::{Matrix3, SMatrix, SVector, SymmetricEigen, Vector3};

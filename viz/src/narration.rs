@@ -55,7 +55,7 @@ pub(crate) const PHASE_STATES: States = &[("running", 0x3a6fb0ff), ("settling", 
 /// Lanes of the processes.
 pub(crate) const LIFE_STATES: States = &[("up", 0x3d5f4bff), ("silent", 0xb03a3aff), ("restarted", 0xb59a2fff)];
 
-/// What the words depend on: they are written again when it changes.
+/// The state that the words depend on: they are written again when it changes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Situation {
     count: usize,

@@ -19,7 +19,7 @@ pub enum ReadError {
     Open {
         /// Which.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
     /// It is no recording, or not one of armplane's.
@@ -27,7 +27,7 @@ pub enum ReadError {
     NotARecording {
         /// Which.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The defect.
         reason: String,
     },
 }
@@ -54,7 +54,7 @@ impl About {
 /// A piece of a recording, in the order of the file.
 #[derive(Debug)]
 pub enum Piece<'a> {
-    /// What the run was; at the beginning of each part, before its numbers.
+    /// The run's description; at the beginning of each part, before its numbers.
     About(&'a About),
     /// Numbers.
     Rows(&'a Rows),
@@ -80,7 +80,7 @@ pub enum Piece<'a> {
     Damaged(Damage<'a>),
 }
 
-/// Where a file stops making sense. What a killed recorder leaves does not: it just ends.
+/// Where a file stops making sense. The file of a killed recorder is no such place: it just ends.
 #[derive(Debug)]
 pub struct Damage<'a> {
     path: &'a Path,

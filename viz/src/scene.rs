@@ -1,4 +1,4 @@
-//! What is to be seen at a tick, and what null-space motion has shown so far. PURE.
+//! The scene at a tick, and the trail of null-space motion. PURE.
 
 use glam::{Mat3, Quat, Vec3};
 use nalgebra::{Matrix3, Vector3, Vector6};

@@ -89,7 +89,7 @@ macro_rules! signals {
                 match self { $( Signal::$name => $text ),* }
             }
 
-            /// What it is, with its unit.
+            /// Its quantity and unit.
             pub const fn about(self) -> &'static str {
                 match self { $( Signal::$name => concat!($($doc),*) ),* }
             }
@@ -146,7 +146,7 @@ signals! {
 }
 
 impl Signal {
-    /// What each element of a row of this signal is of, where there are so many joints and singularities of these names; one unnamed element
+    /// The names of the elements of a row of this signal, where there are so many joints and singularities of these names; one unnamed element
     /// is a plain number.
     #[must_use]
     pub fn elements(self, joints: usize, singularities: &[String]) -> Vec<String> {

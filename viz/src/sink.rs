@@ -48,7 +48,7 @@ pub enum RecordError {
     Create {
         /// The file.
         path: String,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
     },
     /// The arm cannot be drawn: its model does not fit.
@@ -56,7 +56,7 @@ pub enum RecordError {
     Arm {
         /// The robot's name.
         robot: String,
-        /// What the model said.
+        /// The model's error.
         reason: String,
     },
     /// The volume refused a write.
@@ -66,7 +66,7 @@ pub enum RecordError {
     Write {
         /// Bytes kept.
         bytes: u64,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
     },
     /// A chunk could not be built or encoded: a defect of ours.
@@ -74,12 +74,12 @@ pub enum RecordError {
     Encode {
         /// Bytes kept.
         bytes: u64,
-        /// What was wrong.
+        /// The defect.
         reason: String,
     },
 }
 
-/// What a finished recording is.
+/// A finished recording.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FileInfo {
     /// Size; bytes.

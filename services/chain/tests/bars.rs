@@ -12,7 +12,7 @@ use shared_types::scenario::Scenario;
 #[path = "../../lab/src/studies/lines.rs"]
 mod lines;
 
-/// What one run came to.
+/// The result of one run.
 #[derive(Clone, Debug, Default)]
 struct Figures {
     /// Largest errors along the engaged singular directions and orthogonal to them: mm, degrees.

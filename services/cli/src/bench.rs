@@ -18,7 +18,7 @@ use crate::table::{digits, number, table};
 
 #[derive(Args)]
 pub(crate) struct BenchArgs {
-    /// What to measure [default: everything].
+    /// Benchmarks to run [default: everything].
     #[arg(value_enum, value_name = "BENCH")]
     what: Vec<Bench>,
     /// Samples of each hop and cycle.
@@ -50,7 +50,7 @@ pub(crate) struct BenchPeerArgs {
     run: PathBuf,
 }
 
-/// What can be measured.
+/// The benchmarks.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Bench {
     /// Half a round trip between two processes.
@@ -65,7 +65,7 @@ pub(crate) enum Bench {
     Control,
     /// The simulated arm, one step.
     Plant,
-    /// What the recorder does with a tick, and how much it writes.
+    /// The recorder's work per tick, and its output.
     Record,
     /// The whole graph in real time beside a busy thread on every core: deadlines missed, by process and cause (only when asked for).
     Realtime,

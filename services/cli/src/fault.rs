@@ -45,7 +45,7 @@ impl std::str::FromStr for Length {
 pub(crate) struct FaultArgs {
     /// To which process.
     process: Option<String>,
-    /// What happens (see --list).
+    /// The kind of fault (see --list).
     kind: Option<Kind>,
     /// Show all kinds of faults, what they do and to whom they can happen.
     #[arg(long)]
@@ -112,7 +112,7 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure
     if let (Some(joint), Some(dof)) = (args.joint, joints(&run))
         && joint as usize > dof
     {
-        // What the arm does not have the run could not be repeated with.
+        // A fault of a joint that the arm does not have could not be repeated.
         return Err(Failure::Input(format!("joint: there is no joint {joint}: the arm of {name} has {dof} (joints count from 1)")));
     }
     // Any seed will do: the run records it with the fault.

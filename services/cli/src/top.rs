@@ -15,7 +15,7 @@ use shared_types::fault::Kind;
 use crate::out::say;
 use crate::table::{digits, number, table};
 
-/// What a process did between two looks.
+/// A process's counts between two samples.
 struct Seen {
     pid: u32,
     incarnation: u32,

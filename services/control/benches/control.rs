@@ -1,4 +1,4 @@
-//! What a tick costs: model, analyzer and controller, by formula, by geometry and by number. `cargo bench -p control`
+//! The cost of a tick: model, analyzer and controller, by formula, by geometry and by number. `cargo bench -p control`
 #![allow(non_snake_case, missing_docs)]
 
 use control::{Analyzer, Controller, start_posture};

@@ -112,7 +112,7 @@ impl<const N: usize> Lu<N> {
 #[must_use]
 pub fn singular_values<const R: usize, const C: usize>(M: &SMatrix<f64, R, C>) -> ([f64; 6], usize) {
     let mut rows: [SVector<f64, C>; R] = std::array::from_fn(|i| M.row(i).transpose());
-    // What is left changes the values by its square only.
+    // The remainder changes the values by its square only.
     one_sided_jacobi(&mut rows, |a, b| 1e-9 * (a * b).sqrt(), |_, _, _| ());
     let mut sigma = [0.0; 6];
     for (value, row) in sigma.iter_mut().zip(&rows) {

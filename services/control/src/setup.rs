@@ -22,7 +22,7 @@ pub enum SetupError {
     Posture {
         /// Index of the segment.
         segment: usize,
-        /// What is wrong with it.
+        /// The defect.
         error: StartError,
     },
 }

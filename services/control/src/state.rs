@@ -1,4 +1,4 @@
-//! What the controller carries from tick to tick.
+//! The controller's state from tick to tick.
 
 use crate::baselines::resolved_rate::JointMemory;
 use crate::continuous::auxiliary::Loop;

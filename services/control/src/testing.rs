@@ -1,4 +1,4 @@
-//! What the tests share: arms, random postures, and an exact plant to close the loop with.
+//! Shared by tests: arms, random postures, and an exact plant to close the loop with.
 
 use crate::linear::stack;
 use crate::types::{Command, Mode, Phase, Report};
@@ -72,7 +72,7 @@ pub(crate) struct Plant {
     pub(crate) dropped: f64,
 }
 
-/// What happened at one tick.
+/// The result of one tick.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Tick<const N: usize> {
     pub(crate) q: SVector<f64, N>,

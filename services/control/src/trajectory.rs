@@ -129,7 +129,7 @@ impl Progress {
     }
 }
 
-/// What is left of a leg, as a path in space without time.
+/// The rest of a leg, as a path in space without time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ahead {
     progress: Progress,
@@ -300,7 +300,7 @@ fn direction<const N: usize>(segment: usize, text: &str, report: &Report<N>) -> 
 /// Where in the report the singularity of this name is ([`codes::singularity_name`]).
 fn place<const N: usize>(segment: usize, name: &str, report: &Report<N>) -> Result<usize, PathError> {
     let mut names = report.meant().iter().enumerate().map(|(i, singularity)| codes::singularity_name(singularity.kind.code(), i));
-    // What is found by number has no name of its own; the one fold in which the arm starts is what others call its elbow.
+    // A singularity found by number has no name; the one fold in which the arm starts is named elbow, as elsewhere.
     let is_elbow = |s: &Singularity<N>| s.kind == Kind::Numeric && s.class == Class::Type1 && !s.angular && s.inside;
     let elbow = || report.meant().iter().position(is_elbow).filter(|_| name == codes::name_of(codes::KINDS, codes::KIND_ELBOW));
     names.clone().position(|known| known == name).or_else(elbow).ok_or_else(|| {

@@ -125,7 +125,7 @@ coded! {
 /// in its place is regular, and modulo the other rows `ζᵀJ = gain·aux_row`, `gain` vanishing with `s`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Singularity<const N: usize> {
-    /// What it is called.
+    /// Its name.
     pub kind: Kind,
     /// Its type, latched while inside.
     pub class: Class,
@@ -257,7 +257,7 @@ pub struct Command<const N: usize> {
     pub aux_rate_d: [f64; MAX_SINGULARITIES],
     /// The null-space turn of ζ that is under way, as it was planned.
     pub plan: Option<Plan<N>>,
-    /// What the law does per singularity.
+    /// The law's mode per singularity.
     pub mode: [Mode; MAX_SINGULARITIES],
     /// Index of the task segment.
     pub segment: u32,

@@ -1,4 +1,4 @@
-//! What this machine offers to a run, as data.
+//! The machine's settings that matter to a run, as data.
 
 use std::path::Path;
 

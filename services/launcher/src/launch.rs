@@ -50,7 +50,7 @@ impl Launcher {
     /// Starts all processes, watches them to the end, stops them and removes the run.
     ///
     /// # Errors
-    /// When a process cannot be started or is not ready in time, or the run's files cannot be removed. What goes wrong after the first tick
+    /// When a process cannot be started or is not ready in time, or the run's files cannot be removed. A failure after the first tick
     /// is part of the [`Outcome`].
     pub fn run(self, commands: Commands<'_>, report: Report<'_>) -> Result<Outcome, LaunchError> {
         self.0.run_to_end(commands, report)

@@ -1,4 +1,4 @@
-//! What can go wrong in a run, and what became of it.
+//! Failures of a run, and its outcome.
 
 use std::io;
 use std::path::PathBuf;
@@ -56,7 +56,7 @@ pub enum LaunchError {
     LeftBehind(RunDirError),
 }
 
-/// What went wrong in a run.
+/// The failure of a run.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Failure {
     /// A process ended unasked.
@@ -123,7 +123,7 @@ pub enum End {
     Failed(Failure),
 }
 
-/// What became of one process.
+/// The outcome of one process.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ProcessOutcome {
     /// Its name.
@@ -138,7 +138,7 @@ pub struct ProcessOutcome {
     pub counts: runtime::Counts,
 }
 
-/// What became of a run.
+/// The outcome of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
     /// How it ended.

@@ -1,4 +1,4 @@
-//! What to start and how, and what is reported meanwhile.
+//! The plan of a run: its processes, and the events that it reports.
 
 use std::io;
 use std::path::Path;
@@ -10,7 +10,7 @@ use shared_types::fault::ScheduledFault;
 
 use crate::child::Exit;
 
-/// What to do when a process ends unasked.
+/// The response to an unrequested end of a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Restart {
     /// The run ends.
@@ -31,7 +31,7 @@ pub struct Child {
     pub process: Process,
     /// Its successful end is the end of the run (the plant has done all ticks).
     pub ends_run: bool,
-    /// What to do when it ends unasked.
+    /// The response to its unrequested end.
     pub restart: Restart,
 }
 
@@ -55,7 +55,7 @@ impl Default for Limits {
     }
 }
 
-/// What to start, and how.
+/// The processes to start, and their settings.
 #[derive(Clone, Debug)]
 pub struct Plan {
     /// How time passes.
@@ -66,11 +66,11 @@ pub struct Plan {
     pub children: Vec<Child>,
     /// How long the launcher is patient.
     pub limits: Limits,
-    /// What goes wrong, and when.
+    /// The planned faults.
     pub faults: Vec<ScheduledFault>,
 }
 
-/// What happens while a run goes on.
+/// An event of a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Event<'a> {
     /// All processes are ready: the first tick begins.

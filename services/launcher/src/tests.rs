@@ -166,11 +166,11 @@ fn role(role: &str) -> Command {
     command
 }
 
-/// What a run leaves to be judged.
+/// The result of a run.
 struct Ran {
     name: String,
     outcome: Result<Outcome, LaunchError>,
-    /// What the recorder said, if it came to that.
+    /// The recorder's report, if there is one.
     recorded: Option<String>,
 }
 

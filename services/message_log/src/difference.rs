@@ -11,9 +11,9 @@ use shared_types::{Message, SingularityState};
 pub struct Difference {
     /// The field, with the indices inside it: `singularities[0].zeta_B[2]`.
     pub field: String,
-    /// What the first message has there.
+    /// The first message's value.
     pub expected: String,
-    /// What the second message has there.
+    /// The second message's value.
     pub found: String,
 }
 

@@ -32,7 +32,7 @@ pub enum LogError {
     /// The file.
     #[error("cannot {action} the message log {path}: {source}")]
     File {
-        /// What was tried.
+        /// The operation.
         action: &'static str,
         /// Which.
         path: PathBuf,
@@ -54,7 +54,7 @@ pub enum LogError {
     Damaged {
         /// Which.
         path: PathBuf,
-        /// What is wrong.
+        /// The defect.
         reason: String,
     },
 }
@@ -83,7 +83,7 @@ fn head<M: Message>() -> [u8; HEAD] {
 struct Packer {
     /// 64-bit words of a message.
     words: usize,
-    /// What each word of each message gathered differs by from the one above it, zig-zagged; row by row.
+    /// Differences of each word of each gathered message from the one above it, zig-zagged; row by row.
     folded: Vec<u64>,
     /// The last message.
     above: Vec<u64>,

@@ -4,7 +4,7 @@ use nalgebra::SVector;
 use shared_types::fault::{Kind, ScheduledFault, Way};
 use sim::gaussian;
 
-/// What is wrong with an arm's sensors and drives at a tick. No allocation.
+/// The faults of an arm's sensors and drives at a tick. No allocation.
 #[derive(Clone, Debug)]
 pub(crate) struct HardwareFaults<const N: usize> {
     sensor: [Option<ScheduledFault>; N],

@@ -25,7 +25,7 @@ impl Set {
     }
 }
 
-/// What has come of one tick so far.
+/// The messages of one tick so far.
 #[derive(Clone, Debug, Default)]
 pub struct Row {
     /// The tick.
@@ -53,7 +53,7 @@ impl Row {
         Self { tick, messages, come }
     }
 
-    /// What has come.
+    /// The messages received.
     #[must_use]
     pub fn messages(&self) -> &ByTopic<Received> {
         &self.messages
@@ -85,13 +85,13 @@ impl Row {
 /// Rows are large: they stay where they are and are used again.
 #[derive(Debug)]
 pub struct Assembler {
-    /// What there is, by tick.
+    /// The rows, by tick.
     rows: VecDeque<Box<Row>>,
     given: Option<Box<Row>>,
     #[allow(clippy::vec_box, reason = "a row stays where it is while its place in the queue changes")]
     spare: Vec<Box<Row>>,
     next: u64,
-    /// What a tick is whole with.
+    /// The topics of a complete tick.
     expected: Set,
     patience: u64,
     horizon: u64,

@@ -1,4 +1,4 @@
-//! What a recorder that is started again must know: how far its predecessor had come, and what it had gathered.
+//! The recorder's checkpoint: the progress of its predecessor and its gathered results.
 
 use std::convert::Infallible;
 use std::fs::{File, OpenOptions};
@@ -137,7 +137,7 @@ impl Memory {
         }
     }
 
-    /// What the predecessor saved last; `None` where there is nothing, or nothing whole.
+    /// The predecessor's last checkpoint; `None` where there is none that is complete.
     pub(crate) fn last(&self) -> Option<Checkpoint> {
         let bytes = std::fs::read(&self.path).ok()?;
         ciborium::from_reader(bytes.as_slice()).ok()

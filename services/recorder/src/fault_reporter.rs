@@ -9,7 +9,7 @@ const INJECTED: u32 = 1;
 const DETECTED: u32 = 2;
 const RECOVERED: u32 = 4;
 
-/// What has been reported of each entry of the fault table.
+/// The reported states of each entry of the fault table.
 #[derive(Debug, Default)]
 pub(crate) struct FaultReporter {
     reported: Vec<u32>,

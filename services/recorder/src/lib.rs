@@ -137,7 +137,7 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
         tape.error = kept.error;
     }
     tape.cpu_s = runtime::realtime::cpu_time_s();
-    // What was sent, less what came: gaps in the ticks alone would take for lost what a fault never let be sent.
+    // Messages sent less messages received: a gap in the ticks may be a message that a fault kept from being sent.
     let refused = shell.count(Count::Refused) + shell.count(Count::Fenced);
     tape.lost = shell.sent_by_all().saturating_sub(topics.account().iter().map(|(_, hash)| hash.count()).sum::<u64>() + refused);
     Ok(summary(robot, job, shell.mode(), judge.verdict(), &topics, tape))
@@ -176,7 +176,7 @@ struct Tap<M: Message> {
     kept: Kept,
 }
 
-/// What became of the kept messages; a disk that is full ends the keeping, not the run.
+/// The outcome of the message log; a full disk ends the log, not the run.
 #[derive(Clone, Debug, Default)]
 struct Kept {
     bytes: u64,
@@ -281,7 +281,7 @@ impl Topics {
                 if !shell.reads(M::TOPIC) {
                     return Ok(None);
                 }
-                // What comes again of ticks that have been given out already is not needed again.
+                // Repeated messages of ticks that are already written are dropped.
                 let again = |message: &M| assembler.row(message.header().tick).into_iter().for_each(|row| row.put(message));
                 Tap::open(shell, *messages, &past[M::INDEX], again).map(Some)
             }

@@ -16,7 +16,7 @@ pub struct Tape {
     recording: Option<Recording>,
     folder: PathBuf,
     limits: PartLimits,
-    /// What the summary reports of it.
+    /// Its entry in the summary.
     pub(crate) result: RecorderSummary,
 }
 

@@ -33,7 +33,7 @@ struct Mapped<C> {
     _checkpoint: PhantomData<C>,
 }
 
-/// What can be committed when a tick is about to close.
+/// State that is committed when a tick closes.
 pub(crate) trait Commit {
     /// Commits what was written for a tick; nothing where nothing was.
     fn commit(&self, tick: u64);
@@ -119,7 +119,7 @@ impl<C: Checkpoint> CheckpointSlots<C> {
         Rc::clone(&self.mapped) as Rc<dyn Commit>
     }
 
-    /// What the incarnation before this one committed with the last tick of which it sent everything; `None` in a first incarnation.
+    /// The checkpoint of the incarnation before, of the last tick that it sent completely; `None` in a first incarnation.
     #[must_use]
     pub fn previous(&self) -> Option<&C> {
         self.previous.as_ref()

@@ -1,4 +1,4 @@
-//! What one process has of its run: its place in the graph, the tick in hand, the faults it knows, and the one wait.
+//! One process's view of its run: its place in the graph, the current tick, its faults, and the one wait.
 
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
@@ -44,7 +44,7 @@ pub(crate) struct StopFlag {
     pub(crate) signalled: Arc<AtomicBool>,
 }
 
-/// What this process knows of the faults of the run, and what they do to it now.
+/// The faults of the run as read by this process, and their present effect on it.
 #[derive(Default)]
 pub(crate) struct FaultState {
     pub(crate) known: RefCell<KnownFaults>,
@@ -61,13 +61,13 @@ pub(crate) struct Attached {
     /// The ports to connect at the start.
     pub(crate) ports: RefCell<Vec<Rc<dyn Connect>>>,
     pub(crate) outlets: RefCell<Vec<Rc<dyn Outlet>>>,
-    /// What is committed when a tick closes.
+    /// The checkpoint to commit when a tick closes.
     pub(crate) checkpoints: RefCell<Vec<Rc<dyn Commit>>>,
     /// The outputs sent of a tick, a bit each.
     outputs_sent: Cell<(u64, u32)>,
 }
 
-/// What one process has of the run; shared by its ports.
+/// One process's view of the run; shared by its ports.
 pub(crate) struct Context {
     pub(crate) run: RunDir,
     pub(crate) manifest: Manifest,
@@ -386,7 +386,7 @@ impl Context {
             }
             self.control_page.fault_table().mark_injected(place, now_ns());
         }
-        // What is left to be written at the end belongs to another volume.
+        // The rest is written to another volume.
         self.fill_volume(is_full && !is_last);
         if pause_ms > 0.0 && !is_last {
             std::thread::sleep(Duration::from_secs_f64(pause_ms * 1e-3));

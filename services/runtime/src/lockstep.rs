@@ -9,7 +9,7 @@
 //! A fault anywhere in the chain is therefore a tick without torque at its end, and never a wait for a message that cannot come. All decisions
 //! follow from the outages in the fault table, the tick counts and the states of the processes; none depends on a clock.
 
-/// What the protocol needs to know of a process that never changes in a run.
+/// The constants of a process in the protocol.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Role {
     /// It makes the ticks: while it stands still there are none.
@@ -60,7 +60,7 @@ impl Outage {
 pub(crate) trait View {
     /// How many processes there are.
     fn processes(&self) -> usize;
-    /// What a process is.
+    /// The role of a process.
     fn role(&self, process: usize) -> Role;
     /// How far a process has come.
     fn progress(&self, process: usize) -> Progress;
@@ -208,7 +208,7 @@ impl<'a, V: View> Protocol<'a, V> {
         self.view.outages().filter(is_behind).map(|outage| outage.until).max().unwrap_or(0)
     }
 
-    /// What takes this process down at a tick. The tick source and a polled process are down at no tick but the first of an outage, because no
+    /// The fault that takes this process down at a tick. The tick source and a polled process are down at no tick but the first of an outage, because no
     /// tick passes meanwhile: each falls once. In real time every process does: a replacement that is there early does not fall again.
     pub(crate) fn downfall(&self, tick: u64) -> Option<Outage> {
         let role = self.view.role(self.me);

@@ -1,4 +1,4 @@
-//! What every process of a run must know of the others before it starts: one small file in the run's directory.
+//! The run's description for its processes: one small file in the run's directory.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -108,7 +108,7 @@ pub enum ManifestError {
     /// Two processes share a name, or two write one topic.
     #[error("{what} {name:?} occurs twice in the graph; it must be one process's alone")]
     Twice {
-        /// What occurs twice.
+        /// The repeated name.
         what: &'static str,
         /// Its name.
         name: String,

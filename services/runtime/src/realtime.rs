@@ -131,7 +131,7 @@ impl Rights {
     }
 }
 
-/// What the kernel has counted against this thread so far.
+/// The kernel's counters of this thread.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Usage {
     pub(crate) major_faults: i64,

@@ -44,7 +44,7 @@ pub enum RunDirError {
     NotARun {
         /// Which.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The defect.
         reason: String,
     },
     /// Something of it cannot be removed.

@@ -236,7 +236,7 @@ impl Shell {
 
     /// A polled process's rhythm: ends a round, sleeps, begins the next; `false` after the round in which nothing more can come.
     ///
-    /// What the process drained in the round counts as taken in: in lockstep the source of ticks may go on.
+    /// Messages drained in the round count as received: in lockstep the tick source may go on.
     ///
     /// # Errors
     /// When the run does not start within the limit.

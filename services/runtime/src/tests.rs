@@ -68,7 +68,7 @@ fn in_lockstep_every_tick_is_handed_over_once_and_in_order() {
     sensors.send(sample(4)).unwrap();
     let error = inlet.next().unwrap_err();
     assert_eq!(error, Interrupted::Lost { process: "estimator".into(), topic: "sensor", expected: 3, found: 4 });
-    // What came too early is not lost by having been looked at.
+    // A message of a later tick stays in the buffer.
     assert_eq!(inlet.at(4).unwrap().unwrap().header.tick, 4);
 }
 

@@ -36,7 +36,7 @@ pub(crate) fn first_not_finite<M: Message>(message: &M) -> Option<&'static str> 
         let numbers = bytes[field.offset..field.offset + field.size].chunks_exact(size_of::<f64>());
         holds_f64(field) && numbers.map(bytemuck::pod_read_unaligned::<f64>).any(|number| !number.is_finite())
     };
-    // What none of the plain fields holds is inside a nested one.
+    // A byte outside all plain fields belongs to a nested one.
     let guilty = M::FIELDS.iter().find(is_bad).or_else(|| M::FIELDS.iter().find(|field| is_nested(field)));
     Some(guilty.map_or("a field", |field| field.name))
 }

@@ -11,7 +11,7 @@ use sim::scenarios;
 
 use crate::failure::Failure;
 
-/// What `armplane` without arguments runs.
+/// The scenario of `armplane` without arguments.
 pub const DEFAULT_SCENARIO: &str = "fig5-wrist-rotation";
 
 const GRAPH: &str = include_str!("../../graph.toml");

@@ -1,11 +1,11 @@
-//! What an operation that takes its time tells while it works.
+//! Progress of a long operation.
 
 /// One piece of news.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Progress<'a> {
     /// A stage begins: its title, its length, and the unit of both length and positions.
     Begin {
-        /// What is done.
+        /// The work done.
         title: &'a str,
         /// Work in this stage; `unit`s.
         length: u64,

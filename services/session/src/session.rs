@@ -15,7 +15,7 @@ use crate::results::Results;
 use crate::summary::summarise;
 use crate::viewer::Live;
 
-/// What to run and how.
+/// The scenario and settings of a run.
 #[derive(Clone, Debug)]
 pub struct Request {
     /// A built-in scenario's name, or the path of a scenario file.

@@ -63,7 +63,7 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
     summary
 }
 
-/// What a fault was and what became of it.
+/// A fault and its outcome.
 fn fault_summary(job: &Job, account: &FaultRecord) -> FaultSummary {
     let process = job.graph.process.get(account.scheduled.process as usize).map(|process| process.name.clone()).unwrap_or_default();
     let fault = account.scheduled.fault(&process);

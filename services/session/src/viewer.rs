@@ -102,7 +102,7 @@ fn version(viewer: &str) -> std::io::Result<Option<(u32, u32)>> {
     }
     let mut said = String::new();
     if let Some(output) = child.stdout.take() {
-        // What is not text is no version.
+        // A version is text.
         let _ = output.take(4096).read_to_string(&mut said);
     }
     Ok(said.split_whitespace().find_map(numbers))

@@ -16,7 +16,7 @@ pub enum ExportError {
     Write {
         /// The file.
         path: PathBuf,
-        /// What the file system or the format's crate answers.
+        /// The error of the file system or of the format's crate.
         reason: String,
     },
     /// The format's feature is not in this build.

@@ -11,13 +11,13 @@ pub(super) const fn rgb(r: u8, g: u8, b: u8) -> Color {
 
 /// Text and axes.
 pub const INK: Color = rgb(38, 42, 51);
-/// What matters less.
+/// The colour of secondary data.
 pub const GREY: Color = rgb(120, 126, 138);
 /// Lines behind the data.
 pub const FAINT: Color = rgb(228, 230, 235);
 /// Ours.
 pub const BLUE: Color = rgb(0, 98, 178);
-/// What went wrong.
+/// The colour of failures.
 pub const RED: Color = rgb(203, 50, 52);
 
 /// The n-th of eight distinguishable colours, for the colour-blind too (after Okabe and Ito).

@@ -109,7 +109,7 @@ impl Panel {
         self.marks.push(Mark::Band { x, color });
     }
 
-    /// What the data span, each axis by its own scale.
+    /// The data's range, each axis by its own scale.
     fn data(&self) -> (Range<f64>, Range<f64>) {
         let (mut x, mut y) = (Extent::default(), Extent::default());
         for mark in &self.marks {

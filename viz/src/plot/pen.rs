@@ -17,7 +17,7 @@ pub(super) const FONT: &str = "DejaVu Sans, Verdana, sans-serif";
 /// Average width of a character at a font size of one.
 pub(super) const CHARACTER: f64 = 0.53;
 
-/// What several points in one half of a point's width show: the first, the least, the largest and the last of them.
+/// Several points within half a point's width: the first, the least, the largest and the last of them are drawn.
 pub(super) fn thinned(places: impl Iterator<Item = (f64, f64)>) -> Vec<(f64, f64)> {
     let mut out: Vec<(f64, f64)> = Vec::new();
     let mut column: Vec<(f64, f64)> = Vec::new();

@@ -128,7 +128,7 @@ pub(super) struct MarkTracks {
     pub(super) label: Track,
 }
 
-/// What was seen since the last chunk.
+/// Values since the last chunk.
 #[derive(Default)]
 pub(super) struct Picture {
     pub(super) links: Vec<Track>,
@@ -170,7 +170,7 @@ impl Picture {
         }
         self.marks.resize_with(self.marks.len().max(marks.len()), Default::default);
         for (tracks, mark) in self.marks.iter_mut().zip(marks) {
-            // What is hidden need not be anywhere.
+            // Hidden entities need no pose.
             if mark.look.presence != Presence::Hidden {
                 tracks.frame.push(tick, &mark.X_BS);
                 tracks.size.ticks.push(tick);

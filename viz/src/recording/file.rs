@@ -142,7 +142,7 @@ impl Recording {
         Ok(recording)
     }
 
-    /// What every part begins with.
+    /// The beginning of every part.
     fn open(&mut self) -> Result<(), RecordError> {
         self.sink.announce(&self.store);
         self.write_properties();
@@ -201,7 +201,7 @@ impl Recording {
         if !self.blueprint_sent && row.singularity.is_some() {
             self.introduce(row);
         }
-        // What an earlier part has is not written again.
+        // Content of an earlier part is not written again.
         if row.tick >= self.written.signals {
             self.signals.push(row.tick, |put| sample(row, &self.limits, put));
         }

@@ -1,4 +1,4 @@
-//! What the picture shows of a tick: marks, ghosts, paths.
+//! The picture of a tick: marks, ghosts, paths.
 
 use glam::Vec3;
 use nalgebra::SVector;

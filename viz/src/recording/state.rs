@@ -20,7 +20,7 @@ use crate::sink::{FileInfo, Sink};
 /// Which run a recording is of.
 #[derive(Clone, Copy, Debug)]
 pub struct RunInfo<'a> {
-    /// What was asked for.
+    /// The request.
     pub scenario: &'a Scenario,
     /// The arm.
     pub robot: &'a Robot,
@@ -85,7 +85,7 @@ pub struct Recording {
     pub(super) sink: Sink,
     pub(super) store: StoreId,
     pub(super) title: Title,
-    /// What the parts before this one hold.
+    /// The content of the parts before this one.
     pub(super) before: FileInfo,
     /// Ticks of this part.
     pub(super) part_ticks: u64,

@@ -225,7 +225,7 @@ fn a_killed_recorder_loses_at_most_a_chunk() {
     for tick in 0..777 {
         recording.tick(&row(tick, &run.step())).expect("room");
     }
-    // What a kill leaves: no footer, and at worst a message cut in two.
+    // After a kill: no footer, and at worst a message cut in two.
     let content = volume.content();
     let kept = |bytes: &[u8]| times(&of(&chunks(&read(bytes).0), entity::SIGNALS), "tick").len();
     assert_eq!(kept(&content), 750, "all but the last, unfinished 250 ms");

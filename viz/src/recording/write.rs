@@ -1,4 +1,4 @@
-//! What a tick adds to a recording: signals, states, words, and the picture's guides.
+//! The rows of a tick in a recording: signals, states, words, and the picture's guides.
 
 use glam::Vec3;
 use nalgebra::SVector;
@@ -22,7 +22,7 @@ use crate::solid::{Mesh, Placement};
 use crate::{blueprint, entity, narration};
 
 impl Recording {
-    // What never changes.
+    // Constants.
 
     pub(super) fn write_properties(&mut self) {
         let info = RecordingInfo::new().with_name(self.title.name.as_str());
@@ -239,7 +239,7 @@ impl Recording {
         }
     }
 
-    /// What the hand can do, at C, in the half of the twist that the nearest singularity is of.
+    /// The hand's mobility, at C, in the half of the twist that the nearest singularity is of.
     pub(super) fn see_manipulability(&mut self, tick: u64, q: &[f64], p_BC: [f64; 3], singularities: &[SingularityState], marks: &[Mark]) {
         let near = singularities.iter().zip(marks).filter(|(_, mark)| mark.look.presence != Presence::Hidden);
         let nearest = near.map(|(one, _)| one).min_by(|a, b| (a.s.abs() / a.eta_out).total_cmp(&(b.s.abs() / b.eta_out)));

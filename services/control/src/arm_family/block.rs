@@ -134,7 +134,7 @@ impl<const N: usize> Block<N> {
                 bias += (self.sigma[i] * M[i][j] + self.sigma[j] * M[j][i]) * self.over(i, j) * self.v[j].dot(qdot);
             }
         }
-        // What turns v into the null space that a redundant arm has anyway.
+        // The part of v that turns into the null space of a redundant arm.
         let sigma = self.sigma[i];
         bias + rest.dot(qdot) * sigma / (sigma * sigma + CROSSING)
     }

@@ -323,7 +323,7 @@ impl<const N: usize> LostDirections<N> {
         self.entries[k].place = place;
     }
 
-    /// What is orthogonal to Π of entry `k`: the other directions, followed ones by their auxiliary rows.
+    /// The directions orthogonal to Π of entry `k`: the other directions, followed ones by their auxiliary rows.
     fn others(&self, k: usize) -> Span<N> {
         let mut span = Span { vectors: [SVector::zeros(); N], count: 0 };
         for j in 0..self.block.count {
@@ -487,7 +487,7 @@ impl<const N: usize> LostDirections<N> {
         bias
     }
 
-    /// What the second axis of a singular frame points to: the last joint's axis, or the one before it where ζ lies along that.
+    /// The target of a singular frame's second axis: the last joint's axis, or the one before it where ζ lies along that.
     fn towards(&self, at: &Posture<'_, N>, axis: &Vector3<f64>) -> Vector3<f64> {
         let z = at.terms.z[N - 1];
         if N < 2 || z.dot(axis).abs() < 0.9 { z } else { at.terms.z[N - 2] }

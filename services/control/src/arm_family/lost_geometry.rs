@@ -1,4 +1,4 @@
-//! What geometry knows of an arm with spare joints: the rows whose rank is watched, and the names of singular postures.
+//! The geometry of an arm with spare joints: the rows whose rank is watched, and the names of singular postures.
 
 use super::screws::Screws;
 use crate::linear::{angular, linear, stack};
@@ -8,7 +8,7 @@ use nalgebra::{SMatrix, SVector, Vector3};
 /// Sine, or share of a length, below which a geometric condition holds at a projected posture.
 const HOLDS: f64 = 1e-4;
 
-/// What geometry knows of the arm.
+/// The arm's geometry.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Geometry {
     /// Where axes 1 to 3 meet, base axes, m.
@@ -44,7 +44,7 @@ impl Geometry {
         stack(&(v - along * along.dot(&v)), &angular(&u))
     }
 
-    /// What the turn of p adds to uᵀ·d(rows)/dt·v, 1/s; J unscaled, `u` on the scaled rows.
+    /// The term that the turn of p adds to uᵀ·d(rows)/dt·v, 1/s; J unscaled, `u` on the scaled rows.
     pub(super) fn turning<const N: usize>(&self, screws: &Screws<N>, p: &Vector3<f64>, [u, v, qdot]: [&[f64]; 3], length_m: f64) -> f64 {
         if !self.elbow_apart || N < 4 {
             return 0.0;

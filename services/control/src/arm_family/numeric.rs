@@ -251,7 +251,7 @@ impl<const N: usize> Numeric<N> {
         }
     }
 
-    /// What the second axis of a singular frame points to: the last joint's axis, or the one before it where ζ lies along that.
+    /// The target of a singular frame's second axis: the last joint's axis, or the one before it where ζ lies along that.
     fn towards(&self, at: &Posture<'_, N>, axis: &Vector3<f64>) -> Vector3<f64> {
         let z = at.terms.z[N - 1];
         if N < 2 || z.dot(axis).abs() < 0.9 { z } else { at.terms.z[N - 2] }

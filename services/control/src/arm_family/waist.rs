@@ -12,7 +12,7 @@ use std::ops::Range;
 /// Damping on the in-plane radius, m: only desired quantities are divided by it, so it need not cover noise.
 const MU: f64 = 3e-5;
 
-/// What going straight past the waist axis, instead of around it, may cost, m.
+/// Largest extra error of a path straight past the waist axis instead of around it, m.
 const PASS: f64 = 3e-4;
 
 /// In-plane radius beyond which the present side of the waist axis holds, m.

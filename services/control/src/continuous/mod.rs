@@ -1,4 +1,4 @@
-//! What this project adds to the paper (+): continuity where the paper switches, and limits where it has none.
+//! Additions to the paper (+): continuity where the paper switches, and limits where it has none.
 //!
 //! Each addition reduces to the paper's law inside D_si and to plain operational-space control outside; `proofs` tests it.
 

@@ -17,7 +17,7 @@ const LIMIT_MARGIN: f64 = 0.03;
 /// Slices of the duration's integral.
 const SLICES: u32 = 64;
 
-/// What bounds a turn.
+/// The bounds of a turn.
 #[derive(Clone, Copy, Debug)]
 pub struct Room<'a, const N: usize> {
     /// Joint positions, rad.

@@ -11,7 +11,7 @@ macro_rules! scenario_text {
     };
 }
 
-/// What Figure 5 shows, beside the figures of every run.
+/// The values of Figure 5, beside the figures of every run.
 struct Figure5 {
     run: Figures,
     /// How far each joint moved, degrees.

@@ -15,7 +15,7 @@ use crate::prolonged::prolonged;
 /// Memory is looked at so often; s of the arm's time.
 pub const EVERY_S: u64 = 60;
 
-/// What a process holds that no file backs; MB. Shared memory is apart: its pages count for everyone that has touched them.
+/// Anonymous memory of a process; MB. Shared memory is apart: its pages count for each process that has touched them.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Memory {
     pub own_mb: f64,
@@ -29,7 +29,7 @@ pub struct Look {
     pub processes: BTreeMap<String, Memory>,
 }
 
-/// What the hour came to.
+/// The results of the hour.
 #[derive(Debug, Serialize)]
 pub struct Hour {
     pub ticks: u64,

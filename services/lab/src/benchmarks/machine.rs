@@ -3,7 +3,7 @@
 use runtime::realtime::allowed_cores;
 use serde_json::json;
 
-/// What was measured on.
+/// The machine of a measurement.
 pub fn machine() -> serde_json::Value {
     let (health, machine) = (launcher::doctor::examine(), session::machine());
     let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default();

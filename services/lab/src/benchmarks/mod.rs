@@ -1,4 +1,4 @@
-//! What a hand-over, a cycle, a period and a step cost, beside baseline transports of the machine.
+//! The cost of a hop, a cycle, a period and a step, beside baseline transports of the machine.
 
 mod distribution;
 mod hop;

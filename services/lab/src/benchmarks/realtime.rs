@@ -14,7 +14,7 @@ use crate::cpu_load::CpuLoad;
 use crate::folder::scratch;
 use crate::prolonged::prolonged;
 
-/// What one rate gave.
+/// The result of one rate.
 pub struct Ran {
     pub rate_hz: u32,
     pub loaded: bool,

@@ -1,4 +1,4 @@
-//! What the recorder does with a tick, and how much it writes.
+//! The recorder's work per tick, and its output.
 
 use std::path::Path;
 
@@ -14,7 +14,7 @@ use shared_types::topics::{self, Build, ByTopic, Each, Family, Topic};
 use super::distribution::{Distribution, Row as BenchRow, histogram};
 use crate::folder::scratch;
 
-/// What the recorder did with a whole scenario.
+/// The recorder's work over a whole scenario.
 #[derive(serde::Serialize)]
 pub struct Recorded {
     /// Processor time of the whole recorder process per tick, in a run of its own; µs.
@@ -25,7 +25,7 @@ pub struct Recorded {
     pub messages_mb_per_min: f64,
 }
 
-/// What the recorder does with each tick, step by step; and a run in its own process.
+/// The recorder's work per tick, step by step; and a run in its own process.
 pub fn record(robot: &Robot, scenario: &Scenario, observer: Observer<'_>) -> Result<(Vec<BenchRow>, Recorded), Failure> {
     let folder = scratch()?;
     let job = load::job(robot, scenario.clone(), load::graph(None)?, Mode::Lockstep, folder.path().to_owned());

@@ -34,7 +34,7 @@ pub enum Mechanism {
     Nothing,
 }
 
-/// What a mechanism is made of.
+/// The parts of a mechanism.
 enum Means {
     Topic,
     Machine(Wake),
@@ -75,7 +75,7 @@ impl Mechanism {
 /// A ring of processes and what goes around in it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Ring {
-    /// What process i sends to process i + 1.
+    /// The message from process i to process i + 1.
     pub topics: Vec<String>,
     /// Blocks of so many bytes go around instead of the topics' messages.
     pub block_bytes: Option<usize>,
@@ -90,7 +90,7 @@ pub struct Ring {
     pub period_ns: Option<u64>,
 }
 
-/// What one mechanism took.
+/// The times of one mechanism.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Measured {
     pub mechanism: Mechanism,

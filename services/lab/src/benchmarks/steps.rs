@@ -1,4 +1,4 @@
-//! What one tick of each process computes, without any message.
+//! One tick of each process, without any message.
 
 use std::hint::black_box;
 

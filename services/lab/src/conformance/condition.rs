@@ -32,7 +32,7 @@ pub struct Condition {
     pub record: bool,
 }
 
-/// What the runs go through, one after the other and from the beginning again, each time with other random numbers.
+/// The conditions of the runs in turn, each time with other random numbers.
 pub const CONDITIONS: [Condition; 6] = [
     Condition { placement: Placement::Graph, nice: false, delays: false, pauses: false, cpu_load: false, record: true },
     Condition { placement: Placement::Free, nice: true, delays: true, pauses: true, cpu_load: false, record: false },

@@ -6,7 +6,7 @@ use message_log::{LogError, LogReader};
 use shared_types::Message;
 use shared_types::fault::MOST_DELAY_TICKS;
 
-/// What a step takes, tick by tick.
+/// The inputs of a step, tick by tick.
 pub trait Inputs {
     /// All of one tick.
     type Of;

@@ -3,7 +3,7 @@
 use message_log::{Difference, Differences, FieldDifference, first_difference};
 use shared_types::Message;
 
-/// What the replayed process said on one topic, beside what the run recorded.
+/// The replayed process's messages of one topic, beside those of the run.
 pub struct Topic {
     pub name: &'static str,
     pub messages: u64,

@@ -20,7 +20,7 @@ use shared_types::{
 use super::inputs::{Cursor, InOrder, Inputs};
 use super::outputs::{Comparison, Topic};
 
-/// What came of a replay.
+/// The result of a replay.
 pub struct Replayed {
     pub topics: Vec<Topic>,
     /// Recorded outputs whose inputs are not in the record; they cannot be computed again.
@@ -108,7 +108,7 @@ pub fn replay(run: &Path, process: Replayable, settings: &[String], observer: Ob
     Ok((job, replayed))
 }
 
-/// What the run was made from.
+/// The job of the run.
 fn job(run: &Path) -> Result<Job, Failure> {
     let path = run.join(JOB);
     let text = std::fs::read(&path).map_err(|error| {
@@ -291,7 +291,7 @@ trait Outputs: Copy {
     fn next(recorded: &mut Self::Recorded) -> Result<Option<Self::Last>, LogError>;
     /// Compares what was recorded at the tick of `last` with what was computed.
     fn compare(recorded: &mut Self::Recorded, last: &Self::Last, computed: Self, tape: &Tape<'_>) -> Result<(), LogError>;
-    /// What came of each topic.
+    /// The result per topic.
     fn topics(recorded: Self::Recorded) -> Vec<Topic>;
 }
 
@@ -317,7 +317,7 @@ impl<M: Message> Outputs for M {
     }
 }
 
-/// What the controller puts out at a tick.
+/// The controller's outputs at a tick.
 #[derive(Clone, Copy, Default)]
 struct Control {
     state: ControlState,

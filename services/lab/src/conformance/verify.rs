@@ -20,7 +20,7 @@ use super::condition::{CONDITIONS, Condition};
 use crate::cpu_load::CpuLoad;
 use crate::folder::Folder;
 
-/// What one run gave.
+/// The result of one run.
 pub struct Ran {
     pub condition: String,
     pub ticks: u64,
@@ -33,7 +33,7 @@ pub struct Ran {
     pub ended_by: Option<(String, Exit)>,
 }
 
-/// What the runs are compared with.
+/// The reference of the comparison.
 pub struct Reference {
     pub ran: Ran,
     /// Where its messages are; nowhere yet while nobody needs them.
@@ -64,7 +64,7 @@ pub struct Place {
 
 /// A difference between runs, and all runs.
 pub struct Verified {
-    /// What the runs are compared with.
+    /// The reference of the comparison.
     pub reference: Reference,
     /// The runs, without the reference where that is one of them.
     pub runs: Vec<Ran>,
@@ -132,7 +132,7 @@ pub fn verify(request: &Request<'_>, observer: Observer<'_>) -> Result<Verified,
             place = first_place(expected, &messages, index)?;
         }
         if request.out.is_none() {
-            // What is left of it goes with the whole folder.
+            // The rest is removed with the whole folder.
             let _ = std::fs::remove_dir_all(&job.out);
         }
         runs.push(ran);

@@ -1,4 +1,4 @@
-//! What the arm did in a run, measured on the simulator's truth, and which promises that breaks.
+//! The arm's motion in a run, measured on the simulator's truth, and the guarantees that it breaks.
 
 use model::Robot;
 use recorder::Limits;
@@ -34,7 +34,7 @@ struct DriveFault {
     until: u64,
 }
 
-/// What is promised of an arm's motion.
+/// The guaranteed bounds of an arm's motion.
 #[derive(Clone, Debug)]
 pub struct Promise {
     limits: Limits,
@@ -74,7 +74,7 @@ impl Promise {
     }
 }
 
-/// What the arm did, message by message.
+/// The arm's motion, message by message.
 #[derive(Clone, Debug)]
 pub struct Motion {
     promise: Promise,

@@ -52,7 +52,7 @@ impl<M: Message> Recall<M> {
     /// The next one that nobody has taken.
     fn take(&mut self) -> Option<M> {
         loop {
-            // What has been overwritten meanwhile is lost, and the gap is counted.
+            // Messages overwritten meanwhile are lost, and the gap is counted.
             self.next = self.next.max(Self::oldest(&self.handed_over));
             if self.next >= self.handed_over.count() {
                 return None;
@@ -104,7 +104,7 @@ impl<M: Message> Collector<M> {
         Ok(())
     }
 
-    /// What the keeper has handed over, then what has come since; answers with what is left to be recalled.
+    /// First the keeper's messages, then those received since; returns the number left to recall.
     ///
     /// A writer sends to the keeper first. So a message that has come by the usual way is in the keeper too, with all that lies before it, and a
     /// message that a writer sent without knowing of this reader is in the keeper alone.
@@ -172,7 +172,7 @@ impl<M: Message> Collector<M> {
     /// # Errors
     /// When the launcher does not answer, or the file of the topic cannot be mapped.
     pub fn recall(&mut self, last: Option<&M>) -> Result<(), Interrupted> {
-        // What the predecessor's files end with is there before it is looked for.
+        // The predecessor's files are complete before they are read.
         self.inlet.shared.await_hand_over(M::TOPIC)?;
         let handed_over = HandedOver::open(&self.inlet.shared.run);
         let handed_over = handed_over.map_err(|error| self.inlet.shared.port_failed(M::TOPIC, error))?;

@@ -25,7 +25,7 @@ impl<M: Message> Connect for Publishing<M> {
     }
 }
 
-/// Whose messages count.
+/// The writers whose messages count.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Admission {
     /// In real time those of the living: nobody acts on the word of the dead.

@@ -27,7 +27,7 @@ pub struct Reader<M: Message> {
     ahead: Option<Incoming<M>>,
 }
 
-/// What a reader waits for, and from whom.
+/// The topic and writers of a wait.
 fn expected<M: Message>(shared: &Context, tick: Option<u64>) -> Wait {
     Wait {
         what: match tick {
@@ -38,12 +38,12 @@ fn expected<M: Message>(shared: &Context, tick: Option<u64>) -> Wait {
     }
 }
 
-/// What a look into the buffer shows.
+/// The result of one poll of the buffer.
 #[derive(Clone, Copy)]
 enum Found {
     /// The message is now the current one.
     Current,
-    /// What was looked for will not come.
+    /// The expected message will not come.
     Nothing,
 }
 
@@ -51,7 +51,7 @@ impl<M: Message> Reader<M> {
     pub(crate) fn new(shared: Rc<Context>, subscriber: Rc<Subscribing<M>>) -> Self {
         let bit = shared.topic_bit(M::TOPIC);
         let inlet = Inlet::new(Rc::clone(&shared), subscriber, Admission::OfTheLiving);
-        // What was sent while this process was down is not for its replacement.
+        // A replacement does not get messages of its down time.
         let last = shared.returns_at().checked_sub(1);
         Self { shared, inlet, bit, current: None, last, ahead: None }
     }
@@ -168,7 +168,7 @@ impl<M: Message> Reader<M> {
                     if shared.is_unordered() && tick > 0 && before == Some(tick - 1) {
                         return Ok(Some(()));
                     }
-                    // What came between the last look and the closing is still to be taken in: look once more.
+                    // Messages between the last poll and the closing are still to be read: poll once more.
                     match shared.is_lockstep() && self.inlet.is_over(tick) {
                         true if self.inlet.has_more()? => {}
                         true => return Ok(Some(())),
@@ -282,7 +282,7 @@ impl<M: Message> Reader<M> {
         if tick > expected {
             self.shared.entry().add(Count::Lost, tick - expected);
             if self.shared.is_lockstep() && self.shared.is_unharmed() {
-                // What came too early is not lost by having been looked at.
+                // A message of a later tick stays in the buffer.
                 self.ahead = self.current.take();
                 return Err(self.lost(expected, tick));
             }

@@ -62,7 +62,7 @@ pub enum TopicError {
     /// The launcher did not make it, or it cannot be used.
     #[error("cannot {action} topic {topic:?}: {reason}")]
     Service {
-        /// What was tried.
+        /// The operation.
         action: &'static str,
         /// Which topic.
         topic: &'static str,
@@ -79,7 +79,7 @@ pub enum TopicError {
         topic: &'static str,
         /// The service's own error.
         found: String,
-        /// What this program was built with.
+        /// This program's own value.
         ours: u64,
     },
     /// No room for what a replacement must find.

@@ -65,7 +65,7 @@ struct Sending<M: Message> {
     last_made: LastMade<M>,
     /// Messages that faults hold back, with the tick at which they leave.
     held: RefCell<VecDeque<(u64, M)>>,
-    /// What a fault sends again and again.
+    /// The message that a fault repeats.
     stale: Cell<Option<M>>,
 }
 

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use crate::control_page::doorbell::Doorbell;
 use crate::control_page::live_statistics::{Distribution, DurationHistogram};
 
-/// What a process is doing.
+/// The state of a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum State {
@@ -28,7 +28,7 @@ pub enum State {
 /// Declares what is counted: the variants, and the record of all of them.
 macro_rules! counts {
     ($( $(#[$meta:meta])* $variant:ident $field:ident ),* $(,)?) => {
-        /// What a process counts.
+        /// The counters of a process.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         #[repr(usize)]
         pub enum Count { $( $(#[$meta])* $variant ),* }
@@ -117,7 +117,7 @@ impl ProcessEntry {
         self.incarnation.load(Ordering::Acquire)
     }
 
-    /// What it is doing.
+    /// Its state.
     #[must_use]
     pub fn state(&self) -> State {
         match self.state.load(Ordering::Acquire) {

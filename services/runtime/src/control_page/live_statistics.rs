@@ -1,4 +1,4 @@
-//! What the control page shows of a running graph: distributions of times and the last of what matters, written by their owners in passing.
+//! Live statistics of a running graph on the control page: distributions of times and latest values, each written by its owner.
 //!
 //! A reader (`armplane top`) costs the writers nothing: no port, no connection, no lock, no system call. Each number has one writer.
 
@@ -76,7 +76,7 @@ impl Distribution {
         self.counts.iter().fold(0, |sum: u64, count| sum.saturating_add(*count))
     }
 
-    /// What came after an earlier moment; the longest stays that of the whole run.
+    /// The difference to an earlier snapshot; the longest stays that of the whole run.
     #[must_use]
     pub fn since(&self, earlier: &Self) -> Self {
         let counts = self.counts.iter().zip(&earlier.counts).map(|(now, before)| now.saturating_sub(*before)).collect();
@@ -157,7 +157,7 @@ impl LiveStateCells {
     }
 }
 
-/// What the arm is doing, as its processes last said; numbers of neighbouring ticks may stand side by side.
+/// The arm's state, as its processes last reported it; numbers of neighbouring ticks may stand side by side.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LiveState {
     /// The singularities of the last report.

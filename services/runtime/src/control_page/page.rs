@@ -94,7 +94,7 @@ pub enum ControlPageError {
         path: PathBuf,
         /// Its size.
         size: u64,
-        /// What stands where [`MAGIC`] should.
+        /// The value found in place of [`MAGIC`].
         magic: u64,
     },
 }
@@ -150,7 +150,7 @@ impl ControlPage {
         &self.page().entries[index]
     }
 
-    /// What the arm is doing.
+    /// The arm's state.
     #[must_use]
     pub fn live_state(&self) -> LiveState {
         self.page().live_state.read()

@@ -5,7 +5,7 @@ use shared_types::fault::{Kind, ScheduledFault, Way, shaped_topic};
 
 use shared_types::random::at as random;
 
-/// What becomes of one message.
+/// The outcome of one message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Shape {
     /// The tick at which it leaves.

@@ -3,7 +3,7 @@
 //! The launcher enters the planned faults before anything starts and unplanned deaths when it detects them; any process may
 //! request one (`armplane fault`). The source of ticks adopts a request at the beginning of a tick, before it sends anything of that tick,
 //! so that all processes know of it when that tick reaches them: a live fault is a planned one from then on, and repeats itself as one.
-//! What cannot be decided from the fault table and a tick is no fault: that is why a run with faults has the same bytes every time.
+//! Every fault is decided by the fault table and a tick alone: a run with faults has the same bytes every time.
 
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
@@ -70,7 +70,7 @@ pub struct FaultTable {
 /// One fault, and what became of it. Times on `CLOCK_MONOTONIC`, 0: not yet.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FaultRecord {
-    /// What happens, to whom, when.
+    /// Kind, process and ticks.
     pub scheduled: ScheduledFault,
     /// Where it comes from.
     pub origin: Origin,
@@ -246,7 +246,7 @@ impl KnownFaults {
         self.faults.extend(table.records().map(|(place, account)| (place, account.scheduled)).take(MOST_FAULTS));
     }
 
-    /// What concerns a process at a tick.
+    /// The faults of a process at a tick.
     pub(crate) fn of(&self, process: usize, tick: u64) -> impl Iterator<Item = (usize, &ScheduledFault, Kind)> {
         self.faults
             .iter()

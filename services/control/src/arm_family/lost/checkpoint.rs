@@ -1,4 +1,4 @@
-//! What of the followed directions survives a restart.
+//! The checkpoint of followed directions.
 
 use super::{Entry, LostDirections};
 use crate::arm_family::classify::Verdict;

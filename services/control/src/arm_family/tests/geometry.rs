@@ -62,7 +62,7 @@ fn a_promise_holds<const N: usize>(name: &str, q: &SVector<f64, N>, qdot: &SVect
         if s.s.abs() > 1e-3 && s.s.abs() < 2.0 && named {
             prop_assert!(((b.s - a.s) / (2.0 * h) - s.s_rate).abs() < 1e-5, "{i}: ds/dt is {}, not {}", (b.s - a.s) / (2.0 * h), s.s_rate);
         }
-        // What two conditions make has no coordinate, only a rate.
+        // A singularity of two conditions has no coordinate, only a rate.
         let counted = !(N == 7 && i > 0);
         if (b.aux - a.aux).abs() < 1.0 && counted {
             prop_assert!(((b.aux - a.aux) / (2.0 * h) - s.aux_rate).abs() < 1e-6, "{i}: auxiliary rate");

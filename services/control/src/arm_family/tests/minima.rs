@@ -52,7 +52,7 @@ fn minimum<const N: usize>(model: &Model<N>, length_m: f64, random: &mut Uniform
     None
 }
 
-/// What the minima of an arm are called, and their types.
+/// Names and types of the minima of an arm.
 type Census = BTreeMap<(String, String), usize>;
 
 /// Every minimum of an arm, analysed at once by a new analyzer, and by one that has come from a posture near by.

@@ -35,11 +35,11 @@ pub struct Infeasible {
     pub leg: usize,
     /// Time on the path's clock to which the best route comes, s.
     pub time_s: f64,
-    /// What ends it.
+    /// The cause of its end.
     pub obstacle: Obstacle,
 }
 
-/// What ends the best route.
+/// The cause of the best route's end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Obstacle {
     /// A joint would leave its limits.

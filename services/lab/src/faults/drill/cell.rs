@@ -11,7 +11,7 @@ pub struct Cell {
     /// In which way, for the kinds that have several.
     #[serde(rename = "as", skip_serializing_if = "String::is_empty")]
     pub way: String,
-    /// What was done, in words.
+    /// The injected fault, in words.
     pub faults: Vec<String>,
     pub at_tick: u64,
     /// Wall-clock time until the fault is detected.

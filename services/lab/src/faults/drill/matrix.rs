@@ -25,7 +25,7 @@ use super::picture::picture;
 use super::plan::{Only, Plan, Terms, plans};
 use crate::folder::Folder;
 
-/// What a run left that the physics can be judged by.
+/// The part of a run from which the physics is judged.
 struct Ran {
     summary: Summary,
     topics: BTreeMap<String, TopicSummary>,
@@ -38,7 +38,7 @@ struct Ran {
 /// Time for a disturbed arm to return to its goal after the task; s.
 const TIME_TO_RECOVER_S: f64 = 2.0;
 
-/// What to drill.
+/// The subject of a drill.
 pub struct Request<'a> {
     /// Built-in scenarios' names, or scenario files.
     pub scenarios: &'a [String],
@@ -137,7 +137,7 @@ impl<'a> Drill<'a> {
 
     /// Runs the scenario in its processes.
     fn run(&self, scenario: &Scenario, live: &[ScheduledFault], records: bool) -> Result<Ran, Failure> {
-        // What an earlier run left there must not be taken for this one's.
+        // Files of an earlier run must not be taken for this one's.
         let _ = std::fs::remove_dir_all(&self.job.out);
         let cannot = |error: std::io::Error| Failure::Work(format!("cannot write to {}: {error}", self.folder.display()));
         std::fs::create_dir_all(&self.job.out).map_err(cannot)?;

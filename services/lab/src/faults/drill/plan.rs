@@ -3,7 +3,7 @@
 use runtime::random;
 use shared_types::fault::{Fault, Kind, Way};
 
-/// What to do to which process; two of them for a pair.
+/// Faults and their processes; two of them for a pair.
 pub type Plan = Vec<Fault>;
 
 /// One cell: `PROCESS:KIND`, or `PROCESS:KIND:WAY`.
@@ -32,7 +32,7 @@ impl Only {
     }
 }
 
-/// What plans are made for.
+/// The subject of a plan.
 pub struct Terms<'a> {
     /// The processes of the graph.
     pub processes: &'a [&'a str],

@@ -1,4 +1,4 @@
-//! What happens in a round of the soak, and when: drawn from a seed, so that a round can be made again.
+//! The events of a round of the soak, drawn from a seed, so that a round can be repeated.
 
 use std::collections::VecDeque;
 
@@ -26,7 +26,7 @@ const FATAL_ONE_IN: u64 = 4;
 /// Deaths that spend a budget of five restarts.
 const SPENT: u32 = 6;
 
-/// What is done to a process from outside, which no fault table knows.
+/// Acts on a process from outside, which no fault table lists.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Signal {
     /// SIGKILL.
@@ -66,7 +66,7 @@ impl Act {
         }
     }
 
-    /// What it counts as in the table.
+    /// Its row in the table.
     pub fn name(&self) -> String {
         match self {
             Self::Fault(Fault { kind, way: Some(way), .. }) => format!("{kind} {way}"),
@@ -143,7 +143,7 @@ pub struct Dealer {
     rate_hz: f64,
     deck: VecDeque<Act>,
     fatal: VecDeque<Act>,
-    /// What waits for the end of a round.
+    /// The acts that wait for the end of a round.
     full: VecDeque<Act>,
 }
 
@@ -160,7 +160,7 @@ impl Dealer {
         }
     }
 
-    /// What happens in the next round of so many seconds, in order.
+    /// The events of the next round of so many seconds, in order.
     pub fn round(&mut self, seconds: f64) -> Vec<Planned> {
         let calm = |s: f64| s.min(0.25 * seconds);
         let (from, to) = (calm(CALM_BEFORE_S), seconds - calm(CALM_AFTER_S));

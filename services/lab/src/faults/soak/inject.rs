@@ -16,7 +16,7 @@ const MOST_RESTARTS: u32 = 4;
 /// Entries of the fault table for planned; the rest is for deaths that the launcher detects.
 const MOST_REQUESTS: usize = 48;
 
-/// What became of a planned.
+/// The outcome of a planned fault.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Done {
     /// Requested of the fault table, at this place of it.
@@ -38,7 +38,7 @@ pub struct Executed {
     pub done: Done,
 }
 
-/// What is to be done next.
+/// The next action.
 enum Todo {
     ScheduledFault(Box<Planned>),
     Continue(OwnedFd),

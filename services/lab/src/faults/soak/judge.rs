@@ -1,4 +1,4 @@
-//! What a round must keep, whatever injected it: the verdict on what was seen of it.
+//! The verdict on a round: the guarantees that hold under every fault.
 
 use launcher::{End, Exit, Failure};
 
@@ -50,12 +50,12 @@ pub struct Messages {
     pub kept: u64,
 }
 
-/// What is in the files of a round, read back.
+/// The content of a round's files, read back.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Files {
     /// Ticks that the recording has numbers of.
     pub rows: u64,
-    /// What could not be read.
+    /// Files that could not be read.
     pub unreadable: Vec<String>,
 }
 
@@ -76,7 +76,7 @@ pub struct Evidence {
     pub recorder_deaths: u64,
     /// The tick from which on the recorder's volume was full.
     pub full_at: Option<u64>,
-    /// What the recorder said of its recording.
+    /// The recorder's report of its recording.
     pub recording_error: String,
     pub deaths: Vec<Death>,
     pub ended: Vec<Ended>,

@@ -1,4 +1,4 @@
-//! What the launcher reports while a round runs.
+//! Events that the launcher reports during a round.
 
 use std::collections::VecDeque;
 

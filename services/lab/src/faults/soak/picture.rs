@@ -92,7 +92,7 @@ fn stroke(panel: &mut Panel, color: Color, from: f64, to: f64, y: f64) {
     }
 }
 
-/// What faults have in common, for their colours.
+/// Groups of faults, for their colours.
 const CLASSES: [&str; 5] = ["deaths", "standing still", "messages", "sensors and drives", "clock, core, volume"];
 
 fn colors() -> [Color; 5] {

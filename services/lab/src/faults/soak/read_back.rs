@@ -1,4 +1,4 @@
-//! What a round leaves: its messages, read back, and what it must not leave.
+//! The remains of a round: its messages, read back, and leftovers.
 
 use std::path::Path;
 
@@ -60,7 +60,7 @@ fn each<M: Message>(messages: &Path, files: &mut Files, mut each: impl FnMut(&M)
     n
 }
 
-/// What a run must not leave: files in shared memory or among the temporary ones, children, living or not.
+/// Leftovers of a run: files in shared memory or among the temporary ones, children, living or not.
 pub fn left_over(run: &str) -> Vec<String> {
     let names = |folder: &Path| {
         let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();

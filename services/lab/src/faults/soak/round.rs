@@ -69,7 +69,7 @@ pub struct Round {
     pub stops: Vec<Stop>,
     pub restarts: BTreeMap<String, u32>,
     pub messages: Messages,
-    /// What each process sent and the recorder neither took in nor, as far as that is known of one topic, refused.
+    /// Messages per process that were sent but neither received nor refused by the recorder, as far as known of one topic.
     pub not_taken_in: BTreeMap<String, u64>,
     pub deadlines: Deadlines,
     pub torque_max_ratio: f64,
@@ -81,7 +81,7 @@ pub struct Round {
     pub broken: Vec<String>,
 }
 
-/// What all rounds have in common.
+/// The settings of all rounds.
 pub struct Setting<'a> {
     pub robot: &'a Robot,
     /// Prolonged to the length of a round, without faults of its own.
@@ -302,7 +302,7 @@ impl Seen {
         self.accounts.iter().map(|(_, account)| account).filter(of_it).filter(takes_down).min_by_key(|account| account.detected_ns)
     }
 
-    /// What a fault or signal was; `None` where it was left out, or the run was over before it was due.
+    /// The record of a fault or signal; `None` where it was left out, or the run was over before it was due.
     fn injected(&self, executed: &Executed, rate_hz: u32) -> Option<Injected> {
         let act = &executed.planned.act;
         let since_ms = |from: u64, to: u64| (to > from && from > 0).then(|| (to - from) as f64 * 1e-6);

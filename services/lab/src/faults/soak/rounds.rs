@@ -19,13 +19,13 @@ use crate::prolonged::prolonged;
 /// How long a round is planned; s. The budget of restarts and the fault table are a run's.
 const ROUND_S: f64 = 60.0;
 
-/// What is left at the end is not worth another round; s.
+/// A shorter rest is not worth another round; s.
 const SHORTEST_S: f64 = 10.0;
 
-/// What the soak itself may grow by from its second round on; kB. The allocator keeps what reading a recording took.
+/// Bound of the soak's own growth from its second round on; kB. The allocator keeps memory used to read a recording.
 const GROWTH_KB: u64 = 16_384;
 
-/// What the soak itself uses.
+/// The soak's own use of resources.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Usage {
     pub resident_kb: u64,
@@ -44,7 +44,7 @@ impl Usage {
         Self { resident_kb: number("VmRSS:"), open_files, threads: number("Threads:") }
     }
 
-    /// What has grown since another look.
+    /// The growth since an earlier count.
     fn grown_since(self, earlier: Self) -> Vec<String> {
         let mut grown = Vec::new();
         let mut unless = |is_flat: bool, what: &str, before: u64, now: u64| {

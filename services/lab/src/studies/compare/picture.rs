@@ -32,7 +32,7 @@ const METRICS: [[Metric; 3]; 3] = [
     ],
 ];
 
-/// What a logarithmic bar begins at.
+/// The foot of a logarithmic bar.
 const LEAST: f64 = 1e-4;
 
 /// One scenario under each law.

@@ -10,7 +10,7 @@ use super::score::{Score, score};
 use super::sweep::{SWEEP, Sweep, SweepSize};
 use crate::pool::on_all_cores;
 
-/// What to compare.
+/// The scenarios and laws to compare.
 pub struct Request<'a> {
     /// Built-in scenarios' names, or scenario files.
     pub scenarios: &'a [String],

@@ -15,7 +15,7 @@ const BACK_WITHIN_S: f64 = 0.010;
 /// How long torques may be at their limit; s.
 const SATURATED_S: f64 = 0.010;
 
-/// What a run came to, judged on the simulator's truth. Ratios are shares of the robot's own limits.
+/// The result of a run, judged on the simulator's truth. Ratios are shares of the robot's own limits.
 #[derive(Clone, Debug, Serialize)]
 pub struct Score {
     /// The control law.
@@ -50,7 +50,7 @@ pub struct Score {
     pub s1: bool,
     /// Success by the bar for lines that are not along ζ.
     pub s2: bool,
-    /// What S2 missed.
+    /// The conditions of S2 that failed.
     pub missed: Vec<&'static str>,
 }
 
@@ -91,7 +91,7 @@ fn sized<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<Score, Re
     Ok(meter.score(judge.verdict(), scenario))
 }
 
-/// What the recorder's judge does not measure.
+/// Measures beyond those of the recorder's judge.
 struct Meter<const N: usize> {
     model: Model<N>,
     k_v: f64,

@@ -24,7 +24,7 @@ pub struct Figure {
     pub name: &'static str,
     /// The picture.
     pub page: Page,
-    /// What it shows, in numbers.
+    /// Its numbers.
     pub numbers: Value,
 }
 

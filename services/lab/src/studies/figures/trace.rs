@@ -1,4 +1,4 @@
-//! What a figure needs of a run.
+//! The data of a run that a figure needs.
 
 use model::{Model, Refused, Robot, rotation_log, with_dof};
 use nalgebra::{Matrix3, SVector, Vector3};

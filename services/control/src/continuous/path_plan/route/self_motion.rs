@@ -3,7 +3,7 @@
 use super::*;
 
 impl<const N: usize> Search<'_, N> {
-    /// What of a task displacement the arm cannot do in this posture.
+    /// The part of a task displacement that is lost in this posture.
     pub(super) fn undone(&self, q: &SVector<f64, N>, onwards: &Vector6<f64>) -> Vector6<f64> {
         let spectrum = self.arm.spectrum(q);
         let mut rest = *onwards;
