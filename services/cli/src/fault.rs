@@ -13,7 +13,7 @@ use shared_types::job::Job;
 
 use crate::out::say;
 use crate::table::table;
-use crate::top::choose;
+use session::observation::choose;
 
 /// How long to wait for the next tick of a run.
 const PATIENCE: Duration = Duration::from_secs(2);

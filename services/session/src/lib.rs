@@ -3,6 +3,7 @@
 //! [`run`] is one run in that order. Nothing starts before everything is validated. This crate prints nothing: what happens while a run lasts goes to an [`Observer`].
 
 pub mod load;
+pub mod observation;
 
 mod failure;
 mod launch;
