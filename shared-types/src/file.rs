@@ -157,6 +157,15 @@ fn lay_over(table: &mut toml::Table, setting: &str) -> Result<(), (String, Strin
     Err(missing(path))
 }
 
+/// Refuses a value that is not a positive finite number.
+pub(crate) fn positive(path: &str, value: f64) -> Result<(), Complaint> {
+    if value.is_finite() && value > 0.0 {
+        Ok(())
+    } else {
+        Err(Complaint::new(path, format!("`{path}` is {value}"), "it must be a positive number"))
+    }
+}
+
 /// serde's message, with its list of expected names turned into advice.
 fn explain(message: &str) -> (String, String) {
     let message = message.trim();

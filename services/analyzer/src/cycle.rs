@@ -1,7 +1,7 @@
 //! The analyzer's pure step: where the estimated posture is singular, or nearly.
 
 use control::{Analyzer, SetupError, wire};
-use model::{Model, Robot};
+use model::{Model, Robot, joints};
 use shared_types::scenario::Scenario;
 use shared_types::{AnalyzerCheckpoint, SingularityReport, StateEstimate};
 
@@ -34,7 +34,7 @@ impl<const N: usize> Cycle<N> {
 
     /// The report for an estimate, at its tick. No allocation.
     pub fn step(&mut self, estimate: &StateEstimate, out: &mut SingularityReport) {
-        let (q, qdot) = (wire::joints(&estimate.q), wire::joints(&estimate.qdot));
+        let (q, qdot) = (joints(&estimate.q), joints(&estimate.qdot));
         let report = self.analyzer.step(&q, &qdot, &self.model.evaluate(&q, &qdot));
         wire::report_message(estimate.header.tick, &report, out);
     }

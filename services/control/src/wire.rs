@@ -1,7 +1,8 @@
 //! Messages from values and back: shared by the analyzer's and the controller's cycle.
 
 use crate::types::{Class, Command, Kind, Report, Singularity};
-use nalgebra::{Matrix3, SVector, Vector3, Vector6};
+use model::{joints, padded};
+use nalgebra::{Matrix3, Vector3, Vector6};
 use shared_types::{ControlState, Header, MAX_DOF, MAX_SINGULARITIES, SingularityReport, SingularityState, TorqueCommand};
 
 /// A code on the wire has no name.
@@ -12,18 +13,6 @@ pub struct UnknownCode {
     pub place: usize,
     /// The code.
     pub code: u32,
-}
-
-/// The first `N` of an array of joints.
-#[must_use]
-pub fn joints<const N: usize>(values: &[f64; MAX_DOF]) -> SVector<f64, N> {
-    SVector::from_fn(|i, _| values[i])
-}
-
-/// An array of joints, zero beyond the arm's own.
-#[must_use]
-pub fn padded<const N: usize>(values: &SVector<f64, N>) -> [f64; MAX_DOF] {
-    std::array::from_fn(|i| if i < N { values[i] } else { 0.0 })
 }
 
 /// Fills the analyzer's message: everything but the header's stamps and incarnation.
@@ -140,6 +129,7 @@ mod tests {
     use super::*;
     use crate::analyzer::Analyzer;
     use crate::testing::{posture, puma, robot};
+    use nalgebra::SVector;
     use proptest::prelude::*;
     use shared_types::scenario::Analysis;
 

@@ -1,10 +1,10 @@
 //! The estimator's pure step: encoder samples to positions, velocities and unexplained torque.
 
-use model::{Model, ModelError, Robot};
+use model::{Model, ModelError, Robot, padded};
 use nalgebra::SVector;
 use shared_types::codes::DRIVE_BRAKED;
 use shared_types::scenario::Scenario;
-use shared_types::{EstimatorCheckpoint, Header, MAX_DOF, SensorSample, StateEstimate};
+use shared_types::{EstimatorCheckpoint, Header, SensorSample, StateEstimate};
 
 /// A predictor–corrector observer per joint with the arm's own dynamics as its predictor.
 ///
@@ -227,13 +227,6 @@ impl<const N: usize> Cycle<N> {
         let qddot = self.model.forward_dynamics(&q_mid, &qdot_mid, tau) + state.d;
         State { q: state.q + state.qdot * T + qddot * (T * T / 2.0), qdot: state.qdot + qddot * T, ..*state }
     }
-}
-
-fn padded<const N: usize, const M: usize>(values: &SVector<f64, N>) -> [f64; M] {
-    const { assert!(N <= MAX_DOF && N <= M) };
-    let mut all = [0.0; M];
-    all[..N].copy_from_slice(values.as_slice());
-    all
 }
 
 #[cfg(test)]

@@ -25,6 +25,7 @@
 #![allow(non_snake_case)]
 
 mod arm;
+mod arrays;
 mod body;
 mod builtin;
 pub mod description;
@@ -50,6 +51,7 @@ mod tests;
 mod urdf;
 
 pub use arm::{Model, ModelError};
+pub use arrays::{joints, padded};
 pub use dispatch::{Refused, SIZES, embedded};
 pub use error::{DescriptionError, PostureError, RobotError};
 pub use factors::Factors;

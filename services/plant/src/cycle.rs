@@ -1,11 +1,11 @@
 //! The plant's pure step: applied torque to motion, motion to sensor readings.
 
-use model::{Model, ModelError, Robot, StartError, embedded};
+use model::{Model, ModelError, Robot, StartError, embedded, padded};
 use nalgebra::SVector;
 use shared_types::codes::{DRIVE_DIVERGED, PHASE_DONE, PHASE_REFUSED, PHASE_RUNNING};
 use shared_types::fault::ScheduledFault;
 use shared_types::scenario::Scenario;
-use shared_types::{Header, MAX_DOF, PlantState, SensorSample, TorqueCommand};
+use shared_types::{Header, PlantState, SensorSample, TorqueCommand};
 use sim::{Drive, Encoders, Plant, PlantError};
 
 use crate::hardware_faults::HardwareFaults;
@@ -150,17 +150,13 @@ impl<const N: usize> Cycle<N> {
     }
 }
 
-fn padded<const N: usize>(values: &SVector<f64, N>) -> [f64; MAX_DOF] {
-    std::array::from_fn(|i| if i < N { values[i] } else { 0.0 })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::Message;
     use shared_types::codes::{DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_HOLDING, DRIVE_REFUSED, DRIVE_STOPPING};
     use shared_types::scenario::{Segment, Start};
     use shared_types::wire::Part;
+    use shared_types::{MAX_DOF, Message};
     use std::sync::LazyLock;
 
     fn scenario() -> Scenario {

@@ -3,7 +3,7 @@
 
 use super::screws::Screws;
 use crate::linear::one_sided_jacobi;
-use crate::wire::{joints, padded};
+use model::{joints, padded};
 use nalgebra::{SMatrix, SVector, Vector6};
 use shared_types::checkpoints::BlockCheckpoint;
 

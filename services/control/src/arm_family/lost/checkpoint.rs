@@ -3,7 +3,7 @@
 use super::{Entry, LostDirections};
 use crate::arm_family::classify::Verdict;
 use crate::types::Class;
-use crate::wire::{joints, padded};
+use model::{joints, padded};
 use shared_types::AnalyzerCheckpoint;
 use shared_types::checkpoints::PlaceCheckpoint;
 

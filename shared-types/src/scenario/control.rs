@@ -1,0 +1,192 @@
+//! The control law: which one, its gains, and the parameters of the baselines.
+
+use serde::{Deserialize, Serialize};
+
+use super::analysis::BySingularity;
+use crate::file::{Complaint, positive};
+
+/// The control law and its gains.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Control {
+    /// Which law.
+    pub strategy: Strategy,
+    /// Task stiffness; 1/s².
+    pub k_p: f64,
+    /// Task damping; 1/s.
+    pub k_v: f64,
+    /// Auxiliary (null-space) position gain; 1/s.
+    pub k_aux: f64,
+    /// Largest auxiliary rates; rad/s.
+    #[serde(deserialize_with = "BySingularity::rate_max")]
+    pub aux_rate_max: BySingularity,
+    /// Largest changes of the auxiliary rates; rad/s².
+    #[serde(deserialize_with = "BySingularity::slew")]
+    pub aux_slew: BySingularity,
+    /// Whether the governor may stretch time to respect limits.
+    pub governor: bool,
+    /// Whether the disturbance estimate is compensated.
+    pub compensate_disturbance: bool,
+    /// The tuning of the baselines.
+    pub baseline: Baseline,
+}
+
+impl Default for Control {
+    fn default() -> Self {
+        Self {
+            strategy: Strategy::Blended,
+            k_p: 400.0,
+            k_v: 40.0,
+            k_aux: 12.0,
+            aux_rate_max: BySingularity::RATE_MAX,
+            aux_slew: BySingularity::SLEW,
+            governor: true,
+            compensate_disturbance: false,
+            baseline: Baseline::default(),
+        }
+    }
+}
+
+/// Parameters of the baselines, each at the best found: `armplane compare sweep --tune` searches them again.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Baseline {
+    /// Of damped least squares.
+    pub damped_least_squares: Damping,
+    /// Of the inverse kinematics that joint-space PD follows.
+    pub joint_pd: Damping,
+    /// Truncated SVD drops directions with a smaller singular value (unit-scaled).
+    pub truncated_svd_floor: f64,
+    /// Of hold-and-blend.
+    pub hold_and_blend: HoldAndBlend,
+}
+
+/// λ² = largest²·(1 − w/onset)² where the manipulability w (unit-scaled) is below the onset, else 0.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Damping {
+    /// Manipulability below which damping begins.
+    pub onset: f64,
+    /// Largest λ.
+    pub largest: f64,
+}
+
+/// See [`Baseline::hold_and_blend`]. Published defaults: blend = [0.006, 0.06], hold_k_p = 50, hold_k_v = 14, push = 0.01, push_k_v = 5.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct HoldAndBlend {
+    /// Singular value over the largest: below the first the joint strategy alone, above the second the task alone.
+    pub blend: [f64; 2],
+    /// Stiffness of holding the joints (Type 1); 1/s².
+    pub hold_k_p: f64,
+    /// Damping of holding the joints (Type 1); 1/s.
+    pub hold_k_v: f64,
+    /// Open-loop torque (Type 2), as a share of the joint's limit.
+    pub push: f64,
+    /// Damping of the open-loop torque's motion; 1/s.
+    pub push_k_v: f64,
+}
+
+impl Default for Baseline {
+    fn default() -> Self {
+        Self {
+            damped_least_squares: Damping { onset: 0.02, largest: 0.005 },
+            joint_pd: Damping { onset: 0.16, largest: 0.01 },
+            truncated_svd_floor: 0.005,
+            hold_and_blend: HoldAndBlend::default(),
+        }
+    }
+}
+
+impl Default for HoldAndBlend {
+    fn default() -> Self {
+        Self { blend: [0.001, 0.004], hold_k_p: 50.0, hold_k_v: 14.0, push: 0.01, push_k_v: 5.0 }
+    }
+}
+
+/// The control laws that can be compared.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Strategy {
+    /// The paper's law as one continuous solve (the default).
+    #[default]
+    Blended,
+    /// The paper's own hard switching at η.
+    ChangKhatib,
+    /// Operational space control that ignores singularities.
+    OperationalSpace,
+    /// Damped least squares (Nakamura & Hanafusa 1986).
+    DampedLeastSquares,
+    /// Truncated singular value decomposition.
+    TruncatedSvd,
+    /// Hold-and-blend, as published for Stanford's SAI.
+    HoldAndBlend,
+    /// Joint-space PD on inverse kinematics.
+    JointPd,
+    /// Posture control in the null space of the pseudo-inverse (Fig. 1).
+    PseudoInverse,
+    /// The same in the dynamically consistent null space (Fig. 2).
+    DynamicallyConsistent,
+}
+
+impl Strategy {
+    /// Every law, the default first.
+    pub const ALL: [Self; 9] = [
+        Self::Blended,
+        Self::ChangKhatib,
+        Self::OperationalSpace,
+        Self::DampedLeastSquares,
+        Self::TruncatedSvd,
+        Self::HoldAndBlend,
+        Self::JointPd,
+        Self::PseudoInverse,
+        Self::DynamicallyConsistent,
+    ];
+
+    /// Its name in scenario files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Blended => "blended",
+            Self::ChangKhatib => "chang-khatib",
+            Self::OperationalSpace => "operational-space",
+            Self::DampedLeastSquares => "damped-least-squares",
+            Self::TruncatedSvd => "truncated-svd",
+            Self::HoldAndBlend => "hold-and-blend",
+            Self::JointPd => "joint-pd",
+            Self::PseudoInverse => "pseudo-inverse",
+            Self::DynamicallyConsistent => "dynamically-consistent",
+        }
+    }
+}
+
+impl Control {
+    pub(super) fn check(&self) -> Result<(), Complaint> {
+        positive("control.k_p", self.k_p)?;
+        positive("control.k_v", self.k_v)?;
+        positive("control.k_aux", self.k_aux)?;
+        for (name, value) in self.aux_rate_max.named() {
+            positive(&format!("control.aux_rate_max.{name}"), value)?;
+        }
+        for (name, value) in self.aux_slew.named() {
+            positive(&format!("control.aux_slew.{name}"), value)?;
+        }
+        let Baseline { damped_least_squares, joint_pd, truncated_svd_floor, hold_and_blend } = &self.baseline;
+        for (name, value) in [
+            ("damped_least_squares.onset", damped_least_squares.onset),
+            ("damped_least_squares.largest", damped_least_squares.largest),
+            ("joint_pd.onset", joint_pd.onset),
+            ("joint_pd.largest", joint_pd.largest),
+            ("truncated_svd_floor", *truncated_svd_floor),
+            ("hold_and_blend.blend.0", hold_and_blend.blend[0]),
+            ("hold_and_blend.blend.1", hold_and_blend.blend[1] - hold_and_blend.blend[0]),
+            ("hold_and_blend.hold_k_p", hold_and_blend.hold_k_p),
+            ("hold_and_blend.hold_k_v", hold_and_blend.hold_k_v),
+            ("hold_and_blend.push", hold_and_blend.push),
+            ("hold_and_blend.push_k_v", hold_and_blend.push_k_v),
+        ] {
+            positive(&format!("control.baseline.{name}"), value)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,112 @@
+//! The simulated arm with its world, and the tuning of the state estimator.
+
+use serde::{Deserialize, Serialize};
+
+use crate::file::{Complaint, positive};
+
+/// The simulated arm and its world.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Plant {
+    /// `"rapier"` (hybrid, with contact) or `"reference"` (exact integrator, no world).
+    pub model: PlantModel,
+    /// Sub-steps per tick.
+    pub substeps: u32,
+    /// Encoder resolution, bits per turn; 0: ideal.
+    pub encoder_bits: u32,
+    /// Standard deviation of encoder noise, in counts.
+    pub encoder_noise_counts: f64,
+    /// Whether the robot's own viscous and Coulomb friction acts.
+    pub friction: bool,
+    /// Factor on every mass and inertia of the simulated arm (the controller's model keeps the true ones).
+    pub mass_factor: f64,
+    /// Height of the floor in B; m. None: no floor.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub floor_m: Option<f64>,
+    /// Whether links that are not neighbours, and clear of each other at the start, may collide.
+    pub self_collision: bool,
+    /// Ticks for which the drive holds the last torque before it stops the arm by itself.
+    pub hold_ticks: u32,
+}
+
+/// See [`Plant::model`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PlantModel {
+    /// rapier3d for contact, limits and dry friction; exact Runge–Kutta for the smooth dynamics.
+    #[default]
+    Rapier,
+    /// Runge–Kutta alone.
+    Reference,
+}
+
+impl Default for Plant {
+    fn default() -> Self {
+        Self {
+            model: PlantModel::Rapier,
+            substeps: 4,
+            encoder_bits: 16,
+            encoder_noise_counts: 0.5,
+            friction: false,
+            mass_factor: 1.0,
+            floor_m: Some(-0.67183),
+            self_collision: false,
+            hold_ticks: 3,
+        }
+    }
+}
+
+/// The state estimator's tuning.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Estimator {
+    /// Bandwidth of the position/velocity observer; rad/s.
+    pub bandwidth: f64,
+    /// Bandwidth of the generalised-momentum disturbance observer; rad/s. 0: off.
+    pub disturbance_bandwidth: f64,
+}
+
+impl Default for Estimator {
+    fn default() -> Self {
+        Self { bandwidth: 150.0, disturbance_bandwidth: 0.0 }
+    }
+}
+
+impl Plant {
+    pub(super) fn check(&self) -> Result<(), Complaint> {
+        if !(1..=64).contains(&self.substeps) {
+            return Err(Complaint::new("plant.substeps", format!("{} sub-steps", self.substeps), "1 to 64"));
+        }
+        if self.encoder_bits != 0 && !(8..=32).contains(&self.encoder_bits) {
+            return Err(Complaint::new(
+                "plant.encoder_bits",
+                format!("an encoder of {} bits", self.encoder_bits),
+                "8 to 32, or 0 for an ideal one",
+            ));
+        }
+        if !(0.0..=1e3).contains(&self.encoder_noise_counts) {
+            return Err(Complaint::new(
+                "plant.encoder_noise_counts",
+                format!("noise of {} counts", self.encoder_noise_counts),
+                "0 to 1000",
+            ));
+        }
+        if !(0.1..=10.0).contains(&self.mass_factor) {
+            return Err(Complaint::new("plant.mass_factor", format!("a mass factor of {}", self.mass_factor), "0.1 to 10"));
+        }
+        if self.floor_m.is_some_and(|floor| !floor.is_finite()) {
+            return Err(Complaint::new("plant.floor_m", "the floor's height is not a number", "metres in the base frame"));
+        }
+        Ok(())
+    }
+}
+
+impl Estimator {
+    pub(super) fn check(&self) -> Result<(), Complaint> {
+        positive("estimator.bandwidth", self.bandwidth)?;
+        if !(0.0..=1e4).contains(&self.disturbance_bandwidth) {
+            return Err(Complaint::new("estimator.disturbance_bandwidth", "out of range", "0 (off) to 10000 rad/s"));
+        }
+        Ok(())
+    }
+}
