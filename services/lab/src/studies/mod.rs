@@ -1,5 +1,7 @@
-//! Studies on one thread: laws side by side, and the paper's figures.
+//! Studies on one thread: laws side by side, an arm at one posture, and the paper's figures.
 
 pub mod compare;
 pub mod figures;
+pub mod posture;
+
 pub(crate) mod lines;

@@ -1,0 +1,140 @@
+//! The arm at one posture: kinematics, dynamics and singularities, as the processes compute them.
+
+use model::{Model, Refused, Robot, embedded, with_dof};
+use nalgebra::DMatrix;
+use serde_json::{Value, json};
+use session::Failure;
+use shared_types::scenario::{Scenario, Segment, Start};
+use shared_types::{SingularityReport, StateEstimate, codes};
+
+/// The arm at a posture and velocity. SI units, base axes; rows of J are [v; ω].
+pub struct Posture {
+    /// The end-effector frame.
+    pub frame: String,
+    /// Joint positions, n; rad (m).
+    pub q: Vec<f64>,
+    /// Joint velocities, n; rad/s (m/s).
+    pub qdot: Vec<f64>,
+    /// X_BE, homogeneous.
+    pub pose: [[f64; 4]; 4],
+    /// J, 6×n.
+    pub J: DMatrix<f64>,
+    /// A, n×n; kg·m².
+    pub A: DMatrix<f64>,
+    /// Gravity torque, n; N·m.
+    pub gravity: Vec<f64>,
+    /// Coriolis and gravity torque, n; N·m.
+    pub bias: Vec<f64>,
+    /// J̇·q̇, 6; m/s², rad/s².
+    pub Jdot_qdot: Vec<f64>,
+    /// det J, of six joints.
+    pub det: Option<f64>,
+    /// Singular values of J, largest first.
+    pub singular_values: Vec<f64>,
+    /// The analyzer's report.
+    pub report: SingularityReport,
+}
+
+/// Evaluates `robot` at `q`, `qdot` (both of its n joints).
+///
+/// # Errors
+/// A robot of more joints than are compiled, an unknown frame.
+pub fn evaluate(robot: &Robot, frame: Option<&str>, q: &[f64], qdot: &[f64]) -> Result<Posture, Failure> {
+    with_dof!(robot.dof(), N => at::<N>(robot, frame, q, qdot)).unwrap_or_else(|| Err(Failure::input(Refused::size(robot))))
+}
+
+/// A scenario of one posture, for the analyzer.
+fn start_only(robot: &Robot, frame: Option<&str>, start: Start) -> Scenario {
+    Scenario {
+        name: "inspect".to_owned(),
+        title: String::new(),
+        about: String::new(),
+        robot: robot.name.clone(),
+        frame: frame.unwrap_or_default().to_owned(),
+        rate_hz: 1000,
+        seed: 0,
+        start,
+        segment: vec![Segment { duration_s: 1.0, ..Segment::default() }],
+        settle_s: 0.0,
+        plant: Default::default(),
+        estimator: Default::default(),
+        analysis: Default::default(),
+        control: Default::default(),
+        goal: Default::default(),
+        view: Default::default(),
+        fault: Vec::new(),
+        record: Default::default(),
+    }
+}
+
+fn at<const N: usize>(robot: &Robot, frame: Option<&str>, q: &[f64], qdot: &[f64]) -> Result<Posture, Failure> {
+    let model = Model::<N>::new(robot, frame).map_err(Failure::input)?;
+    let (n, q_vector, qdot_vector) = (robot.dof(), embedded::<N>(q), embedded::<N>(qdot));
+    let terms = model.evaluate(&q_vector, &qdot_vector);
+    let start = Start { q_rad: Some(q.to_vec()), ..Start::default() };
+    let mut analyzer = analyzer::cycle(robot, &start_only(robot, frame, start)).map_err(Failure::input)?;
+    let mut estimate = StateEstimate::default();
+    estimate.q[..n].copy_from_slice(q);
+    estimate.qdot[..n].copy_from_slice(qdot);
+    let mut report = SingularityReport::default();
+    analyzer.step(&estimate, &mut report);
+    let J = DMatrix::from_fn(6, n, |row, column| terms.J[(row, column)]);
+    let (R, p) = (terms.X_BE.R, terms.X_BE.p);
+    let mut singular_values: Vec<f64> = J.clone().svd(false, false).singular_values.iter().copied().collect();
+    singular_values.sort_by(|a, b| b.total_cmp(a));
+    Ok(Posture {
+        frame: frame.unwrap_or(&robot.default_frame).to_owned(),
+        q: q.to_vec(),
+        qdot: qdot.to_vec(),
+        pose: [
+            [R[(0, 0)], R[(0, 1)], R[(0, 2)], p.x],
+            [R[(1, 0)], R[(1, 1)], R[(1, 2)], p.y],
+            [R[(2, 0)], R[(2, 1)], R[(2, 2)], p.z],
+            [0.0, 0.0, 0.0, 1.0],
+        ],
+        det: (n == 6).then(|| J.determinant()),
+        J,
+        A: DMatrix::from_fn(n, n, |row, column| terms.A[(row, column)]),
+        gravity: terms.gravity.as_slice()[..n].to_vec(),
+        bias: (terms.coriolis + terms.gravity).as_slice()[..n].to_vec(),
+        Jdot_qdot: terms.Jdot_qdot.as_slice().to_vec(),
+        singular_values,
+        report,
+    })
+}
+
+fn rows(matrix: &DMatrix<f64>) -> Vec<Vec<f64>> {
+    matrix.row_iter().map(|row| row.iter().copied().collect()).collect()
+}
+
+impl Posture {
+    /// Each singularity of the report with its name.
+    pub fn singularities(&self) -> impl Iterator<Item = (String, &shared_types::SingularityState)> {
+        let count = (self.report.count as usize).min(self.report.singularities.len());
+        self.report.singularities[..count]
+            .iter()
+            .enumerate()
+            .map(|(i, singularity)| (codes::singularity_name(singularity.kind, i), singularity))
+    }
+
+    /// All of it as JSON.
+    pub fn json(&self, robot: &Robot) -> Value {
+        let singularities: Vec<Value> = self
+            .singularities()
+            .map(|(name, s)| {
+                json!({
+                    "name": name, "s": s.s, "s_rate": s.s_rate, "eta_in": s.eta_in, "eta_out": s.eta_out, "inside": s.inside != 0,
+                    "zeta": s.zeta_B, "frame": (0..3).map(|row| (0..3).map(|column| s.R_BS[3 * column + row]).collect::<Vec<_>>()).collect::<Vec<_>>(),
+                    "type": codes::name_of(codes::TYPES, s.class), "kappa_1": s.kappa_1, "kappa_2": s.kappa_2, "aux": s.aux,
+                })
+            })
+            .collect();
+        json!({
+            "robot": robot.name, "frame": self.frame, "q": self.q, "qdot": self.qdot, "pose": self.pose,
+            "J": rows(&self.J), "A": rows(&self.A), "gravity": self.gravity, "bias": self.bias, "Jdot_qdot": self.Jdot_qdot,
+            "det": self.det, "singular_values": self.singular_values, "rank": self.report.rank,
+            "scaled_singular_values": self.report.sigma, "length_m": self.report.length_m, "condition": self.report.condition,
+            "manipulability": self.report.manipulability, "singularities": singularities, "notes": robot.notes,
+        })
+    }
+}
