@@ -1,6 +1,6 @@
 #![no_main]
 
-#[path = "../../system/properties.rs"]
+#[path = "../../system/properties/mod.rs"]
 mod properties;
 
 libfuzzer_sys::fuzz_target!(|text: &str| properties::urdf(text));
