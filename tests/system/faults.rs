@@ -166,3 +166,21 @@ fn a_fault_that_makes_no_sense_is_one_sentence() {
     let said = desk.armplane(&["fault", "controller", "kill", "--run", "nowhere"]);
     assert!(said.code == 2 && said.err.contains("nowhere"), "{}", said.err);
 }
+
+#[test]
+fn a_run_of_another_folder_is_named_before_anything_happens_to_it() {
+    let (desk, elsewhere) = (Desk::new(), Desk::new());
+    let child = desk.start(&["run", "--set", "segment.1.duration_s=500", "--json", "--no-record", "--out", "r"]);
+    until("the first ticks", || crate::patience::ticks(&child) > 0);
+    let said = elsewhere.armplane(&["fault", "controller", "kill"]);
+    assert!(
+        said.code == 2 && said.err.contains(&crate::command::run_of(child.id()).unwrap()) && said.err.contains("--run"),
+        "{}",
+        said.err
+    );
+    signal(child.id() as i32, "INT");
+    let said = finish(child);
+    let summary: Value = serde_json::from_str(&said.out).unwrap();
+    assert_eq!(summary["faults"], Value::Array(vec![]), "nothing happened to it");
+    assert_nothing_left(said.launcher);
+}

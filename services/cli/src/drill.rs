@@ -34,6 +34,7 @@ pub(crate) struct DrillArgs {
 }
 
 pub(crate) fn drill(args: &DrillArgs, as_json: bool) -> Result<ExitCode, Failure> {
+    let _signals = session::interrupts()?;
     let request = Request {
         scenarios: &args.scenario,
         only: args.only.as_deref(),

@@ -7,13 +7,13 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use runtime::{ControlPage, Manifest, RunDir, SHM, random};
 use serde_json::json;
+use session::observation::choose_to_change;
 use session::{Failure, JOB, load};
 use shared_types::fault::{Fault, Kind, Way};
 use shared_types::job::Job;
 
 use crate::out::say;
 use crate::table::table;
-use session::observation::choose;
 
 /// How long to wait for the next tick of a run.
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -74,7 +74,7 @@ pub(crate) struct FaultArgs {
     /// By how much, in the way's unit.
     #[arg(long, value_name = "X", allow_negative_numbers = true)]
     amount: Option<f64>,
-    /// The run's name, where several are alive (see `armplane doctor --json`).
+    /// The run's name, where several are alive or it was started from another folder (see `armplane doctor --json`).
     #[arg(long, value_name = "RUN")]
     run: Option<String>,
 }
@@ -89,7 +89,7 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure
             "say what happens to which process: armplane fault PROCESS KIND; see `armplane fault --list`".to_owned(),
         ));
     };
-    let name = choose(args.run.as_deref())?;
+    let name = choose_to_change(args.run.as_deref())?;
     let run = RunDir::open(&Path::new(SHM).join(&name)).map_err(Failure::input)?;
     let manifest = Manifest::read(&run).map_err(Failure::work)?;
     let control_page = ControlPage::open(&run).map_err(Failure::work)?;

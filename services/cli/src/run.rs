@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 use launcher::End;
@@ -42,6 +43,15 @@ pub(crate) struct RunArgs {
     /// Do not keep the messages themselves, which `armplane replay` reads.
     #[arg(long)]
     no_messages: bool,
+    /// Kill and replace a process that makes no progress for so many seconds [default: 2 in real time, no limit in lockstep].
+    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    silence_limit: Option<Duration>,
+}
+
+/// A number of seconds that a clock can count.
+fn seconds(text: &str) -> Result<Duration, String> {
+    let parsed = text.parse().ok().filter(|seconds| (0.001..=1e6).contains(seconds));
+    parsed.map(Duration::from_secs_f64).ok_or_else(|| format!("`{text}` is not a time: seconds from 0.001 to 1000000"))
 }
 
 impl Default for RunArgs {
@@ -56,6 +66,7 @@ impl Default for RunArgs {
             no_record: false,
             live: false,
             no_messages: false,
+            silence_limit: None,
         }
     }
 }
@@ -88,6 +99,7 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
         record: !args.no_record,
         messages: !args.no_messages,
         live: args.live,
+        silence_limit: args.silence_limit,
     };
     let terminal = Terminal::default();
     let finished = session::run(&request, &|progress| terminal.show(progress))?;

@@ -41,6 +41,7 @@ pub(crate) struct VerifyArgs {
 }
 
 pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<ExitCode, Failure> {
+    let _signals = session::interrupts()?;
     let load::Loaded { scenario, robot } = load::scenario(&args.scenario, &args.set, args.seed)?;
     let graph = load::graph(args.graph.as_deref())?;
     let request = Request {

@@ -11,6 +11,8 @@ use std::time::Duration;
 
 use rustix::process::{Pid, PidfdFlags, Signal, getppid, pidfd_open, set_parent_process_death_signal};
 
+use crate::delay::Delay;
+
 /// Lines of a child's standard error that are kept.
 const LAST_WORDS: usize = 20;
 /// How long to wait for the rest of a dead child's standard error.
@@ -109,11 +111,16 @@ impl Child {
         let _ = self.process.wait();
     }
 
-    /// Whether the kernel has it stopped (SIGSTOP).
-    pub(crate) fn is_stopped(&self) -> bool {
+    /// Whether the kernel has it stopped (SIGSTOP), or a debugger holds it.
+    pub(crate) fn halted(&self) -> Option<Delay> {
         let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.pid())).unwrap_or_default();
         // The second field is the command in parentheses and may contain anything: count from its end.
-        stat.rsplit_once(") ").is_some_and(|(_, rest)| rest.starts_with('T'))
+        let (_, rest) = stat.rsplit_once(") ")?;
+        match rest.chars().next()? {
+            'T' => Some(Delay::Stopped),
+            't' => Some(Delay::Traced),
+            _ => None,
+        }
     }
 
     /// New lines on its standard error.

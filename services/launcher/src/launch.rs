@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use runtime::{ControlPage, Hub, Manifest, Mode, Origin, Phase, RunDir, State};
 
+use crate::delay::Delay;
 use crate::outcome::{End, Failure, LaunchError, Outcome};
 use crate::plan::{Commands, Event, Plan, Report};
 use crate::signals::{Interrupts, Urgency};
@@ -64,7 +65,7 @@ impl Supervised {
         for index in 0..self.plan.children.len() {
             self.start(index, commands)?;
         }
-        let until = Instant::now() + self.plan.limits.start;
+        let until = self.plan.limits.start.map(|limit| Instant::now() + limit);
         for (state, next) in [(State::Ready, Phase::Connect), (State::Connected, Phase::Work)] {
             self.await_all(state, until, &mut signals, report)?;
             // The keepers too have their connections before the first message.
@@ -74,7 +75,7 @@ impl Supervised {
         report(Event::Go);
         let end = self.watch(commands, &mut signals, report);
         report(Event::Stopping);
-        let late_failure = self.stop(&mut signals, report);
+        let late_failure = self.stop(end == End::Completed, &mut signals, report);
         report(Event::Stopped);
         let end = match (end, late_failure) {
             (End::Completed, Some(failure)) => End::Failed(failure),
@@ -88,7 +89,7 @@ impl Supervised {
         Ok(outcome)
     }
 
-    fn await_all(&mut self, state: State, until: Instant, signals: &mut Interrupts, report: Report<'_>) -> Result<(), LaunchError> {
+    fn await_all(&mut self, state: State, until: Option<Instant>, signals: &mut Interrupts, report: Report<'_>) -> Result<(), LaunchError> {
         loop {
             self.rest(Duration::from_millis(2));
             self.pass_lines_on(report);
@@ -101,13 +102,11 @@ impl Supervised {
             let laggard = (0..self.plan.children.len()).find(|&index| self.control_page.process(index).state() != state);
             match laggard {
                 None => return Ok(()),
-                Some(index) if Instant::now() > until => {
-                    return Err(LaunchError::NotReady(Failure::Slow {
-                        process: self.name(index).to_owned(),
-                        limit: self.plan.limits.start,
-                    }));
+                Some(index) if until.is_some_and(|until| Instant::now() > until) => {
+                    let limit = self.plan.limits.start.unwrap_or_default();
+                    return Err(LaunchError::NotReady(Failure::Slow { process: self.name(index).to_owned(), limit }));
                 }
-                Some(_) => {}
+                Some(index) => self.note_delay(index, Some(Delay::NotReady), report),
             }
         }
     }

@@ -9,6 +9,7 @@
 //! * A process that ends unasked ends the run, with one sentence that names it, unless its restart policy says otherwise.
 
 mod child;
+mod delay;
 pub mod doctor;
 mod launch;
 mod outcome;
@@ -21,6 +22,7 @@ mod tests;
 mod watch;
 
 pub use child::Exit;
+pub use delay::Delay;
 pub use launch::Launcher;
 pub use outcome::{End, Failure, LaunchError, Outcome, ProcessOutcome};
 pub use plan::{Child, Event, Limits, Plan, Restart, reexec};

@@ -9,6 +9,7 @@ use runtime::{Mode, Process};
 use shared_types::fault::ScheduledFault;
 
 use crate::child::Exit;
+use crate::delay::Delay;
 
 /// The response to an unrequested end of a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,23 +36,53 @@ pub struct Child {
     pub restart: Restart,
 }
 
-/// How long the launcher is patient.
+/// How long the launcher is patient. `None`: without limit, because in lockstep no clock decides about a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// Until all processes are ready.
-    pub start: Duration,
-    /// From the request to SIGTERM, and from SIGTERM to SIGKILL.
+    pub start: Option<Duration>,
+    /// From the request to stop until SIGTERM, and from SIGTERM until SIGKILL.
     pub stop: Duration,
-    /// The same for the polled ones (the recorder has files to finish).
+    /// The same for the polled processes (the recorder has files to finish).
     pub stop_polled: Duration,
+    /// Whether a process that has not stopped by then is killed although its run is complete.
+    pub kills_at_end: bool,
     /// The longest one process waits for another.
-    pub wait: Duration,
+    pub wait: Option<Duration>,
+    /// A process that makes no progress for so long, while it should, is killed ...
+    pub silent: Option<Duration>,
+    /// ... sooner where the kernel reports it as stopped.
+    pub stopped: Option<Duration>,
 }
 
-impl Default for Limits {
-    fn default() -> Self {
+impl Limits {
+    /// In lockstep a process is killed for an exit, a fault or a request of the user, never for the time it takes: it may be stopped, traced, or
+    /// share its core with others. In real time a silent process is replaced.
+    #[must_use]
+    pub fn of(mode: Mode) -> Self {
         let seconds = Duration::from_secs;
-        Self { start: seconds(20), stop: seconds(2), stop_polled: seconds(30), wait: seconds(10) }
+        let (stop, stop_polled) = (seconds(2), seconds(30));
+        match mode {
+            Mode::Lockstep => Self { start: None, stop, stop_polled, kills_at_end: false, wait: None, silent: None, stopped: None },
+            Mode::Realtime => Self {
+                start: Some(seconds(20)),
+                stop,
+                stop_polled,
+                kills_at_end: true,
+                wait: Some(seconds(10)),
+                silent: Some(seconds(2)),
+                stopped: Some(Duration::from_millis(100)),
+            },
+        }
+    }
+
+    /// With the user's own limit on how long a process may be silent or stopped.
+    #[must_use]
+    pub fn with_silence(self, limit: Option<Duration>) -> Self {
+        match limit {
+            Some(limit) => Self { silent: Some(limit), stopped: Some(limit), kills_at_end: true, ..self },
+            None => self,
+        }
     }
 }
 
@@ -93,6 +124,13 @@ pub enum Event<'a> {
         process: &'a str,
         /// For how long it had done nothing.
         silent: Duration,
+    },
+    /// The run waits for a process, for a time that a person notices; reported once for each reason.
+    Waiting {
+        /// Which.
+        process: &'a str,
+        /// The reason.
+        reason: Delay,
     },
     /// A process ended unasked and has been started again.
     Restarted {

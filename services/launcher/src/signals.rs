@@ -1,11 +1,10 @@
 //! Signals to the launcher, and its own priority.
 
 use std::io;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Arc, OnceLock};
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicI32, AtomicUsize, Ordering};
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-use signal_hook::iterator::Signals;
 
 /// In real time whoever mends a death comes before ordinary work: the launcher, and a process until it has a priority of its own. Children
 /// inherit it.
@@ -33,49 +32,89 @@ impl Drop for Urgency {
     }
 }
 
-/// SIGINT, SIGTERM and SIGHUP to this process, taken in as long as somebody holds this; otherwise they do what they always do.
+/// SIGINT, SIGTERM and SIGHUP to this process, counted as long as somebody holds this; otherwise they do what they always do.
 ///
-/// A run holds one; a command of several runs holds one over all of them, to clean up after the last.
-pub struct Interrupts(Signals);
+/// A command holds one from its first act to its last, and each of its runs one more: every holder sees every signal since the first began.
+#[derive(Debug)]
+pub struct Interrupts {
+    /// Signals that this holder has taken.
+    taken: usize,
+}
 
-static IDLE: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 /// How many are held.
 static HELD: AtomicUsize = AtomicUsize::new(0);
+/// Signals that have come so far, those before the first of the holders, and the last one.
+static COUNT: AtomicUsize = AtomicUsize::new(0);
+static BEFORE: AtomicUsize = AtomicUsize::new(0);
+static LAST: AtomicI32 = AtomicI32::new(0);
+static REGISTERED: OnceLock<()> = OnceLock::new();
 
 impl Interrupts {
-    /// Takes the signals in from now on.
+    /// Takes the signals in from now on. A signal that whoever started this program has told it to ignore (`nohup`) stays ignored.
     ///
     /// # Errors
     /// When the kernel refuses.
     pub fn catch() -> io::Result<Self> {
-        let signals = Signals::new([SIGINT, SIGTERM, SIGHUP])?;
-        if IDLE.get().is_none() {
-            let idle = Arc::new(AtomicBool::new(false));
-            for signal in [SIGINT, SIGTERM, SIGHUP] {
-                signal_hook::flag::register_conditional_default(signal, Arc::clone(&idle))?;
+        if REGISTERED.get().is_none() {
+            let ignored = ignored_signals();
+            for signal in [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|signal| ignored & 1 << (signal - 1) == 0) {
+                // SAFETY: the handler touches atomics only, and what it calls may be called in a handler.
+                unsafe { signal_hook::low_level::register(signal, move || count(signal)) }?;
             }
-            let _ = IDLE.set(idle);
+            let _ = REGISTERED.set(());
         }
-        HELD.fetch_add(1, Ordering::SeqCst);
-        Self::tell();
-        Ok(Self(signals))
+        if HELD.fetch_add(1, Ordering::SeqCst) == 0 {
+            BEFORE.store(COUNT.load(Ordering::SeqCst), Ordering::SeqCst);
+        }
+        Ok(Self { taken: BEFORE.load(Ordering::SeqCst) })
     }
 
     /// The name of a signal that has come since the last look.
     pub fn pending(&mut self) -> Option<&'static str> {
-        self.0.pending().next().map(|signal| signal_hook::low_level::signal_name(signal).unwrap_or("a signal"))
-    }
-
-    fn tell() {
-        if let Some(flag) = IDLE.get() {
-            flag.store(HELD.load(Ordering::SeqCst) == 0, Ordering::SeqCst);
+        if COUNT.load(Ordering::SeqCst) <= self.taken {
+            return None;
         }
+        self.taken += 1;
+        Some(signal_hook::low_level::signal_name(LAST.load(Ordering::SeqCst)).unwrap_or("a signal"))
     }
 }
 
 impl Drop for Interrupts {
     fn drop(&mut self) {
         HELD.fetch_sub(1, Ordering::SeqCst);
-        Self::tell();
+    }
+}
+
+/// In the handler.
+fn count(signal: i32) {
+    if HELD.load(Ordering::SeqCst) == 0 {
+        let _ = signal_hook::low_level::emulate_default_handler(signal);
+        return;
+    }
+    LAST.store(signal, Ordering::SeqCst);
+    COUNT.fetch_add(1, Ordering::SeqCst);
+}
+
+/// The signals that this process ignores, a bit each from signal 1 on; those it was started with, before it catches any.
+fn ignored_signals() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| u64::from_str_radix(line.strip_prefix("SigIgn:")?.trim(), 16).ok());
+    // A shell without job control starts a background command with SIGINT ignored, and yet means it when it sends one.
+    mask.unwrap_or_default() & !(1 << (SIGINT - 1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_holder_sees_each_signal_since_the_first_began() {
+        let mut command = Interrupts::catch().unwrap();
+        assert_eq!(command.pending(), None);
+        signal_hook::low_level::raise(SIGHUP).unwrap();
+        let mut run = Interrupts::catch().unwrap();
+        assert_eq!((run.pending(), run.pending()), (Some("SIGHUP"), None), "it came before the run, and within the command");
+        drop(run);
+        assert_eq!((command.pending(), command.pending()), (Some("SIGHUP"), None));
     }
 }

@@ -8,6 +8,7 @@ use rustix::event::{PollFd, PollFlags, poll};
 use rustix::time::Timespec;
 
 use crate::child::{self, Exit};
+use crate::delay::Delay;
 use crate::outcome::{Failure, LaunchError, ProcessOutcome};
 use crate::plan::{Commands, Event, Plan, Report};
 
@@ -57,6 +58,8 @@ pub(crate) struct Slot {
     pub(crate) due: Option<Instant>,
     /// The ticks it had done and how often it had looked for more, and when that was first seen: how long it has been silent.
     pub(crate) seen: Option<((u64, u32), Instant)>,
+    /// For which reason the run waits for it, since when, and whether that has been reported.
+    pub(crate) delay: Option<(Delay, Instant, bool)>,
 }
 
 impl std::fmt::Debug for Slot {
@@ -76,7 +79,7 @@ impl Supervised {
         let child = child.map_err(|source| LaunchError::Spawn { process: name, command: program, source })?;
         line.set_pid(child.pid());
         let slot = &mut self.slots.0[index];
-        (slot.pid, slot.exit, slot.due, slot.seen, slot.child) = (child.pid(), None, None, None, Some(child));
+        (slot.pid, slot.exit, slot.due, slot.seen, slot.delay, slot.child) = (child.pid(), None, None, None, None, Some(child));
         Ok(())
     }
 

@@ -141,7 +141,7 @@ fn plan(mode: Mode, restart: Restart) -> Plan {
     Plan {
         mode,
         rate_hz: 1000,
-        limits: Limits { stop: Duration::from_secs(5), ..Limits::default() },
+        limits: Limits { stop: Duration::from_secs(5), ..Limits::of(mode) },
         faults: Vec::new(),
         children: vec![
             child(process("plant", &["torque"], &["sensor"], false), true, Restart::Never),
@@ -270,7 +270,7 @@ fn a_number_that_is_not_finite_ends_the_run_and_is_named() {
 #[test]
 fn a_process_that_hangs_is_named_by_who_waited_and_killed_in_the_end() {
     let mut plan = plan(Mode::Lockstep, Restart::Never);
-    plan.limits = Limits { wait: Duration::from_millis(300), stop: Duration::from_millis(200), ..Limits::default() };
+    plan.limits = Limits { wait: Some(Duration::from_millis(300)), stop: Duration::from_millis(200), ..plan.limits };
     let ran = run(plan, "controller-that-hangs", u64::MAX, |_| {});
     let outcome = ran.outcome.unwrap();
     let End::Failed(failure) = &outcome.end else { panic!("{outcome:?}") };

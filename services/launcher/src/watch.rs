@@ -7,16 +7,17 @@ use rustix::process::Signal;
 use shared_types::fault::{Fault, Kind, ScheduledFault, Way};
 
 use crate::child::Exit;
+use crate::delay::Delay;
 use crate::outcome::{End, Failure};
 use crate::plan::{Child, Commands, Event, Report, Restart};
 use crate::signals::Interrupts;
 use crate::spawn::{BEAT, Supervised};
 
-/// A process that does nothing for so long while it should is killed ...
-const SILENCE: Duration = Duration::from_secs(2);
+/// The run has waited for a process so long that a person notices: it is reported.
+const NOTICED: Duration = Duration::from_secs(1);
 
-/// ... sooner where the kernel reports it as stopped.
-const SILENCE_STOPPED: Duration = Duration::from_millis(100);
+/// The same for a process that is slow, which on a loaded machine is nothing unusual.
+const NOTICED_SLOW: Duration = Duration::from_secs(5);
 
 /// Whether a fault has stopped its process for a time, and it has not gone on yet. The kind is looked at too: a way is a number, 0 where a kind
 /// has none.
@@ -131,9 +132,22 @@ impl Supervised {
         }
     }
 
-    /// Kills those that do nothing more: stopped by somebody, or stuck.
+    /// Whether a fault of the run has stopped a process for ever: it is to be replaced.
+    fn is_hung_by_fault(&self, index: usize) -> bool {
+        let hangs = |record: &FaultRecord| {
+            let fault = &record.scheduled;
+            fault.process as usize == index && fault.kind() == Some(Kind::Hang) && fault.way() == Some(Way::ForEver)
+        };
+        let is_in_force = |record: &FaultRecord| record.injected_ns != 0 && record.recovered_ns == 0;
+        self.control_page.process(index).state() == State::Stopped
+            && self.control_page.fault_table().records().any(|(_, record)| hangs(&record) && is_in_force(&record))
+    }
+
+    /// Kills those that a fault has stopped for ever, and where there is a limit those that are silent for longer: stopped by somebody, or stuck.
+    /// The others are waited for, and that is reported.
     fn end_silence(&mut self, report: Report<'_>) {
         let source = self.ticks();
+        let behind = self.stood_still();
         for index in 0..self.plan.children.len() {
             let (line, plan) = (self.control_page.process(index), &self.plan.children[index]);
             let slot = &mut self.slots.0[index];
@@ -141,31 +155,50 @@ impl Supervised {
             let (ticks, now) = (line.ticks(), Instant::now());
             // A process that waits for a silent one is not silent itself.
             let signs = (ticks, line.looks());
-            let is_replaced = plan.process.makes_ticks || plan.restart != Restart::Never;
             let since = match slot.seen {
-                Some((seen, since)) if seen == signs && is_replaced => since,
+                Some((seen, since)) if seen == signs => since,
                 _ => {
-                    slot.seen = Some((signs, now));
+                    (slot.seen, slot.delay) = (Some((signs, now)), None);
                     continue;
                 }
             };
-            let silent = now - since;
-            if child.is_stopped() {
+            let (silent, halted) = (now - since, child.halted());
+            let is_stopped = halted == Some(Delay::Stopped);
+            if is_stopped {
                 self.control_page.fault_table().mark_detected(index, source, now_ns());
             }
-            let limit = if child.is_stopped() { SILENCE_STOPPED } else { SILENCE };
-            let is_late = child.is_stopped() || (ticks < source && !plan.process.polled && line.state() == State::Running);
             let is_paused = self
                 .control_page
                 .fault_table()
                 .records()
                 .any(|(_, account)| account.scheduled.process as usize == index && is_paused(&account));
-            if is_late && !is_paused && silent > limit {
-                child.signal(Signal::KILL);
+            let is_late = is_stopped || (ticks < source && !plan.process.polled && line.state() == State::Running);
+            let is_replaced = plan.process.makes_ticks || plan.restart != Restart::Never;
+            let limit = if is_stopped { self.plan.limits.stopped } else { self.plan.limits.silent };
+            let is_over = limit.is_some_and(|limit| silent > limit) && is_late && is_replaced && !is_paused;
+            if is_over || is_stopped && self.is_hung_by_fault(index) {
+                let slot = &mut self.slots.0[index];
+                slot.child.iter().for_each(|child| child.signal(Signal::KILL));
                 slot.seen = None;
                 self.control_page.fault_table().mark_detected(index, source, now_ns());
-                report(Event::Silenced { process: &plan.process.name, silent });
+                report(Event::Silenced { process: &self.plan.children[index].process.name, silent });
+            } else if !is_paused {
+                let is_behind = is_late && behind == Some(index);
+                self.note_delay(index, halted.or(is_behind.then_some(Delay::Behind)), report);
             }
+        }
+    }
+
+    /// Reports once that the run waits for a process, when that has lasted.
+    pub(crate) fn note_delay(&mut self, index: usize, delay: Option<Delay>, report: Report<'_>) {
+        let slot = &mut self.slots.0[index];
+        let since = |delay| slot.delay.filter(|(seen, ..)| *seen == delay).unwrap_or((delay, Instant::now(), false));
+        slot.delay = delay.map(since);
+        let Some((delay, since, false)) = slot.delay else { return };
+        let noticed = if matches!(delay, Delay::Stopped | Delay::Traced) { NOTICED } else { NOTICED_SLOW };
+        if since.elapsed() >= noticed {
+            slot.delay = Some((delay, since, true));
+            report(Event::Waiting { process: &self.plan.children[index].process.name, reason: delay });
         }
     }
 

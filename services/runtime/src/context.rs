@@ -165,7 +165,7 @@ impl Context {
             return Ok(Waited::Stopped);
         }
         let doorbell = self.entry().doorbell();
-        let limit_ns = self.manifest.wait_limit.as_nanos() as u64;
+        let limit_ns = self.manifest.wait_limit.map_or(u64::MAX, |limit| limit.as_nanos() as u64);
         let (mut is_first_look, mut began_ns) = (true, None);
         loop {
             // Armed before the look: whoever brings it after the look rings.
@@ -234,7 +234,7 @@ impl Context {
         let (request, began_ns) = (self.control_page.request_hand_over(), now_ns());
         while !self.control_page.is_handed_over(request) {
             let waited = Duration::from_nanos(now_ns() - began_ns);
-            if waited > self.manifest.wait_limit {
+            if self.manifest.wait_limit.is_some_and(|limit| waited > limit) {
                 let what = format!("the messages of topic {topic:?} that it has missed");
                 return Err(Interrupted::TimedOut { process: self.name().to_owned(), what, from: "the launcher".into(), waited });
             }

@@ -68,8 +68,8 @@ pub struct Manifest {
     pub mode: Mode,
     /// Ticks per second of the arm's time.
     pub rate_hz: u32,
-    /// The longest a process waits for another one before it gives up.
-    pub wait_limit: Duration,
+    /// The longest a process waits for another one before it gives up; `None` is without limit.
+    pub wait_limit: Option<Duration>,
     /// All processes; the index is the process's line on the control_page.
     pub processes: Vec<Process>,
 }
@@ -201,7 +201,7 @@ mod tests {
     }
 
     fn manifest(processes: Vec<Process>) -> Manifest {
-        Manifest { mode: Mode::Lockstep, rate_hz: 1000, wait_limit: Duration::from_secs(1), processes }
+        Manifest { mode: Mode::Lockstep, rate_hz: 1000, wait_limit: Some(Duration::from_secs(1)), processes }
     }
 
     #[test]

@@ -29,7 +29,7 @@ fn stage(mode: Mode) -> Stage {
         process("recorder", &["sensor"], &[], true),
     ];
     let processes_count = processes.len();
-    let manifest = Manifest { mode, rate_hz: 1000, wait_limit: Duration::from_millis(50), processes };
+    let manifest = Manifest { mode, rate_hz: 1000, wait_limit: Some(Duration::from_millis(50)), processes };
     let run = RunDir::create().unwrap();
     manifest.write(&run).unwrap();
     let control_page = ControlPage::create(&run).unwrap();

@@ -1,6 +1,6 @@
 //! Starting the processes of a plan, and what is heard of them until they have ended.
 
-use launcher::{Event, Launcher, Outcome, Plan};
+use launcher::{Event, Interrupts, Launcher, Outcome, Plan};
 use runtime::RunDir;
 use shared_types::job::Job;
 use shared_types::summary::Summary;
@@ -14,8 +14,16 @@ use crate::results::JOB;
 /// # Errors
 /// As [`launch_watched`].
 pub fn launch(job: &Job, plan: Plan, observer: Observer<'_>) -> Result<(Outcome, Option<Summary>), Failure> {
+    launch_begun(job, plan, &mut |_| Ok(()), observer)
+}
+
+/// As [`launch`]; `begin` sees the run before its first process starts.
+///
+/// # Errors
+/// As [`launch_watched`].
+pub fn launch_begun(job: &Job, plan: Plan, begin: Begin<'_>, observer: Observer<'_>) -> Result<(Outcome, Option<Summary>), Failure> {
     observer(Progress::Begin { title: &job.scenario.name, length: job.scenario.planned_ticks(), unit: "ticks" });
-    let launched = launch_watched(job, plan, &mut |_| Ok(()), &mut |event| match event {
+    let launched = launch_watched(job, plan, begin, &mut |event| match event {
         Event::Progress { ticks } => observer(Progress::Position(*ticks)),
         Event::Line { process, line } => observer(Progress::Line(&format!("{process}: {line}"))),
         Event::Silenced { process, silent } => {
@@ -24,10 +32,19 @@ pub fn launch(job: &Job, plan: Plan, observer: Observer<'_>) -> Result<(Outcome,
         Event::Restarted { process, exit, pid, incarnation } => {
             observer(Progress::Line(&format!("{process} ended with {exit} and was started again (start {incarnation}, process {pid})")));
         }
+        Event::Waiting { process, reason } => observer(Progress::Line(&format!("{process} {reason}"))),
         Event::Go | Event::Stopping | Event::Stopped => {}
     });
     observer(Progress::End);
     launched
+}
+
+/// Takes in Ctrl-C and its like as long as the result is held: a command holds it until its results are written.
+///
+/// # Errors
+/// [`Failure::Work`] where the kernel refuses.
+pub fn interrupts() -> Result<Interrupts, Failure> {
+    Interrupts::catch().map_err(|error| Failure::Work(format!("cannot catch SIGINT, SIGTERM and SIGHUP: {error}")))
 }
 
 /// Called with a run before its first process starts.
@@ -44,6 +61,8 @@ pub fn launch_watched(
     begin: Begin<'_>,
     report: &mut dyn FnMut(&Event<'_>),
 ) -> Result<(Outcome, Option<Summary>), Failure> {
+    // Before the first file of the run is made: from here on a signal ends the run, and the run removes what it has made.
+    let _signals = interrupts()?;
     let launcher = Launcher::prepare(plan).map_err(Failure::work)?;
     let run_dir = launcher.run_dir().to_owned();
     let job = Job { run: run_dir.file_name().unwrap_or_default().to_string_lossy().into_owned(), ..job.clone() };

@@ -18,13 +18,13 @@ mod summary;
 mod viewer;
 
 pub use failure::Failure;
-pub use launch::{Begin, launch, launch_watched};
+pub use launch::{Begin, interrupts, launch, launch_begun, launch_watched};
 pub use layout::save_blueprint;
 pub use machine::machine;
 pub use plan::plan;
 pub use progress::{Observer, Progress};
-pub use results::{JOB, Results, SUMMARY, keep};
-pub use runs::{RUNS, Run};
+pub use results::{JOB, RUNS, Results, SUMMARY, keep};
+pub use runs::Run;
 pub use session::{Finished, Request, run};
 pub use summary::{deadlines, summarise};
 pub use viewer::{show, viewer_command};

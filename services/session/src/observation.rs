@@ -28,6 +28,21 @@ pub fn choose(wanted: Option<&str>) -> Result<String, Failure> {
     }
 }
 
+/// The run that a command is about to change: the one of this name, or the only living one where it was started from this folder.
+///
+/// # Errors
+/// [`Failure::Input`] with the names of the living runs.
+pub fn choose_to_change(wanted: Option<&str>) -> Result<String, Failure> {
+    let name = choose(wanted)?;
+    let launcher = RunDir::list().into_iter().find(|run| run.name == name).map(|run| run.launcher_pid).unwrap_or_default();
+    let (here, there) = (std::env::current_dir().ok(), std::fs::read_link(format!("/proc/{launcher}/cwd")).ok());
+    if wanted.is_none() && (here.is_none() || here != there) {
+        let folder = there.map_or("another folder".to_owned(), |folder| folder.display().to_string());
+        return Err(Failure::Input(format!("the only run alive is {name}, started from {folder}; if you mean it, give --run {name}")));
+    }
+    Ok(name)
+}
+
 /// Percentiles of times between two samples of a run, µs; the longest is that of the whole run.
 #[derive(Debug, Serialize)]
 pub struct Times {

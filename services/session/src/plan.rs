@@ -36,14 +36,9 @@ pub fn plan(job: &Job) -> Result<Plan, Failure> {
             graph::Restart::Always => Restart::Budget { times: 5, back_off: Duration::from_millis(10) },
         },
     });
-    Ok(Plan {
-        mode: match job.mode {
-            Mode::Lockstep => runtime::Mode::Lockstep,
-            Mode::Realtime => runtime::Mode::Realtime,
-        },
-        rate_hz: job.scenario.rate_hz,
-        children: children.collect(),
-        limits: Limits::default(),
-        faults,
-    })
+    let mode = match job.mode {
+        Mode::Lockstep => runtime::Mode::Lockstep,
+        Mode::Realtime => runtime::Mode::Realtime,
+    };
+    Ok(Plan { mode, rate_hz: job.scenario.rate_hz, children: children.collect(), limits: Limits::of(mode), faults })
 }

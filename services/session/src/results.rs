@@ -1,13 +1,18 @@
 //! The folder of a run: made before anything starts, filled when the run is over.
 
+use std::io;
+use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 
+use rustix::io::Errno;
 use shared_types::job::Job;
 use shared_types::scenario::Scenario;
 use shared_types::summary::Summary;
 
 use crate::failure::Failure;
 
+/// Where runs go unless `--out` says otherwise.
+pub const RUNS: &str = "runs";
 /// Name of the job, in a run's directory in shared memory and in its results folder.
 pub const JOB: &str = "job.json";
 /// Name of the summary in the results folder.
@@ -25,6 +30,8 @@ pub struct Results {
     /// Absolute.
     pub folder: PathBuf,
     made: bool,
+    /// Held on the folder: one run at a time writes into it.
+    _lock: OwnedFd,
 }
 
 impl Results {
@@ -36,14 +43,20 @@ impl Results {
         let cannot = |path: &Path, error: std::io::Error| {
             Failure::Input(format!("cannot write results to {}: {error}; choose another folder with --out", path.display()))
         };
-        let folder = match wanted {
-            Some(folder) => folder.to_owned(),
-            None => (1..).map(|n| PathBuf::from(format!("runs/{name}-{n:03}"))).find(|path| !path.exists()).unwrap_or_default(),
+        let (folder, lock, made) = match wanted {
+            Some(folder) => {
+                let made = make_parents(folder).and_then(|()| make(folder)).map_err(|error| cannot(folder, error))?;
+                let lock = lock(folder).map_err(|error| cannot(folder, error))?;
+                (folder.to_owned(), lock, made)
+            }
+            None => next_free(name).map_err(|error| cannot(Path::new(RUNS), error))?,
         };
-        let made = !folder.exists();
-        std::fs::create_dir_all(&folder).map_err(|error| cannot(&folder, error))?;
+        let Some(lock) = lock else {
+            let sentence = "another run writes its results into";
+            return Err(Failure::Input(format!("{sentence} {} now; choose another folder with --out", folder.display())));
+        };
         let folder = folder.canonicalize().map_err(|error| cannot(&folder, error))?;
-        let results = Self { folder, made };
+        let results = Self { folder, made, _lock: lock };
         let probe = results.folder.join(RESERVE);
         std::fs::write(&probe, b"").and_then(|()| std::fs::remove_file(&probe)).map_err(|error| cannot(&results.folder, error))?;
         Ok(results)
@@ -106,6 +119,50 @@ pub fn keep(folder: &Path, job: &Job, summary: &Summary) -> Result<(), Failure> 
         })?;
     }
     Ok(())
+}
+
+fn make_parents(folder: &Path) -> io::Result<()> {
+    folder.parent().map_or(Ok(()), std::fs::create_dir_all)
+}
+
+/// Makes the folder; whether it was not there before.
+fn make(folder: &Path) -> io::Result<bool> {
+    match std::fs::create_dir(folder) {
+        Ok(()) => Ok(true),
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists && folder.is_dir() => Ok(false),
+        Err(error) => Err(error),
+    }
+}
+
+/// Takes the folder for this run; `None` where another run has it, or its owner has removed it meanwhile.
+fn lock(folder: &Path) -> io::Result<Option<OwnedFd>> {
+    use rustix::fs::{FlockOperation, Mode, OFlags, flock, fstat, open, stat};
+    let held = open(folder, OFlags::RDONLY | OFlags::DIRECTORY | OFlags::CLOEXEC, Mode::empty())?;
+    match flock(&held, FlockOperation::NonBlockingLockExclusive) {
+        // A file system without locks has no way to tell.
+        Ok(()) | Err(Errno::NOSYS | Errno::OPNOTSUPP | Errno::NOLCK) => {}
+        Err(Errno::WOULDBLOCK) => return Ok(None),
+        Err(errno) => return Err(errno.into()),
+    }
+    let (ours, there) = (fstat(&held)?, stat(folder).ok());
+    Ok(there.is_some_and(|there| (there.st_dev, there.st_ino) == (ours.st_dev, ours.st_ino)).then_some(held))
+}
+
+/// The next `runs/NAME-NNN` that nobody has made before.
+fn next_free(name: &str) -> io::Result<(PathBuf, Option<OwnedFd>, bool)> {
+    std::fs::create_dir_all(RUNS)?;
+    for n in 1.. {
+        let folder = Path::new(RUNS).join(format!("{name}-{n:03}"));
+        match std::fs::create_dir(&folder) {
+            Ok(()) => {}
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => continue,
+            Err(error) => return Err(error),
+        }
+        if let Some(lock) = lock(&folder)? {
+            return Ok((folder, Some(lock), true));
+        }
+    }
+    Err(io::Error::other("every number is taken"))
 }
 
 impl Drop for Results {

@@ -6,10 +6,7 @@ use shared_types::job::Job;
 use shared_types::summary::Summary;
 
 use crate::failure::Failure;
-use crate::results::{JOB, SUMMARY};
-
-/// The folder of runs without `--out`.
-pub const RUNS: &str = "runs";
+use crate::results::{JOB, RUNS, SUMMARY};
 
 /// A run's folder and what is in it.
 pub struct Run {

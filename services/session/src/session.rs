@@ -1,13 +1,14 @@
 //! One run from the scenario's name to its results folder.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use launcher::End;
 use shared_types::job::{Job, Mode};
 use shared_types::summary::Summary;
 
 use crate::failure::Failure;
-use crate::launch::launch;
+use crate::launch::{interrupts, launch};
 use crate::load;
 use crate::plan::plan;
 use crate::progress::{Observer, Progress};
@@ -36,6 +37,8 @@ pub struct Request {
     pub messages: bool,
     /// Whether the viewer shows the recording while it is made.
     pub live: bool,
+    /// A process that is silent for so long is killed and replaced; `None`: as the mode has it, in lockstep without limit.
+    pub silence_limit: Option<Duration>,
 }
 
 /// A run that has ended.
@@ -57,6 +60,8 @@ pub struct Finished {
 /// [`Failure::Input`] or [`Failure::File`] before anything is started, where scenario, robot, graph or results folder cannot be used, or the
 /// control law refuses the start; [`Failure::Work`] where the processes cannot be started or watched. A run that fails is [`Finished`].
 pub fn run(request: &Request, observer: Observer<'_>) -> Result<Finished, Failure> {
+    // Until everything of the run is written.
+    let _signals = interrupts()?;
     let load::Loaded { scenario, robot } = load::scenario(&request.scenario, &request.settings, request.seed)?;
     let graph = load::graph(request.graph.as_deref())?;
     chain::try_first_tick(&robot, &scenario).map_err(|error| Failure::Input(format!("{}: {error}", request.scenario)))?;
@@ -69,7 +74,8 @@ pub fn run(request: &Request, observer: Observer<'_>) -> Result<Finished, Failur
     };
     results.reserve(&job)?;
     results.remove_old_recording()?;
-    let plan = plan(&job)?;
+    let mut plan = plan(&job)?;
+    plan.limits = plan.limits.with_silence(request.silence_limit);
     let live = if request.live { Some(Live::start(&results.folder, observer)?) } else { None };
     let launched = launch(&job, plan, observer);
     if let Some(sentence) = live.and_then(Live::finish) {

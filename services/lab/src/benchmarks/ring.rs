@@ -119,7 +119,7 @@ impl Ring {
             mode: runtime::Mode::Lockstep,
             rate_hz: 1000,
             children: children.collect(),
-            limits: Limits::default(),
+            limits: Limits::of(runtime::Mode::Lockstep),
             faults: Vec::new(),
         };
         let launcher = Launcher::prepare(plan).map_err(Failure::work)?;

@@ -28,18 +28,20 @@ pub struct Condition {
     pub nice: bool,
     pub delays: bool,
     pub pauses: bool,
+    /// Processes are stopped (SIGSTOP) for 50 to 500 ms, one after the other.
+    pub stops: bool,
     pub cpu_load: bool,
     pub record: bool,
 }
 
 /// The conditions of the runs in turn, each time with other random numbers.
 pub const CONDITIONS: [Condition; 6] = [
-    Condition { placement: Placement::Graph, nice: false, delays: false, pauses: false, cpu_load: false, record: true },
-    Condition { placement: Placement::Free, nice: true, delays: true, pauses: true, cpu_load: false, record: false },
-    Condition { placement: Placement::Split, nice: false, delays: true, pauses: false, cpu_load: true, record: true },
-    Condition { placement: Placement::Together(0), nice: true, delays: false, pauses: true, cpu_load: true, record: false },
-    Condition { placement: Placement::Together(1), nice: false, delays: true, pauses: true, cpu_load: false, record: true },
-    Condition { placement: Placement::Free, nice: false, delays: false, pauses: false, cpu_load: true, record: false },
+    Condition { placement: Placement::Graph, nice: false, delays: false, pauses: false, stops: false, cpu_load: false, record: true },
+    Condition { placement: Placement::Free, nice: true, delays: true, pauses: true, stops: true, cpu_load: false, record: false },
+    Condition { placement: Placement::Split, nice: false, delays: true, pauses: false, stops: false, cpu_load: true, record: true },
+    Condition { placement: Placement::Together(0), nice: true, delays: false, pauses: true, stops: false, cpu_load: true, record: false },
+    Condition { placement: Placement::Together(1), nice: false, delays: true, pauses: true, stops: true, cpu_load: false, record: true },
+    Condition { placement: Placement::Free, nice: false, delays: false, pauses: false, stops: false, cpu_load: true, record: false },
 ];
 
 impl std::fmt::Display for Condition {
@@ -50,7 +52,13 @@ impl std::fmt::Display for Condition {
             Placement::Split => write!(f, "alternating cores")?,
             Placement::Free => write!(f, "not pinned")?,
         }
-        for (is_so, words) in [(self.nice, "nice"), (self.delays, "late starts"), (self.pauses, "pauses"), (self.cpu_load, "busy cores")] {
+        for (is_so, words) in [
+            (self.nice, "nice"),
+            (self.delays, "late starts"),
+            (self.pauses, "pauses"),
+            (self.stops, "stopped for 50 to 500 ms"),
+            (self.cpu_load, "busy cores"),
+        ] {
             if is_so {
                 write!(f, ", {words}")?;
             }

@@ -4,6 +4,7 @@ mod condition;
 mod inputs;
 mod outputs;
 pub mod replay;
+mod stops;
 pub mod verify;
 
 pub use outputs::Topic;

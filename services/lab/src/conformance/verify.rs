@@ -7,7 +7,7 @@ use chain::Tick;
 use launcher::{End, Exit, Failure as Mishap};
 use message_log::{Difference, LogError, LogReader, LogWriter, TopicHash, first_difference};
 use model::Robot;
-use runtime::random;
+use runtime::{ControlPage, RunDir, random};
 use session::{Failure, Observer, load};
 use shared_types::Message;
 use shared_types::graph::Graph;
@@ -17,6 +17,7 @@ use shared_types::summary::TopicSummary;
 use shared_types::topics::{self, Build, ByTopic, COUNT, Each, Family, TOPICS, Topic};
 
 use super::condition::{CONDITIONS, Condition};
+use super::stops::Stops;
 use crate::cpu_load::CpuLoad;
 use crate::folder::Folder;
 
@@ -226,8 +227,14 @@ fn in_processes(job: &Job, condition: Condition, seed: u64, unordered: bool, obs
     let mut plan = session::plan(job)?;
     condition.disturb(&mut plan, seed, unordered);
     let load = condition.cpu_load.then(CpuLoad::start);
-    let (outcome, account) = session::launch(job, plan, observer)?;
-    drop(load);
+    let (count, mut stops) = (plan.children.len(), None);
+    let mut begin = |run: &RunDir| {
+        let control_page = ControlPage::open(run).map_err(Failure::work)?;
+        stops = condition.stops.then(|| Stops::start(control_page, count, seed));
+        Ok(())
+    };
+    let (outcome, account) = session::launch_begun(job, plan, &mut begin, observer)?;
+    drop((load, stops));
     let (failure, ended_by) = match outcome.end {
         End::Completed => (String::new(), None),
         End::Interrupted { signal } => return Err(Failure::Work(format!("stopped by {signal}"))),

@@ -3,7 +3,6 @@
 
 use std::path::{Path, PathBuf};
 
-use launcher::Interrupts;
 use model::Robot;
 use runtime::random;
 use serde::Serialize;
@@ -89,7 +88,7 @@ pub fn soak(
     out: Option<&Path>,
     observer: Observer<'_>,
 ) -> Result<Soak, Failure> {
-    let mut signals = Interrupts::catch().map_err(|error| Failure::Work(format!("cannot catch SIGINT, SIGTERM and SIGHUP: {error}")))?;
+    let mut signals = session::interrupts()?;
     let folder = Folder::create(out)?;
     let seed = seed.unwrap_or_else(|| runtime::now_ns() % 1_000_000);
     let (seconds, rate) = (seconds as f64, f64::from(rate_hz));

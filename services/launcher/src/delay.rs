@@ -1,0 +1,28 @@
+//! Why a run waits for a process.
+
+/// The reason for which a run waits for a process.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Delay {
+    /// Somebody has stopped it (SIGSTOP).
+    Stopped,
+    /// A debugger holds it.
+    Traced,
+    /// It is not ready for the first tick.
+    NotReady,
+    /// It has not closed the tick in hand.
+    Behind,
+    /// It has been asked to stop, and has not stopped.
+    NotStopped,
+}
+
+impl std::fmt::Display for Delay {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Stopped => "is stopped (SIGSTOP): waiting",
+            Self::Traced => "is held by a debugger: waiting",
+            Self::NotReady => "is not ready for the first tick: waiting",
+            Self::Behind => "has not closed the tick in hand: waiting",
+            Self::NotStopped => "has been asked to stop and has not: waiting (Ctrl-C kills it)",
+        })
+    }
+}
