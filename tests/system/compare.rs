@@ -33,6 +33,26 @@ fn laws_are_compared_on_a_scenario_and_on_lines() {
 }
 
 #[test]
+fn lines_through_exactly_singular_postures_of_an_arm_reach_their_goals() {
+    let desk = Desk::new();
+    let args = ["compare", "sweep", "--robot", "ur5", "--count", "1", "--out", "out", "--json"];
+    let said = desk.armplane(&args);
+    assert_eq!(said.code, 0, "{}", said.err);
+    let told: Value = serde_json::from_str(&said.out).unwrap();
+    assert_eq!(told, read(&desk, "out/compare.json"), "said and saved alike");
+    let lines = told["sweep"]["lines"].as_array().unwrap();
+    let names: Vec<_> = lines.iter().map(|line| line["singularities"].as_str().unwrap()).collect();
+    assert_eq!(names, ["elbow", "wrist", "overhead"]);
+    for line in lines {
+        assert!(line["outcome"] == "reached" && line["score"]["speed_max_ratio"].as_f64().unwrap() <= 1.0, "{line}");
+    }
+    let said = desk.armplane(&["compare", "sweep", "--robot", "ur6", "--out", "out"]);
+    assert!(said.code == 2 && said.err.contains("ur5"), "{}", said.err);
+    let said = desk.armplane(&["compare", "--robot", "ur5"]);
+    assert!(said.code == 2 && said.err.contains("armplane compare sweep --robot"), "{}", said.err);
+}
+
+#[test]
 fn the_papers_figures_are_drawn_with_their_numbers() {
     let desk = Desk::new();
     let said = desk.armplane(&["figures", "--out", "out"]);

@@ -51,6 +51,12 @@ impl Chain {
         self.tick += 1;
     }
 
+    /// Why the path cannot be followed, found before the first tick, in words.
+    #[must_use]
+    pub fn obstacle(&self) -> Option<&str> {
+        self.controller.obstacle()
+    }
+
     /// Whether the task is over.
     #[must_use]
     pub fn is_over(&self) -> bool {
@@ -104,7 +110,7 @@ pub fn first_tick(robot: &Robot, scenario: &Scenario) -> Result<Tick, Refused> {
 /// [`Refused`] where a cycle does not accept the robot or the scenario, or the control law refuses the first tick.
 pub fn try_first_tick(robot: &Robot, scenario: &Scenario) -> Result<(), Refused> {
     let mut chain = Chain::new(robot, &without_faults(scenario))?;
-    if let Some(obstacle) = chain.controller.obstacle() {
+    if let Some(obstacle) = chain.obstacle() {
         return Err(Refused::because(obstacle));
     }
     let mut first = Tick::default();

@@ -5,17 +5,21 @@ use std::process::ExitCode;
 
 use clap::Args;
 use control::Kind;
-use lab::studies::compare::{self, Compared, KINDS, Ranked, Request, SWEEP, Score, Sweep, SweepSize, missed, quantile, worth};
+use lab::studies::compare::{self, ArmSweep, Compared, KINDS, Ranked, Request, SWEEP, Score, Sweep, SweepSize, missed, quantile, worth};
 use serde_json::json;
 use session::{Failure, load};
 use shared_types::scenario::{Scenario, Strategy};
 
+use crate::compare_arm;
 use crate::out::say;
 use crate::progress::Terminal;
 use crate::table::{digits, number, table};
 
 /// How many of the best settings are shown.
 const SHOWN: usize = 5;
+
+/// Seed of an arm's lines where none is given.
+const SEED: u64 = 1;
 
 #[derive(Args)]
 pub(crate) struct CompareArgs {
@@ -40,6 +44,13 @@ pub(crate) struct CompareArgs {
     /// Peak speed of the sweep's lines; m/s.
     #[arg(long, value_name = "M/S", default_value_t = 0.28)]
     speed: f64,
+    /// The sweep's lines through exactly singular postures of this arm instead of a PUMA's: a built-in robot, or a URDF. COUNT is then the number of
+    /// lines for each singularity, the law is the first one named (default: ours), and every line is printed.
+    #[arg(long, value_name = "ROBOT|FILE.urdf")]
+    robot: Option<String>,
+    /// With --robot: lines through two singularities at once, COUNT for each pair.
+    #[arg(long, requires = "robot")]
+    pairs: bool,
     /// Search the baselines' parameters for the most lines of the sweep, on a seed of its own.
     #[arg(long)]
     tune: bool,
@@ -49,6 +60,21 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
     let laws = compare::laws(&args.law)?;
     if !(args.speed.is_finite() && args.speed > 0.0) {
         return Err(Failure::Input(format!("--speed is {}: it must be a positive number of m/s", args.speed)));
+    }
+    if let Some(robot) = &args.robot {
+        if args.scenarios != [SWEEP] {
+            return Err(Failure::Input("--robot draws the lines of the sweep: armplane compare sweep --robot ROBOT".to_owned()));
+        }
+        let sweep = ArmSweep {
+            robot,
+            law: laws[0],
+            settings: &args.set,
+            seed: args.seed.unwrap_or(SEED),
+            count: args.count,
+            pairs: args.pairs,
+            speed: args.speed,
+        };
+        return compare_arm::compare_arm(&sweep, args.out.as_deref(), as_json);
     }
     if args.tune {
         return tune(args, &laws, as_json);

@@ -4,6 +4,7 @@
 mod bench;
 mod clean;
 mod compare;
+mod compare_arm;
 mod doctor;
 mod drill;
 mod export;

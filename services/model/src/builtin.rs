@@ -11,6 +11,10 @@ const BUILTIN: &[(&str, &str, &str)] = &[
     ("ur5", include_str!("../robots/ur5.urdf"), include_str!("../robots/ur5.toml")),
     ("planar2r", include_str!("../robots/planar2r.urdf"), include_str!("../robots/planar2r.toml")),
     ("iiwa14", include_str!("../robots/iiwa14.urdf"), include_str!("../robots/iiwa14.toml")),
+    ("ur10", include_str!("../robots/ur10.urdf"), include_str!("../robots/ur10.toml")),
+    ("panda", include_str!("../robots/panda.urdf"), include_str!("../robots/panda.toml")),
+    ("fr3", include_str!("../robots/fr3.urdf"), include_str!("../robots/fr3.toml")),
+    ("xarm7", include_str!("../robots/xarm7.urdf"), include_str!("../robots/xarm7.toml")),
 ];
 
 const BUILTIN_NAMES: [&str; BUILTIN.len()] = {

@@ -5,3 +5,4 @@ pub mod figures;
 pub mod posture;
 
 pub(crate) mod lines;
+pub(crate) mod singular_lines;

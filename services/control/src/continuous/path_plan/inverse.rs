@@ -7,7 +7,7 @@ use nalgebra::{SMatrix, SVector, Vector3, Vector6};
 /// Unit-scaled singular value below which a Newton step asks nothing of a direction.
 const FLOOR: f64 = 1e-6;
 /// Unit-scaled pose error at which a posture counts as a solution: 0.4 nm, 1e-9 rad.
-pub(super) const SOLVED: f64 = 1e-9;
+pub const SOLVED: f64 = 1e-9;
 /// Newton steps towards one pose.
 const STEPS: usize = 12;
 /// The same where damping leaves an error anyway.
@@ -17,40 +17,47 @@ const STRIDE: f64 = 0.4;
 
 /// The kinematics of C, a point of the end-effector link, on the task's axes; lengths are divided by `length_m`.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Kinematics<'a, const N: usize> {
-    pub(super) model: &'a Model<N>,
+pub struct Kinematics<'a, const N: usize> {
+    /// The arm.
+    pub model: &'a Model<N>,
     /// C in the end-effector's axes, m.
-    pub(super) p_EC: Vector3<f64>,
+    pub p_EC: Vector3<f64>,
     /// Which of the six task axes count.
-    pub(super) task: [bool; 6],
+    pub task: [bool; 6],
     /// The length that makes metres and radians comparable, m.
-    pub(super) length_m: f64,
+    pub length_m: f64,
 }
 
 /// Eigenvectors of JᵀJ, smallest eigenvalue first, with J itself.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Spectrum<const N: usize> {
-    pub(super) J: SMatrix<f64, 6, N>,
-    pub(super) sigma: [f64; N],
-    pub(super) v: [SVector<f64, N>; N],
+pub struct Spectrum<const N: usize> {
+    /// The unit-scaled Jacobian at C, rows without a task axis zero.
+    pub J: SMatrix<f64, 6, N>,
+    /// Singular values, smallest first; the first `free` belong to the spare joints.
+    pub sigma: [f64; N],
+    /// Right singular vectors.
+    pub v: [SVector<f64, N>; N],
     /// Joints more than task axes.
-    pub(super) free: usize,
+    pub free: usize,
 }
 
 impl<const N: usize> Spectrum<N> {
     /// The smallest singular value of the task.
-    pub(super) fn smallest(&self) -> f64 {
+    #[must_use]
+    pub fn smallest(&self) -> f64 {
         self.sigma.get(self.free).copied().unwrap_or(0.0)
     }
 
     /// σ_k v_k's left vector: the task direction that the joint motion `v` moves, not normalised where it moves nothing.
-    pub(super) fn lost(&self, k: usize) -> Vector6<f64> {
+    #[must_use]
+    pub fn lost(&self, k: usize) -> Vector6<f64> {
         // The left vector of a vanishing σ: what no joint motion with a larger σ produces. Left to the caller for k with σ_k > 0.
         self.J * self.v[k]
     }
 
     /// Σ v_k (J v_k)ᵀe/(σ_k² + λ²) over what is above the floor: the shortest joint motion for the task displacement `e`.
-    pub(super) fn solve(&self, e: &Vector6<f64>, damping: f64) -> SVector<f64, N> {
+    #[must_use]
+    pub fn solve(&self, e: &Vector6<f64>, damping: f64) -> SVector<f64, N> {
         let mut dq = SVector::zeros();
         for k in self.free..N {
             let square = self.sigma[k] * self.sigma[k];
@@ -62,26 +69,30 @@ impl<const N: usize> Spectrum<N> {
     }
 
     /// The share of `dq` that moves nothing.
-    pub(super) fn null_part(&self, dq: &SVector<f64, N>) -> SVector<f64, N> {
+    #[must_use]
+    pub fn null_part(&self, dq: &SVector<f64, N>) -> SVector<f64, N> {
         self.v[..self.free].iter().fold(SVector::zeros(), |sum, v| sum + v * v.dot(dq))
     }
 }
 
 impl<const N: usize> Kinematics<'_, N> {
     /// The pose of C.
-    pub(super) fn pose(&self, q: &SVector<f64, N>) -> Pose {
+    #[must_use]
+    pub fn pose(&self, q: &SVector<f64, N>) -> Pose {
         let X = self.model.forward_kinematics(q);
         Pose { R: X.R, p: X.p + X.R * self.p_EC }
     }
 
     /// From `X` to `X_d`, unit-scaled, on the task's axes.
-    pub(super) fn error(&self, X_d: &Pose, X: &Pose) -> Vector6<f64> {
+    #[must_use]
+    pub fn error(&self, X_d: &Pose, X: &Pose) -> Vector6<f64> {
         let e = stack(&((X_d.p - X.p) / self.length_m), &rotation_log(&(X_d.R * X.R.transpose())));
         Vector6::from_fn(|k, _| if self.task[k] { e[k] } else { 0.0 })
     }
 
     /// The spectrum of the unit-scaled Jacobian at C.
-    pub(super) fn spectrum(&self, q: &SVector<f64, N>) -> Spectrum<N> {
+    #[must_use]
+    pub fn spectrum(&self, q: &SVector<f64, N>) -> Spectrum<N> {
         let mut J = self.model.jacobian(q);
         let r = self.model.forward_kinematics(q).R * self.p_EC;
         for mut column in J.column_iter_mut() {
@@ -112,7 +123,8 @@ impl<const N: usize> Kinematics<'_, N> {
     /// The solution that continues `guess`; `drift` is null-space motion wanted on the way.
     ///
     /// Returns the posture and the pose error that is left: at most [`SOLVED`] (or `enough`) where it converged.
-    pub(super) fn solve(
+    #[must_use]
+    pub fn solve(
         &self,
         X_d: &Pose,
         guess: &SVector<f64, N>,
@@ -151,7 +163,8 @@ impl<const N: usize> Kinematics<'_, N> {
     }
 
     /// Largest part of a unit-scaled error over what is allowed of it: position (m) and orientation (rad).
-    pub(super) fn excess(&self, e: &Vector6<f64>, position_m: f64, orientation_rad: f64) -> f64 {
+    #[must_use]
+    pub fn excess(&self, e: &Vector6<f64>, position_m: f64, orientation_rad: f64) -> f64 {
         (linear(e).norm() * self.length_m / position_m).max(angular(e).norm() / orientation_rad)
     }
 }

@@ -5,7 +5,7 @@
 //! lock is passed with ζ off the direction of travel, within what the user allows. The route's own clock u runs as the path's does, but also while the
 //! path waits. PURE and deterministic; bounded by [`LAYERS`] layers a leg and 20 postures a layer; allocates, so it runs before the first tick only.
 
-mod inverse;
+pub mod inverse;
 mod request;
 mod route;
 mod schedule;

@@ -1,5 +1,6 @@
 //! Control laws compared: on scenarios, on many lines, and at the best of their parameters.
 
+mod arm_sweep;
 mod law;
 mod picture;
 mod scenarios;
@@ -7,6 +8,7 @@ mod score;
 mod sweep;
 mod tune;
 
+pub use arm_sweep::{ArmLines, ArmSweep, Line, Outcome};
 pub use law::{laws, name_of};
 pub use scenarios::{Compared, Request, compare};
 pub use score::Score;
