@@ -21,8 +21,18 @@ pub struct Stamps {
 }
 
 impl Stamps {
+    /// Takes in the stamps of another input of the same tick: of each hop the later ones.
+    pub fn merge(&mut self, other: &Self) {
+        for hop in 0..HOPS.len() {
+            self.received_ns[hop] = self.received_ns[hop].max(other.received_ns[hop]);
+            self.sent_ns[hop] = self.sent_ns[hop].max(other.sent_ns[hop]);
+        }
+        self.due_ns = self.due_ns.max(other.due_ns);
+    }
+
     /// From when on latencies count: from when the tick was due, however late it began; without a grid from when its sample was sent.
     #[must_use]
+    #[inline]
     pub fn origin_ns(&self) -> u64 {
         if self.due_ns > 0 { self.due_ns } else { self.sent_ns[0] }
     }
@@ -198,7 +208,8 @@ macro_rules! wire {
         }
 
         impl $crate::wire::Part for $name {
-            fn is_finite(&self) -> bool { $( $crate::wire::Part::is_finite(&self.$field) )&&* }
+            #[inline]
+            fn is_finite(&self) -> bool { true $( & $crate::wire::Part::is_finite(&self.$field) )* }
             fn hash_parts(hash: &mut $crate::wire::Fnv) {
                 $( hash.text(stringify!($field)); hash.text(stringify!($type)); <$type as $crate::wire::Part>::hash_parts(hash); )*
             }
@@ -210,7 +221,9 @@ macro_rules! wire {
         }
         impl $crate::wire::Message for $name {
             const TOPIC: &'static str = $topic;
+            #[inline]
             fn header(&self) -> &$crate::wire::Header { &self.header }
+            #[inline]
             fn header_mut(&mut self) -> &mut $crate::wire::Header { &mut self.header }
         }
         const _: () = assert!(std::mem::offset_of!($name, header) == 0 && align_of::<$name>() == 8); )?

@@ -52,6 +52,16 @@ pub(crate) struct FaultState {
     is_volume_full: Cell<bool>,
 }
 
+/// What follows a look that has found nothing.
+enum Patience {
+    /// A sleep of at most so many ns; `None` until a ring.
+    Sleep(Option<u64>),
+    /// The deadline has passed.
+    Late,
+    /// The limit of every wait has passed.
+    Exhausted(Duration),
+}
+
 /// How often a process looks whether the launcher has handed over what it misses.
 const HAND_OVER_LOOK: Duration = Duration::from_micros(200);
 
@@ -93,39 +103,53 @@ impl Context {
         &self.manifest.processes[self.me].name
     }
 
+    #[inline]
     pub(crate) fn entry(&self) -> &ProcessEntry {
         self.control_page.process(self.me)
     }
 
+    #[inline]
     pub(crate) fn is_lockstep(&self) -> bool {
         self.manifest.mode == Mode::Lockstep
     }
 
     /// Whether this process is deliberately content with a message of the tick before.
+    #[inline]
     pub(crate) fn is_unordered(&self) -> bool {
         self.manifest.processes[self.me].disturbance.unordered
     }
 
     /// Sleeps where the run's disturbance requires it.
+    #[inline]
     pub(crate) fn pause(&self) {
         if let Some(pause) = self.pauses.borrow_mut().as_mut().and_then(Pauses::next) {
             std::thread::sleep(pause);
         }
     }
 
+    #[inline]
     pub(crate) fn is_stopping(&self) -> bool {
         self.control_page.stop() >= self.stop.at || self.stop.signalled.load(Ordering::Relaxed)
     }
 
+    /// The topic's place on the control page.
+    pub(crate) fn topic_index(&self, topic: &str) -> usize {
+        self.manifest.topics().iter().position(|&t| t == topic).unwrap_or(0)
+    }
+
+    /// The topic's bit on every doorbell.
     pub(crate) fn topic_bit(&self, topic: &str) -> u32 {
-        self.manifest.topics().iter().position(|&t| t == topic).map_or(0, |index| 1 << index)
+        1 << self.topic_index(topic)
     }
 
     /// Goes with all others through the phases of the beginning; from here on nothing can be lost.
+    #[inline]
     pub(crate) fn start(&self) -> Result<Waited<()>, Interrupted> {
-        if self.has_started.get() {
-            return Ok(Waited::Ready(()));
-        }
+        if self.has_started.get() { Ok(Waited::Ready(())) } else { self.begin() }
+    }
+
+    #[cold]
+    fn begin(&self) -> Result<Waited<()>, Interrupted> {
         self.entry().set_state(State::Ready);
         if matches!(self.wait_for_phase(Phase::Connect)?, Waited::Stopped) {
             return Ok(Waited::Stopped);
@@ -154,6 +178,7 @@ impl Context {
     }
 
     /// The one wait: look, then sleep until somebody rings for one of `bits`, look again; never longer than the limit.
+    #[inline]
     pub(crate) fn wait<T>(
         &self,
         bits: u32,
@@ -165,40 +190,49 @@ impl Context {
             return Ok(Waited::Stopped);
         }
         let doorbell = self.entry().doorbell();
-        let limit_ns = self.manifest.wait_limit.map_or(u64::MAX, |limit| limit.as_nanos() as u64);
         let (mut is_first_look, mut began_ns) = (true, None);
         loop {
-            // Armed before the look: whoever brings it after the look rings.
+            // Read before the look: a message that comes after the look has its ring counted by then, and the sleep does not begin.
             let seen = doorbell.rings();
-            doorbell.arm(bits);
             let found = look();
             if self.is_stopping() || !matches!(found, Ok(None)) {
                 doorbell.disarm();
                 return Ok(found?.map_or(Waited::Stopped, Waited::Ready));
             }
-            let mut sleep_ns = None;
-            // Without a deadline the clock is read only after a first sleep without a message: the usual hop does without it.
-            if deadline_ns.is_some() || !is_first_look {
-                let now = now_ns();
-                let waited_ns = now - *began_ns.get_or_insert(now);
-                if deadline_ns.is_some_and(|deadline| now >= deadline) {
+            // Without a deadline the clock is only read after a first sleep without a message: the usual hop does without it.
+            let patience =
+                if deadline_ns.is_some() || !is_first_look { self.patience(deadline_ns, &mut began_ns) } else { Patience::Sleep(None) };
+            let sleep_ns = match patience {
+                Patience::Sleep(sleep_ns) => sleep_ns,
+                Patience::Late => {
                     doorbell.disarm();
                     return Ok(Waited::Late);
                 }
-                if waited_ns >= limit_ns {
+                Patience::Exhausted(waited) => {
                     doorbell.disarm();
                     let Wait { what, from } = describe();
-                    let waited = Duration::from_nanos(waited_ns);
                     return Err(Interrupted::TimedOut { process: self.name().to_owned(), what, from, waited });
                 }
-                sleep_ns = deadline_ns.map(|deadline| deadline - now);
-            }
+            };
             is_first_look = false;
+            doorbell.arm(bits);
             doorbell.sleep(seen, sleep_ns);
         }
     }
 
+    /// Whether, and how long, a wait that has found nothing goes on.
+    fn patience(&self, deadline_ns: Option<u64>, began_ns: &mut Option<u64>) -> Patience {
+        let now = now_ns();
+        let waited = Duration::from_nanos(now - *began_ns.get_or_insert(now));
+        match deadline_ns {
+            Some(deadline) if now >= deadline => Patience::Late,
+            _ if self.manifest.wait_limit.is_some_and(|limit| waited >= limit) => Patience::Exhausted(waited),
+            _ => Patience::Sleep(deadline_ns.map(|deadline| deadline - now)),
+        }
+    }
+
     /// Notes that an output of a tick is about to leave; whether it is the last of those that the graph declares.
+    #[inline]
     pub(crate) fn is_last_output(&self, tick: u64, output: usize) -> bool {
         let (of, sent) = self.attached.outputs_sent.get();
         let sent = if of == tick { sent } else { 0 } | 1 << output;
@@ -207,6 +241,7 @@ impl Context {
     }
 
     /// Commits the checkpoint that was written for a tick.
+    #[inline]
     pub(crate) fn commit(&self, tick: u64) {
         self.attached.checkpoints.borrow().iter().for_each(|checkpoint| checkpoint.commit(tick));
     }
@@ -216,11 +251,13 @@ impl Context {
     }
 
     /// A message is in the process's hands: notes when, and which way it came.
+    #[inline]
     pub(crate) fn note_input(&self, header: &Header) {
         self.stamping.note_input(header, self.clock_ns(), self.entry());
     }
 
     /// Fills an output's header with this hop's stamps and those before it. Returns the time of sending.
+    #[inline]
     pub(crate) fn stamp(&self, header: &mut Header) -> u64 {
         let now = self.clock_ns();
         self.stamping.stamp(header, now, self.entry());
@@ -257,14 +294,20 @@ impl Context {
     }
 
     /// Brings the copy of the fault table up to date; one load where nothing has changed.
+    #[inline]
     pub(crate) fn learn(&self) {
-        let table = self.control_page.fault_table();
-        if !self.faults.known.borrow().is_current(table) {
-            self.faults.known.borrow_mut().renew(table);
+        if !self.faults.known.borrow().is_current(self.control_page.fault_table()) {
+            self.learn_anew();
         }
     }
 
+    #[cold]
+    fn learn_anew(&self) {
+        self.faults.known.borrow_mut().renew(self.control_page.fault_table());
+    }
+
     /// Whether the fault table, as this process knows it, is empty.
+    #[inline]
     pub(crate) fn is_unharmed(&self) -> bool {
         self.faults.known.borrow().faults().is_empty()
     }
@@ -277,11 +320,13 @@ impl Context {
     }
 
     /// Whether any fault shapes messages: then a tick of this process ends when its inputs have, not with its one message.
+    #[inline]
     pub(crate) fn is_shaped(&self) -> bool {
         !self.is_unharmed() && self.faults.known.borrow().shapes_messages()
     }
 
     /// The decisions of the lockstep protocol for this process.
+    #[inline]
     pub(crate) fn protocol(&self) -> Protocol<'_, Self> {
         Protocol::new(self, self.me)
     }
@@ -294,11 +339,14 @@ impl Context {
 
     /// Applies the faults of this process at a tick, with the tick's first input in hand. Returns the tick at which it goes on: `tick`, or a
     /// later one if it was stopped.
+    #[inline]
     pub(crate) fn apply_process_faults(&self, tick: u64) -> u64 {
         self.learn();
-        if self.is_unharmed() {
-            return tick;
-        }
+        if self.is_unharmed() { tick } else { self.apply_known_faults(tick) }
+    }
+
+    #[cold]
+    fn apply_known_faults(&self, tick: u64) -> u64 {
         self.load_core(tick);
         let Some(outage) = self.protocol().downfall(tick) else { return tick };
         self.control_page.fault_table().mark_injected(outage.place, now_ns());
@@ -403,16 +451,20 @@ impl Context {
     }
 
     /// This process's clock: the machine's, unless a fault has it jump or run fast.
+    #[inline]
     pub(crate) fn clock_ns(&self) -> u64 {
         let now = now_ns();
         now.saturating_add_signed(self.clock_error_ns(now))
     }
 
     /// How far this process's clock is ahead of the machine's at an instant of that; negative where it is behind.
+    #[inline]
     pub(crate) fn clock_error_ns(&self, now: u64) -> i64 {
-        if self.is_unharmed() {
-            return 0;
-        }
+        if self.is_unharmed() { 0 } else { self.injected_clock_error_ns(now) }
+    }
+
+    #[cold]
+    fn injected_clock_error_ns(&self, now: u64) -> i64 {
         clock::error_ns(self.faults.known.borrow().of(self.me, self.tick.get()), self.control_page.fault_table(), now)
     }
 
@@ -433,7 +485,16 @@ impl Context {
     }
 
     /// Tells those that wait for no message but for the others' progress that this process has closed a tick.
+    #[inline]
     pub(crate) fn report_progress(&self) {
+        // Without faults everybody waits for messages alone.
+        if !self.is_unharmed() {
+            self.report_closing();
+        }
+    }
+
+    #[cold]
+    fn report_closing(&self) {
         match self.protocol().reports_to() {
             Report::Everybody => self.control_page.ring_all(),
             Report::Source(source) => self.control_page.process(source).doorbell().ring(PROGRESS),

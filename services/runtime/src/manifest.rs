@@ -137,6 +137,11 @@ impl Manifest {
         self.processes.iter().position(|p| p.writes.iter().any(|t| t == topic))
     }
 
+    /// How many processes read a topic.
+    pub(crate) fn readers_of(&self, topic: &str) -> usize {
+        self.processes.iter().filter(|process| process.reads.iter().any(|read| read == topic)).count()
+    }
+
     /// Whom a message on this topic wakes.
     pub fn woken_by<'a>(&'a self, topic: &'a str) -> impl Iterator<Item = usize> + 'a {
         let reads = move |p: &Process| !p.polled && p.reads.iter().any(|t| t == topic);

@@ -1,6 +1,6 @@
 //! Stamps: when each hop received and sent, and how long the steps take. For measuring only; no computation reads them.
 
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 
 use shared_types::wire::{HOPS, Header, Stamps};
 
@@ -12,7 +12,7 @@ pub(crate) struct Stamping {
     /// Its place in [`HOPS`], if it has one.
     hop: Option<usize>,
     /// The stamps of the inputs of the tick in hand.
-    input: Cell<Input>,
+    input: RefCell<Input>,
     /// When the source's tick in hand was due; 0 in lockstep.
     due_ns: Cell<u64>,
     /// The last tick of which something was sent.
@@ -37,28 +37,25 @@ impl Stamping {
     }
 
     /// A message is in the process's hands: notes when, and which way it came.
+    #[inline]
     pub(crate) fn note_input(&self, header: &Header, now_ns: u64, entry: &ProcessEntry) {
-        let mut input = self.input.get();
+        let mut input = self.input.borrow_mut();
         if input.tick != header.tick || input.received_ns == 0 {
-            input = Input { tick: header.tick, ..Input::default() };
+            *input = Input { tick: header.tick, received_ns: now_ns, stamps: header.stamps };
+        } else {
+            input.received_ns = now_ns;
+            input.stamps.merge(&header.stamps);
         }
-        input.received_ns = now_ns;
-        for hop in 0..HOPS.len() {
-            let (mine, theirs) = (&mut input.stamps, &header.stamps);
-            mine.received_ns[hop] = mine.received_ns[hop].max(theirs.received_ns[hop]);
-            mine.sent_ns[hop] = mine.sent_ns[hop].max(theirs.sent_ns[hop]);
-        }
-        input.stamps.due_ns = input.stamps.due_ns.max(header.stamps.due_ns);
-        self.input.set(input);
         if self.hop == Some(0) {
             // The answer to its own tick.
-            entry.note_age(input.received_ns.saturating_sub(input.stamps.origin_ns()));
+            entry.note_age(now_ns.saturating_sub(input.stamps.origin_ns()));
         }
     }
 
     /// Fills an output's header: the stamps of the inputs of the same tick, and this hop's own.
+    #[inline]
     pub(crate) fn stamp(&self, header: &mut Header, now_ns: u64, entry: &ProcessEntry) {
-        let input = self.input.get();
+        let input = self.input.borrow();
         header.incarnation = entry.incarnation();
         header.stamps = if input.tick == header.tick { input.stamps } else { Stamps::default() };
         if let Some(hop) = self.hop {
@@ -72,6 +69,7 @@ impl Stamping {
     }
 
     /// Shows on the control page how long the tick in hand took; once a tick, whatever is sent of it.
+    #[inline]
     fn note_times(&self, hop: usize, header: &Header, now_ns: u64, entry: &ProcessEntry) {
         if self.sent_tick.replace(Some(header.tick)) == Some(header.tick) {
             return;

@@ -15,6 +15,7 @@ pub(crate) struct Fence {
 
 impl Fence {
     /// Whether a message counts. `living` is the writer's incarnation on the control page, `None` in lockstep.
+    #[inline]
     pub(crate) fn admits(&mut self, header: &Header, living: Option<u32>) -> bool {
         if header.incarnation < self.newest_heard.max(living.unwrap_or(0)) {
             return false;
@@ -25,6 +26,7 @@ impl Fence {
 }
 
 /// The first field of a message that holds a number that is not finite.
+#[inline]
 pub(crate) fn first_not_finite<M: Message>(message: &M) -> Option<&'static str> {
     if message.is_finite() {
         return None;

@@ -39,21 +39,37 @@ pub(crate) struct Inlet<M: Message> {
     pub(crate) shared: Rc<Context>,
     pub(crate) subscriber: Rc<Subscribing<M>>,
     writer: Option<usize>,
+    /// The topic's line on the control page.
+    topic: usize,
+    /// How many messages the topic had seen, as its writers count them, when the buffer was empty but for what has been received since.
+    empty_at: Option<u64>,
     fence: Fence,
     admission: Admission,
 }
 
 impl<M: Message> Inlet<M> {
     pub(crate) fn new(shared: Rc<Context>, subscriber: Rc<Subscribing<M>>, admission: Admission) -> Self {
-        let writer = shared.manifest.writer_of(M::TOPIC);
-        Self { shared, subscriber, writer, fence: Fence::default(), admission }
+        let (writer, topic) = (shared.manifest.writer_of(M::TOPIC), shared.topic_index(M::TOPIC));
+        Self { shared, subscriber, writer, topic, empty_at: None, fence: Fence::default(), admission }
     }
 
     /// The next message that counts, in shared memory still: of a living incarnation, and all its numbers finite.
+    ///
+    /// Where the writer has sent nothing since the buffer was empty, iceoryx2 is not asked: a look in vain costs one load.
+    #[inline]
     pub(crate) fn receive(&mut self) -> Result<Option<Incoming<M>>, Interrupted> {
+        // Read before the look: what is delivered later is counted later.
+        let sent = self.shared.control_page.topic(self.topic).sent();
+        if self.empty_at == Some(sent) {
+            return Ok(None);
+        }
         loop {
             let sample = self.subscriber.receive().map_err(|error| self.shared.port_failed(M::TOPIC, error))?;
-            let Some(message) = sample.map(Incoming) else { return Ok(None) };
+            let Some(message) = sample.map(Incoming) else {
+                self.empty_at = (sent > 0).then_some(sent);
+                return Ok(None);
+            };
+            self.empty_at = self.empty_at.map(|count| count + 1);
             if self.admits(&message) {
                 return Ok(Some(message));
             }
@@ -61,6 +77,7 @@ impl<M: Message> Inlet<M> {
     }
 
     /// Whether a message counts; one that does not is counted as what it is.
+    #[inline]
     pub(crate) fn admits(&mut self, message: &M) -> bool {
         let living = match (self.shared.is_lockstep() || self.admission == Admission::InOrder, self.writer) {
             (false, Some(writer)) => Some(self.shared.control_page.process(writer).incarnation()),
@@ -73,9 +90,14 @@ impl<M: Message> Inlet<M> {
         } else {
             return true;
         };
+        self.refuse(refused);
+        false
+    }
+
+    #[cold]
+    fn refuse(&self, refused: Count) {
         self.shared.entry().add(refused, 1);
         self.shared.message_fault_detected();
-        false
     }
 
     /// In lockstep: whether the writer sends nothing more at a tick.
@@ -84,9 +106,13 @@ impl<M: Message> Inlet<M> {
         self.shared.protocol().has_closed(self.writer, tick)
     }
 
-    /// Whether something has come since the last look.
-    pub(crate) fn has_more(&self) -> Result<bool, Interrupted> {
-        self.subscriber.has_samples().map_err(|error| self.shared.port_failed(M::TOPIC, error))
+    /// Whether there is something to receive, counted by its writer or not: a writer that was killed between the two has not.
+    pub(crate) fn has_more(&mut self) -> Result<bool, Interrupted> {
+        let has_more = self.subscriber.has_samples().map_err(|error| self.shared.port_failed(M::TOPIC, error))?;
+        if has_more {
+            self.empty_at = None;
+        }
+        Ok(has_more)
     }
 }
 

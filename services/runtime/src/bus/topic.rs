@@ -20,8 +20,9 @@ use crate::run_dir::{RunDir, SHM};
 
 /// Samples that a reader holds at once: the one of the tick in hand, one that came before its time, and the next.
 const MAX_BORROWED: usize = 4;
-/// Eight processes and the keeper.
-const MAX_READERS: usize = 9;
+/// Readers beyond those that the graph names: the keeper, and two for tools that look at a topic from outside. A writer walks over all places
+/// several times per message.
+const MORE_READERS: usize = 3;
 /// The living writer, and the dead one until it has been cleaned up.
 const MAX_WRITERS: usize = 2;
 /// Dead writers whose last messages a reader can still have to read.
@@ -147,16 +148,18 @@ fn builder<M: Message>(node: &Node<ipc::Service>) -> Result<Builder<Wire<M>, (),
         .history_size(0)
         .subscriber_max_buffer_size(depth(size_of::<M>()))
         .subscriber_max_borrowed_samples(MAX_BORROWED)
-        .max_subscribers(MAX_READERS)
         .max_publishers(MAX_WRITERS)
         .max_nodes(crate::manifest::MAX_PROCESSES + 4))
 }
 
-fn create<M: Message>(node: &Node<ipc::Service>, run: &RunDir, wire: u64) -> Result<Box<dyn Keep>, TopicError> {
+fn create<M: Message>(node: &Node<ipc::Service>, run: &RunDir, readers: usize, wire: u64) -> Result<Box<dyn Keep>, TopicError> {
     let key = AttributeKey::new(WIRE_ATTRIBUTE.as_bytes()).map_err(|e| failed::<M>("create", format!("{e:?}")))?;
     let value = AttributeValue::new(format!("{wire:016x}").as_bytes()).map_err(|e| failed::<M>("create", format!("{e:?}")))?;
     let attributes = AttributeSpecifier::new().define(&key, &value).map_err(|e| failed::<M>("create", e))?;
-    let service = builder::<M>(node)?.create_with_attributes(&attributes).map_err(|e| failed::<M>("create", e))?;
+    let service = builder::<M>(node)?
+        .max_subscribers(readers + MORE_READERS)
+        .create_with_attributes(&attributes)
+        .map_err(|e| failed::<M>("create", e))?;
     // The first of all subscribers: a message is in the keeper's buffer before any other reader has it.
     let subscriber = service.subscriber_builder().buffer_size(depth(size_of::<M>())).create().map_err(|e| failed::<M>("keep", e))?;
     let handed_over = HandedOver::open(run).map_err(|error| TopicError::Memory { topic: M::TOPIC, reason: error.to_string() })?;
@@ -251,7 +254,7 @@ impl Hub {
     pub(crate) fn create_speaking(run: &RunDir, manifest: &Manifest, wire: u64) -> Result<Self, TopicError> {
         let node = join(run, "launcher", true)?;
         run.make_private().map_err(|e| TopicError::Node { run: run.name().to_owned(), reason: e.to_string() })?;
-        let keepers = manifest.topics().into_iter().map(|topic| create_by_name(&node, run, topic, wire));
+        let keepers = manifest.topics().into_iter().map(|topic| create_by_name(&node, run, topic, manifest.readers_of(topic), wire));
         Ok(Self { keepers: keepers.collect::<Result<_, _>>()?, node })
     }
 
@@ -313,14 +316,14 @@ impl Hub {
 }
 
 /// A topic's name decides its message.
-fn create_by_name(node: &Node<ipc::Service>, run: &RunDir, topic: &str, wire: u64) -> Result<Box<dyn Keep>, TopicError> {
-    struct Create<'a>(&'a Node<ipc::Service>, &'a RunDir, u64);
+fn create_by_name(node: &Node<ipc::Service>, run: &RunDir, topic: &str, readers: usize, wire: u64) -> Result<Box<dyn Keep>, TopicError> {
+    struct Create<'a>(&'a Node<ipc::Service>, &'a RunDir, usize, u64);
     impl Each for Create<'_> {
         type Output = Result<Box<dyn Keep>, TopicError>;
         fn each<M: Topic>(&mut self) -> Self::Output {
-            create::<M>(self.0, self.1, self.2)
+            create::<M>(self.0, self.1, self.2, self.3)
         }
     }
-    topics::named(topic, &mut Create(node, run, wire))
+    topics::named(topic, &mut Create(node, run, readers, wire))
         .unwrap_or_else(|| Err(TopicError::Unknown { topic: topic.to_owned(), known: TOPICS.join(", ") }))
 }

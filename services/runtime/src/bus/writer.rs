@@ -60,6 +60,8 @@ struct Sending<M: Message> {
     output: usize,
     publisher: Rc<Publishing<M>>,
     bit: u32,
+    /// The topic's line on the control page.
+    topic: usize,
     readers: Vec<usize>,
     /// The last messages made while faults shape them, for this process and its replacement.
     last_made: LastMade<M>,
@@ -72,11 +74,14 @@ struct Sending<M: Message> {
 impl<M: Message> Writer<M> {
     pub(crate) fn new(shared: &Rc<Context>, publisher: Rc<Publishing<M>>) -> Result<Self, TopicError> {
         let last_made = LastMade::open(&shared.run).map_err(|error| TopicError::Memory { topic: M::TOPIC, reason: error.to_string() })?;
+        let topic = shared.topic_index(M::TOPIC);
+        shared.control_page.topic(topic).begin_writer();
         let outlet = Rc::new(Sending {
             shared: Rc::clone(shared),
             publisher,
             output: shared.manifest.processes[shared.me].writes.iter().position(|topic| topic == M::TOPIC).unwrap_or(0),
             bit: shared.topic_bit(M::TOPIC),
+            topic,
             readers: shared.manifest.woken_by(M::TOPIC).collect(),
             last_made,
             held: RefCell::new(VecDeque::with_capacity(MOST_HELD)),
@@ -173,7 +178,8 @@ impl<M: Message> Loan<'_, M> {
         if is_last {
             shared.commit(tick);
         }
-        let header = *self.header();
+        // In real time only: for the account of late messages.
+        let header = (!shared.is_lockstep()).then(|| *self.header());
         if shared.is_shaped() && shaped_topic(M::TOPIC) {
             let message = *self;
             drop(self.sample);
@@ -194,7 +200,9 @@ impl<M: Message> Loan<'_, M> {
             shared.report_progress();
         }
         outlet.ring();
-        count_lateness(self.usage, shared, &header, sent_ns);
+        if let Some(header) = header {
+            count_lateness(self.usage, shared, &header, sent_ns);
+        }
         Ok(())
     }
 }
@@ -204,7 +212,7 @@ fn count_lateness(usage: &mut Usage, shared: &Context, header: &shared_types::He
     let origin_ns = header.stamps.origin_ns();
     let due_ns = origin_ns + shared.manifest.period_ns();
     let is_late = origin_ns > 0 && sent_ns > due_ns;
-    if shared.is_lockstep() || !(is_late || header.tick.is_multiple_of(USAGE_EVERY)) {
+    if !(is_late || header.tick.is_multiple_of(USAGE_EVERY)) {
         return;
     }
     let now = Usage::now();
@@ -225,6 +233,7 @@ impl<M: Message> Sending<M> {
 
     fn deliver(&self, sample: SampleMut<ipc::Service, Wire<M>, ()>) -> Result<(), SendError> {
         sample.send().map_err(|error| self.failed(error))?;
+        self.shared.control_page.topic(self.topic).count_sent();
         self.shared.entry().add(Count::Sent, 1);
         Ok(())
     }

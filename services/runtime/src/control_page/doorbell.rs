@@ -27,6 +27,7 @@ pub(crate) struct Doorbell {
 
 impl Doorbell {
     /// Tells the owner that something arrived on the topics `bits`; a system call only if it sleeps for one of them.
+    #[inline]
     pub(crate) fn ring(&self, bits: u32) {
         self.rings.fetch_add(1, Ordering::SeqCst);
         if self.awaited.load(Ordering::SeqCst) & bits != 0 && self.awaited.swap(0, Ordering::SeqCst) != 0 {
@@ -40,20 +41,27 @@ impl Doorbell {
         self.sleeps.load(Ordering::Relaxed)
     }
 
+    #[inline]
     pub(crate) fn rings(&self) -> u32 {
         self.rings.load(Ordering::SeqCst)
     }
 
-    /// Announces the sleep; the caller must look for data once more before [`Doorbell::sleep`].
+    /// Announces a sleep. The caller has read [`Doorbell::rings`] before it last looked for data: a ring since then ends [`Doorbell::sleep`] at once.
+    #[inline]
     pub(crate) fn arm(&self, bits: u32) {
         self.sleeps.store(self.sleeps.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
         self.awaited.store(bits | ATTENTION, Ordering::SeqCst);
     }
 
+    /// Takes the announcement back, where no ringer has done so; a ring that comes meanwhile costs a system call and changes nothing.
+    #[inline]
     pub(crate) fn disarm(&self) {
-        self.awaited.store(0, Ordering::SeqCst);
+        if self.awaited.load(Ordering::Relaxed) != 0 {
+            self.awaited.store(0, Ordering::Release);
+        }
     }
 
+    #[inline]
     pub(crate) fn is_armed_for(&self, bits: u32) -> bool {
         self.awaited.load(Ordering::SeqCst) & bits != 0
     }
@@ -61,6 +69,7 @@ impl Doorbell {
     /// Sleeps until the next ring after the count `seen`, a signal, or the end of the time. Every return is a hint only.
     ///
     /// Without a limit the [`Watchdog`] ends a sleep that brings nothing: a timer for each sleep would cost a sixth of a hop.
+    #[inline]
     pub(crate) fn sleep(&self, seen: u32, limit_ns: Option<u64>) {
         let limit = limit_ns.map(timespec);
         let _ = futex::wait(&self.rings, futex::Flags::empty(), seen, limit.as_ref());

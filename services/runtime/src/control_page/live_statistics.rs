@@ -13,6 +13,7 @@ const SPLIT: usize = 1 << SPLIT_BITS;
 /// Times of 2³⁷ ns (137 s) and more share the last bucket.
 const BUCKETS: usize = (37 - SPLIT_BITS as usize + 1) * SPLIT;
 
+#[inline]
 fn bucket(ns: u64) -> usize {
     let octave = ns.max(1).ilog2();
     let index = match octave.checked_sub(SPLIT_BITS) {
@@ -46,6 +47,7 @@ impl Default for DurationHistogram {
 
 impl DurationHistogram {
     /// Two plain loads and stores: there is one writer, and a reader that sees one without the other sees a sample less.
+    #[inline]
     pub(crate) fn record(&self, ns: u64) {
         let count = &self.counts[bucket(ns)];
         count.store(count.load(Ordering::Relaxed) + 1, Ordering::Relaxed);
@@ -119,6 +121,7 @@ pub(crate) struct LiveStateCells {
 
 impl LiveStateCells {
     /// Stores a message's values; the topic is known at compile time.
+    #[inline]
     pub(crate) fn note<M: Message>(&self, message: &M) {
         let message: &dyn Any = message;
         if let Some(report) = message.downcast_ref::<SingularityReport>() {

@@ -19,7 +19,7 @@ use crate::manifest::MAX_PROCESSES;
 use crate::run_dir::RunDir;
 
 /// "armbrd" and the version of this layout.
-const MAGIC: u64 = u64::from_be_bytes(*b"armbrd\0\x03");
+const MAGIC: u64 = u64::from_be_bytes(*b"armbrd\0\x04");
 
 /// How far a run has come in its beginning.
 ///
@@ -60,7 +60,41 @@ struct Page {
     hand_overs_done: AtomicU64,
     fault_table: FaultTable,
     live_state: LiveStateCells,
+    topics: [TopicEntry; MAX_TOPICS],
     entries: [ProcessEntry; MAX_PROCESSES],
+}
+
+/// Most topics a run may have: each has a bit on every doorbell.
+const MAX_TOPICS: usize = 29;
+
+/// One topic on the control page.
+#[repr(C, align(64))]
+#[derive(Debug, Default)]
+pub(crate) struct TopicEntry {
+    /// Messages sent; a writer adds each after it has been delivered. A new writer adds [`TopicEntry::INCARNATION`] first.
+    sent: AtomicU64,
+}
+
+impl TopicEntry {
+    /// So far apart lie the counts of two writers: what a dead one has delivered and not counted is not mistaken for what its replacement sends.
+    const INCARNATION: u64 = 1 << 32;
+
+    /// A writer begins.
+    pub(crate) fn begin_writer(&self) {
+        self.sent.fetch_add(Self::INCARNATION, Ordering::AcqRel);
+    }
+
+    /// The one living writer has delivered a message.
+    #[inline]
+    pub(crate) fn count_sent(&self) {
+        self.sent.store(self.sent.load(Ordering::Relaxed) + 1, Ordering::Release);
+    }
+
+    /// Changes with each message that is delivered; 0 where the writer, a program of others, does not count.
+    #[inline]
+    pub(crate) fn sent(&self) -> u64 {
+        self.sent.load(Ordering::Acquire)
+    }
 }
 
 /// The control page, mapped.
@@ -139,6 +173,7 @@ impl ControlPage {
         NonNull::new(address.cast()).map(|page| Self { page }).ok_or_else(|| std::io::Error::other("mapped at address 0"))
     }
 
+    #[inline]
     fn page(&self) -> &Page {
         // SAFETY: mapped for the life of `self`, page-aligned, and every bit pattern is a valid `Page`.
         unsafe { self.page.as_ref() }
@@ -146,8 +181,15 @@ impl ControlPage {
 
     /// The line of a process, by its index in the manifest.
     #[must_use]
+    #[inline]
     pub fn process(&self, index: usize) -> &ProcessEntry {
         &self.page().entries[index]
+    }
+
+    /// The line of a topic, by its index in [`Manifest::topics`](crate::Manifest::topics).
+    #[inline]
+    pub(crate) fn topic(&self, index: usize) -> &TopicEntry {
+        &self.page().topics[index]
     }
 
     /// The arm's state.
@@ -156,6 +198,7 @@ impl ControlPage {
         self.page().live_state.read()
     }
 
+    #[inline]
     pub(crate) fn live_state_cells(&self) -> &LiveStateCells {
         &self.page().live_state
     }
@@ -172,6 +215,7 @@ impl ControlPage {
 
     /// How far the run has come to its end.
     #[must_use]
+    #[inline]
     pub fn stop(&self) -> Stop {
         match self.page().stop.load(Ordering::Acquire) {
             0 => Stop::No,
@@ -188,6 +232,7 @@ impl ControlPage {
 
     /// The faults of the run.
     #[must_use]
+    #[inline]
     pub fn fault_table(&self) -> &FaultTable {
         &self.page().fault_table
     }

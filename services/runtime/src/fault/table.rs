@@ -129,6 +129,7 @@ impl FaultTable {
         &self.entries[..(self.taken.load(Ordering::Acquire) as usize).min(MOST_FAULTS)]
     }
 
+    #[inline]
     pub(crate) fn changes(&self) -> u32 {
         self.changes.load(Ordering::Acquire)
     }
@@ -232,10 +233,12 @@ impl Default for KnownFaults {
 
 impl KnownFaults {
     /// The faults in force, and their places.
+    #[inline]
     pub(crate) fn faults(&self) -> &[(usize, ScheduledFault)] {
         &self.faults
     }
 
+    #[inline]
     pub(crate) fn is_current(&self, table: &FaultTable) -> bool {
         self.changes == table.changes()
     }
