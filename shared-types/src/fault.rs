@@ -19,230 +19,20 @@
 //! A fault is tied to ticks, so a run with planned faults has the same bytes every time. A [`Fault`] becomes a [`ScheduledFault`], the fixed-size form
 //! that all processes of a run share; a scheduled fault turns back into the fault that repeats it.
 
-use bytemuck::{Pod, Zeroable};
+mod kind;
+mod scheduled;
+
 use serde::{Deserialize, Serialize};
 
 use crate::file::Complaint;
-use crate::wire::{Field, Layout, Message};
-use crate::{ControlState, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+use crate::process::Role;
+use crate::wire::{Field, Message};
+use crate::{ControlState, PlantState};
 
-/// Declares an enumeration of words: the variants, their spelling in files and their numbers in shared memory.
-macro_rules! words {
-    ($(#[$meta:meta])* $name:ident { $( #[doc = $doc:literal] $variant:ident $word:literal ),* $(,)? }) => {
-        $(#[$meta])*
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-        pub enum $name { $( #[doc = $doc] #[serde(rename = $word)] $variant ),* }
+use kind::{DELAY_TICKS, Rule, SLOW_MS};
 
-        impl $name {
-            /// All of them, in order: the place is the number in shared memory.
-            pub const ALL: &'static [Self] = &[$(Self::$variant),*];
-
-            /// As written in files.
-            #[must_use]
-            pub fn name(self) -> &'static str {
-                match self { $( Self::$variant => $word ),* }
-            }
-
-            /// One sentence.
-            #[must_use]
-            pub fn about(self) -> &'static str {
-                match self { $( Self::$variant => $doc.trim_ascii() ),* }
-            }
-
-            fn of(number: u32) -> Option<Self> {
-                Self::ALL.get(number as usize).copied()
-            }
-        }
-
-        impl std::fmt::Display for $name {
-            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-                f.write_str(self.name())
-            }
-        }
-
-        impl std::str::FromStr for $name {
-            type Err = String;
-            fn from_str(word: &str) -> Result<Self, String> {
-                let known = || Self::ALL.iter().map(|one| one.name()).collect::<Vec<_>>().join(", ");
-                Self::ALL.iter().find(|one| one.name() == word).copied().ok_or_else(|| format!("there is no `{word}`; there are {}", known()))
-            }
-        }
-    };
-}
-
-words! {
-    /// The kind of fault.
-    Kind {
-        /// The process ends itself by SIGKILL at the tick; its replacement answers after `for`.
-        Kill "kill",
-        /// It panics at the tick.
-        Crash "crash",
-        /// It is stopped (SIGSTOP) at the tick.
-        Hang "hang",
-        /// Its messages leave so many ticks late.
-        Delay "delay",
-        /// Its messages are lost.
-        Drop "drop",
-        /// Its messages are sent twice.
-        Duplicate "duplicate",
-        /// Its messages change places with the next.
-        Reorder "reorder",
-        /// Instead of a new message the last one from before the fault is sent again.
-        Stale "stale",
-        /// A field of its messages is corrupted on the way.
-        Corrupt "corrupt",
-        /// An encoder lies.
-        Sensor "sensor",
-        /// A joint's drive does not follow its command.
-        Drive "drive",
-        /// Its clock jumps or runs at another rate.
-        Clock "clock",
-        /// Somebody else is busy on its core.
-        Starve "starve",
-        /// The volume it writes to is full.
-        DiskFull "disk-full",
-        /// The volume it writes to is slow.
-        SlowDisk "slow-disk",
-    }
-}
-
-words! {
-    /// In which way a value is wrong, for the kinds that have several.
-    Way {
-        /// hang: continued (SIGCONT) after `for`.
-        Paused "paused",
-        /// hang: until the launcher detects the silence and replaces it; the replacement answers after `for`.
-        ForEver "for-ever",
-        /// corrupt: not a number.
-        Nan "nan",
-        /// corrupt: infinite.
-        Inf "inf",
-        /// corrupt: one bit flipped, another one in each message.
-        Flip "flip",
-        /// corrupt: far out of range, by the factor `amount` and at least by it.
-        Huge "huge",
-        /// sensor: off by `amount` rad.
-        Bias "bias",
-        /// sensor: off by `amount` rad/s times the time since the fault.
-        Drift "drift",
-        /// sensor: noise of standard deviation `amount` rad.
-        Noise "noise",
-        /// sensor: steps of `amount` rad.
-        Quantise "quantise",
-        /// sensor: the first value of the fault again and again; drive: likewise its torque.
-        Stuck "stuck",
-        /// drive: no torque.
-        Lost "lost",
-        /// drive: no more than the fraction `amount` of its limit.
-        Saturated "saturated",
-        /// drive: dry friction of the fraction `amount` of its limit.
-        Friction "friction",
-        /// clock: by `amount` ms at once.
-        Jump "jump",
-        /// clock: faster by the fraction `amount`.
-        Skew "skew",
-    }
-}
-
-/// The arguments of a kind of fault, and the processes that it applies to.
-struct Rule {
-    kind: Kind,
-    /// In which ways it comes; the first is the default.
-    ways: &'static [(Way, f64)],
-    processes: &'static [&'static str],
-    /// How long it lasts unless said otherwise; s. Infinite: to the end of the run.
-    lasts_s: f64,
-    has_probability: bool,
-}
-
-const ALL: &[&str] = &["plant", "estimator", "analyzer", "controller", "recorder"];
-const SENDERS: &[&str] = &["plant", "estimator", "analyzer", "controller"];
-const PLANT: &[&str] = &["plant"];
-const RECORDER: &[&str] = &["recorder"];
-
-const fn rule(kind: Kind, processes: &'static [&'static str], lasts_s: f64) -> Rule {
-    Rule { kind, ways: &[], processes, lasts_s, has_probability: false }
-}
-
-/// The factor of a corruption `as = "huge"` without `amount`.
-const HUGE: f64 = 1e3;
-
-const RULES: [Rule; 15] = [
-    rule(Kind::Kill, ALL, 0.1),
-    rule(Kind::Crash, ALL, 0.1),
-    Rule { ways: &[(Way::Paused, 0.0), (Way::ForEver, 0.0)], ..rule(Kind::Hang, ALL, 0.1) },
-    rule(Kind::Delay, SENDERS, 0.1),
-    Rule { has_probability: true, ..rule(Kind::Drop, SENDERS, 0.1) },
-    Rule { has_probability: true, ..rule(Kind::Duplicate, SENDERS, 0.1) },
-    Rule { has_probability: true, ..rule(Kind::Reorder, SENDERS, 0.1) },
-    Rule { has_probability: true, ..rule(Kind::Stale, SENDERS, 0.1) },
-    Rule {
-        has_probability: true,
-        ways: &[(Way::Nan, 0.0), (Way::Inf, 0.0), (Way::Flip, 0.0), (Way::Huge, HUGE)],
-        ..rule(Kind::Corrupt, SENDERS, 0.1)
-    },
-    Rule {
-        ways: &[(Way::Bias, 0.01), (Way::Drift, 0.05), (Way::Noise, 0.001), (Way::Quantise, 0.005), (Way::Stuck, 0.0)],
-        ..rule(Kind::Sensor, PLANT, 0.5)
-    },
-    Rule { ways: &[(Way::Lost, 0.0), (Way::Stuck, 0.0), (Way::Saturated, 0.1), (Way::Friction, 0.05)], ..rule(Kind::Drive, PLANT, 0.5) },
-    Rule { ways: &[(Way::Jump, 5.0), (Way::Skew, 0.01)], ..rule(Kind::Clock, SENDERS, 0.5) },
-    rule(Kind::Starve, ALL, 0.2),
-    rule(Kind::DiskFull, RECORDER, f64::INFINITY),
-    rule(Kind::SlowDisk, RECORDER, 0.5),
-];
-
-/// Delay of a message unless said otherwise; ticks.
-const DELAY_TICKS: u64 = 2;
-
-/// Longest delay with jitter: what the chain's buffers hold; ticks.
-pub const MOST_DELAY_TICKS: u64 = 50;
-
-/// Pause of a slow volume in each round unless said otherwise; ms.
-const SLOW_MS: f64 = 20.0;
-
-impl Kind {
-    fn rule(self) -> &'static Rule {
-        let rule = &RULES[self as usize];
-        debug_assert_eq!(rule.kind, self);
-        rule
-    }
-
-    /// The ways it comes in; empty where there is only one.
-    pub fn ways(self) -> impl Iterator<Item = Way> {
-        self.rule().ways.iter().map(|(way, _)| *way)
-    }
-
-    /// By how much it comes in a way, unless said otherwise; 0 where there is no amount.
-    #[must_use]
-    pub fn usual_amount(self, way: Way) -> f64 {
-        self.rule().ways.iter().find(|(one, _)| *one == way).map_or(0.0, |(_, amount)| *amount)
-    }
-
-    /// How long it lasts unless said otherwise, s; infinite: to the end of the run.
-    #[must_use]
-    pub fn usual_length_s(self) -> f64 {
-        self.rule().lasts_s
-    }
-
-    /// The processes it can happen to.
-    #[must_use]
-    pub fn processes(self) -> &'static [&'static str] {
-        self.rule().processes
-    }
-
-    /// Whether the process is dead or stands still meanwhile.
-    #[must_use]
-    pub fn takes_down(self) -> bool {
-        matches!(self, Self::Kill | Self::Crash | Self::Hang)
-    }
-
-    /// Whether several messages, or none, may leave in one tick.
-    #[must_use]
-    pub fn shapes_messages(self) -> bool {
-        matches!(self, Self::Delay | Self::Drop | Self::Duplicate | Self::Reorder | Self::Stale | Self::Corrupt)
-    }
-}
+pub use kind::{Kind, MOST_DELAY_TICKS, Way};
+pub use scheduled::ScheduledFault;
 
 /// One fault, as people write it. Of each pair in ticks and in seconds at most one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -290,58 +80,47 @@ pub struct Fault {
     pub seed: Option<u64>,
 }
 
-/// A fault as the processes of a run carry it out: fixed size, in shared memory.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-pub struct ScheduledFault {
-    /// Index of the process in the manifest.
-    pub process: u32,
-    /// Number of its [`Kind`].
-    pub kind: u32,
-    /// Number of its [`Way`].
-    pub way: u32,
-    /// The joint from 0, or the field of the message times 65536 plus the place in it.
-    pub target: u32,
-    /// First tick.
-    pub at: u64,
-    /// First tick it no longer concerns; `u64::MAX`: never.
-    pub until: u64,
-    /// Share of messages.
-    pub probability: f64,
-    /// By how much, in the way's unit; for `delay` the ticks.
-    pub amount: f64,
-    /// Most additional delay; ticks.
-    pub jitter: u64,
-    /// Seed of its random numbers.
-    pub seed: u64,
+/// The process that a fault applies to, as its graph has it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Target {
+    /// Its place in the manifest.
+    pub index: u32,
+    /// Its part in the run.
+    pub role: Role,
+    /// The fields of the message that a corruption concerns: the first that faults shape.
+    pub fields: Vec<Field>,
+}
+
+impl Target {
+    /// The process at a place of the manifest that sends messages of type `M`.
+    #[must_use]
+    pub fn sending<M: Message>(index: u32, role: Role) -> Self {
+        Self { index, role, fields: M::FIELDS.to_vec() }
+    }
+}
+
+/// The topic of a process whose messages a corruption concerns: the first that faults shape.
+#[must_use]
+pub fn corrupted_topic(writes: &[String]) -> Option<&str> {
+    writes.iter().map(String::as_str).find(|topic| shaped_topic(topic))
+}
+
+/// Whether faults of a process shape the messages of this topic; what is published for judging and showing only is never touched.
+#[must_use]
+pub fn shaped_topic(topic: &str) -> bool {
+    topic != PlantState::TOPIC && topic != ControlState::TOPIC
 }
 
 impl ScheduledFault {
-    /// The kind; `None` for a number that no kind has.
+    /// The fault that repeats it, for the process of that name, whose corrupted message has these fields.
     #[must_use]
-    pub fn kind(&self) -> Option<Kind> {
-        Kind::of(self.kind)
-    }
-
-    /// In which way.
-    #[must_use]
-    pub fn way(&self) -> Option<Way> {
-        Way::of(self.way)
-    }
-
-    /// Whether a tick is concerned.
-    #[must_use]
-    pub fn concerns(&self, tick: u64) -> bool {
-        (self.at..self.until).contains(&tick)
-    }
-
-    /// The fault that repeats it, for the process of that name.
-    #[must_use]
-    pub fn fault(&self, process: &str) -> Option<Fault> {
+    pub fn fault(&self, process: &str, fields: &[Field]) -> Option<Fault> {
         let kind = self.kind()?;
         let rule = kind.rule();
         let way = self.way().filter(|_| !rule.ways.is_empty());
-        let field = self.field(process);
+        let at = self.target as usize;
+        let field = fields.iter().find(|field| (field.offset..field.offset + field.size).contains(&at));
+        let field = field.map(|field| format!("{}[{}]", field.name, (at - field.offset) / size_of::<f64>()));
         Some(Fault {
             process: process.to_owned(),
             kind,
@@ -353,40 +132,20 @@ impl ScheduledFault {
             probability: rule.has_probability.then_some(self.probability),
             delay_ticks: (kind == Kind::Delay).then_some(self.amount as u64),
             jitter_ticks: (kind == Kind::Delay && self.jitter > 0).then_some(self.jitter),
-            field: (kind == Kind::Corrupt).then(|| field.map(|(field, place)| format!("{}[{place}]", field.name))).flatten(),
+            field: field.filter(|_| kind == Kind::Corrupt),
             joint: matches!(kind, Kind::Sensor | Kind::Drive).then_some(self.target + 1),
             amount: (!matches!(kind, Kind::Delay) && self.amount != 0.0).then_some(self.amount),
             seed: (rule.has_probability || matches!(kind, Kind::Delay | Kind::Sensor)).then_some(self.seed),
         })
     }
 
-    /// The field of its process's message that it corrupts, and the place in it.
+    /// The end of a process that no plan had, from a tick on: the kill that repeats it.
     #[must_use]
-    pub fn field(&self, process: &str) -> Option<(&'static Field, usize)> {
-        let field = fields_of(process).get((self.target >> 16) as usize)?;
-        Some((field, (self.target & 0xffff) as usize))
+    pub fn death(process: u32, at: u64, rate_hz: u32) -> Self {
+        let length = (Kind::Kill.usual_length_s() * f64::from(rate_hz)).round().max(1.0) as u64;
+        let until = at.saturating_add(length);
+        Self { process, kind: Kind::Kill as u32, way: 0, target: 0, at, until, probability: 1.0, amount: 0.0, jitter: 0, seed: 0 }
     }
-}
-
-/// The fields of the message a process sends along the chain.
-fn fields_of(process: &str) -> &'static [Field] {
-    match process {
-        "plant" => SensorSample::FIELDS,
-        "estimator" => StateEstimate::FIELDS,
-        "analyzer" => SingularityReport::FIELDS,
-        "controller" => TorqueCommand::FIELDS,
-        _ => &[],
-    }
-}
-
-/// Whether faults of a process shape the messages of this topic; what is published for judging and showing only is never touched.
-#[must_use]
-pub fn shaped_topic(topic: &str) -> bool {
-    topic != PlantState::TOPIC && topic != ControlState::TOPIC
-}
-
-fn is_number(field: &Field) -> bool {
-    field.type_name == "f64" || field.type_name.starts_with("[f64;")
 }
 
 impl Fault {
@@ -411,20 +170,36 @@ impl Fault {
         }
     }
 
-    /// Its fixed-size form at a control rate, for the process at `index` of the manifest; `seed` where it names none.
+    /// The checks that do not need the graph.
     ///
     /// # Errors
-    /// [`Complaint`], its path relative to the fault: what does not belong to its kind, or is out of range.
-    pub fn schedule(&self, index: u32, rate_hz: u32, seed: u64) -> Result<ScheduledFault, Complaint> {
-        let rule = self.kind.rule();
-        let (kind, process) = (self.kind, self.process.as_str());
-        if !ALL.contains(&process) {
-            return Err(Complaint::new("process", format!("there is no process `{process}`"), format!("known: {}", ALL.join(", "))));
+    /// As [`Fault::schedule`].
+    pub fn check(&self, rate_hz: u32) -> Result<(), Complaint> {
+        self.timed(0, 0, rate_hz, 0).map(drop)
+    }
+
+    /// Its fixed-size form at a control rate, for a process of the graph; `seed` where it names none.
+    ///
+    /// # Errors
+    /// [`Complaint`], its path relative to the fault: an argument that does not belong to its kind, or is out of range.
+    pub fn schedule(&self, on: &Target, rate_hz: u32, seed: u64) -> Result<ScheduledFault, Complaint> {
+        let (kind, roles) = (self.kind, self.kind.roles());
+        if !roles.contains(&on.role) {
+            let names: Vec<_> = roles.iter().map(|role| role.about()).collect();
+            let remedy = format!("it can happen to {}", names.join(" and to "));
+            return Err(Complaint::new("kind", format!("`{kind}` cannot happen to the {}", self.process), remedy));
         }
-        if !rule.processes.contains(&process) {
-            let remedy = format!("it can happen to: {}", rule.processes.join(", "));
-            return Err(Complaint::new("kind", format!("`{kind}` cannot happen to the {process}"), remedy));
-        }
+        let target = match kind {
+            Kind::Corrupt => self.corrupted_place(&on.fields)?,
+            _ => self.joint.map_or(Ok(0), |joint| {
+                joint.checked_sub(1).ok_or_else(|| Complaint::new("joint", "there is no joint 0", "joints count from 1"))
+            })?,
+        };
+        self.timed(on.index, target, rate_hz, seed)
+    }
+
+    fn timed(&self, index: u32, target: u32, rate_hz: u32, seed: u64) -> Result<ScheduledFault, Complaint> {
+        let (kind, rule) = (self.kind, self.kind.rule());
         self.refuse_what_does_not_belong(rule)?;
         let at = ticks("at", self.at_tick, self.at_s, rate_hz)?.unwrap_or(0);
         let length = match ticks("for", self.for_ticks, self.for_s, rate_hz)? {
@@ -456,12 +231,6 @@ impl Fault {
             let remedy = format!("with its jitter at most {MOST_DELAY_TICKS}; a longer one is a `drop` or a `hang`");
             return Err(Complaint::new("delay_ticks", "a delay too long for the buffers of the chain", remedy));
         }
-        let target = match kind {
-            Kind::Corrupt => self.spoilt_field()?,
-            _ => self.joint.map_or(Ok(0), |joint| {
-                joint.checked_sub(1).ok_or_else(|| Complaint::new("joint", "there is no joint 0", "joints count from 1"))
-            })?,
-        };
         Ok(ScheduledFault {
             process: index,
             kind: kind as u32,
@@ -507,12 +276,12 @@ impl Fault {
         Ok(())
     }
 
-    /// The field's number times 65536 plus the place in it; by default the first number of the message.
-    fn spoilt_field(&self) -> Result<u32, Complaint> {
-        let fields = fields_of(&self.process);
-        let known = || fields.iter().filter(|field| is_number(field)).map(|field| field.name).collect::<Vec<_>>().join(", ");
+    /// Where the number lies that it corrupts, in bytes; by default the first number of the message.
+    fn corrupted_place(&self, fields: &[Field]) -> Result<u32, Complaint> {
+        let numbers = || fields.iter().filter(|field| field.is_number());
+        let known = || numbers().map(|field| &*field.name).collect::<Vec<_>>().join(", ");
         let (name, place) = match self.field.as_deref() {
-            None => (fields.iter().find(|field| is_number(field)).map_or("", |field| field.name), 0),
+            None => (numbers().next().map_or("", |field| &*field.name), 0),
             Some(text) => match text.strip_suffix(']').and_then(|text| text.split_once('[')) {
                 None => (text, 0),
                 Some((name, place)) => {
@@ -521,17 +290,16 @@ impl Fault {
                 }
             },
         };
-        let found = fields.iter().position(|field| field.name == name && is_number(field));
-        let Some(number) = found else {
+        let Some(field) = numbers().find(|field| field.name == name) else {
             let message = format!("the {} sends no number `{name}`", self.process);
             return Err(Complaint::new("field", message, format!("it sends {}", known())));
         };
-        let length = fields[number].size / size_of::<f64>();
+        let length = field.size / size_of::<f64>();
         if place >= length {
             let message = format!("`{name}` has {length} places, there is no place {place}");
             return Err(Complaint::new("field", message, format!("0 to {}", length - 1)));
         }
-        Ok((number as u32) << 16 | place as u32)
+        Ok((field.offset + place * size_of::<f64>()) as u32)
     }
 }
 
@@ -590,9 +358,14 @@ impl std::fmt::Display for Fault {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::graph::{BUILT_IN, Graph};
 
     fn parse(text: &str) -> Fault {
         toml::from_str(text).unwrap()
+    }
+
+    fn graph() -> Graph {
+        Graph::parse("graph.toml", BUILT_IN).unwrap()
     }
 
     #[test]
@@ -606,14 +379,15 @@ mod tests {
     #[test]
     fn every_fault_repeats_itself() {
         for &kind in Kind::ALL {
-            for &process in kind.processes() {
+            for process in graph().process.iter().filter(|process| kind.roles().contains(&process.role())) {
+                let (target, process) = (graph().target(&process.name).unwrap(), process.name.as_str());
                 let ways: Vec<_> = kind.ways().map(Some).collect();
                 for way in if ways.is_empty() { vec![None] } else { ways } {
                     let fault = Fault { way, at_tick: Some(70), ..Fault::new(process, kind) };
-                    let scheduled = fault.schedule(3, 1000, 99).unwrap();
-                    let again = scheduled.fault(process).unwrap();
+                    let scheduled = fault.schedule(&target, 1000, 99).unwrap();
+                    let again = scheduled.fault(process, &target.fields).unwrap();
                     assert_eq!(
-                        again.schedule(3, 1000, 0).unwrap(),
+                        again.schedule(&target, 1000, 0).unwrap(),
                         ScheduledFault { seed: again.seed.unwrap_or(0), ..scheduled },
                         "{fault}"
                     );
@@ -628,20 +402,27 @@ mod tests {
     #[test]
     fn seconds_become_ticks_and_fields_become_places() {
         let fault = parse("process='controller'\nkind='corrupt'\nas='inf'\nfield='tau[2]'\nat_s=0.25\nfor_s=0.01\nprobability=0.5");
-        let scheduled = fault.schedule(0, 2000, 5).unwrap();
+        let target = graph().target("controller").unwrap();
+        let scheduled = fault.schedule(&target, 2000, 5).unwrap();
         assert_eq!((scheduled.at, scheduled.until, scheduled.seed, scheduled.way()), (500, 520, 5, Some(Way::Inf)));
-        let (field, place) = scheduled.field("controller").unwrap();
-        assert_eq!((field.name, place), ("tau", 2));
+        let mut message = crate::TorqueCommand::default();
+        message.tau[2] = 4.25;
+        let place = scheduled.target as usize;
+        assert_eq!(bytemuck::bytes_of(&message)[place..place + 8], 4.25_f64.to_ne_bytes());
+        assert_eq!(scheduled.fault("controller", &target.fields).unwrap().field.unwrap(), "tau[2]");
     }
 
     #[test]
     fn what_makes_no_sense_is_refused_with_its_remedy() {
         let refused = |text: &str| {
-            let Complaint { path, message, remedy } = parse(text).schedule(0, 1000, 0).unwrap_err();
+            let fault = parse(text);
+            let Complaint { path, message, remedy } = fault.schedule(&graph().target(&fault.process).unwrap(), 1000, 0).unwrap_err();
             format!("{path}: {message} ({remedy})")
         };
-        assert!(refused("process='nobody'\nkind='kill'").contains("no process `nobody`"));
-        assert!(refused("process='recorder'\nkind='drop'").contains("cannot happen to the recorder"));
+        assert!(
+            refused("process='recorder'\nkind='drop'")
+                .contains("cannot happen to the recorder (it can happen to the process that makes the ticks and to the")
+        );
         assert!(refused("process='plant'\nkind='sensor'\nas='nan'").contains("it comes as: bias"));
         assert!(refused("process='plant'\nkind='sensor'\njoint=0").contains("from 1"));
         assert!(refused("process='plant'\nkind='kill'\nprobability=0.5").contains("has no `probability`"));

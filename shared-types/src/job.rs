@@ -8,6 +8,9 @@ use crate::file::Complaint;
 use crate::graph::Graph;
 use crate::scenario::Scenario;
 
+/// Name of the file of a job in a run's directory and in its results folder.
+pub const JOB: &str = "job.json";
+
 /// How time passes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -75,6 +78,7 @@ impl Job {
     /// [`Complaint`], its path relative to the job.
     pub fn check(&self) -> Result<(), Complaint> {
         self.scenario.check().map_err(|complaint| complaint.within("scenario"))?;
-        self.graph.check().map_err(|complaint| complaint.within("graph"))
+        self.graph.check().map_err(|complaint| complaint.within("graph"))?;
+        self.scenario.scheduled_faults(&self.graph).map(drop).map_err(|complaint| complaint.within("scenario"))
     }
 }

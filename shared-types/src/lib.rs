@@ -8,7 +8,7 @@
 //! * [`codes`]: the named integers that travel in them.
 //! * [`scenario`]: what a run does: robot, start, task, gains, noise, seed, judgement.
 //! * [`fault`]: what can be made to go wrong, in which process, when.
-//! * [`graph`]: which processes run, what each reads and writes, where, and what happens when one dies.
+//! * [`graph`]: the processes of a run, their topics and commands; [`process`]: one of them; [`layout`]: messages that only a graph knows.
 //! * [`file`]: how such files are read, and how their errors name the place and the remedy.
 //! * [`job`]: all of it together, as a starting process reads it.
 //! * [`summary`]: what a run left: the schema of `summary.json`.
@@ -22,7 +22,9 @@ pub mod fault;
 pub mod file;
 pub mod graph;
 pub mod job;
+pub mod layout;
 pub mod messages;
+pub mod process;
 pub mod random;
 pub mod scenario;
 pub mod summary;

@@ -8,7 +8,7 @@ use crate::{MAX_DOF, MAX_SINGULARITIES};
 
 wire! {
     /// The readings of the arm's own sensors at a tick: plant → estimator.
-    SensorSample on "sensor" version 2 {
+    SensorSample on "sensor" version 3 {
         /// Tick, incarnation, stamps.
         header: Header,
         /// Encoder positions, quantised and noisy; rad (m for prismatic joints).
@@ -24,7 +24,7 @@ wire! {
 
 wire! {
     /// The simulator's truth at a tick, for judging and showing only: no process of the control chain reads it.
-    PlantState on "plant_state" version 2 {
+    PlantState on "plant_state" version 3 {
         /// Tick, incarnation, stamps.
         header: Header,
         /// Joint positions; rad.
@@ -60,7 +60,7 @@ wire! {
 
 wire! {
     /// The estimated state: estimator → analyzer, controller.
-    StateEstimate on "estimate" version 3 {
+    StateEstimate on "estimate" version 4 {
         /// Tick, incarnation, stamps.
         header: Header,
         /// Joint positions; rad.
@@ -120,7 +120,7 @@ wire! {
 
 wire! {
     /// Where the arm is singular, or nearly: analyzer → controller.
-    SingularityReport on "singularity" version 3 {
+    SingularityReport on "singularity" version 4 {
         /// Tick, incarnation, stamps.
         header: Header,
         /// How many entries of `singularities` are meant.
@@ -146,7 +146,7 @@ wire! {
 
 wire! {
     /// Commanded torque: controller → plant.
-    TorqueCommand on "torque" version 4 {
+    TorqueCommand on "torque" version 5 {
         /// Tick, incarnation, stamps.
         header: Header,
         /// Commanded torque Γ; N·m.
@@ -162,7 +162,7 @@ const _: () = assert!(size_of::<TorqueCommand>() <= 256, "what a drive needs, at
 
 wire! {
     /// The control law's intermediate results and its reference: controller → recorder, for judging and showing.
-    ControlState on "control_state" version 2 {
+    ControlState on "control_state" version 3 {
         /// Tick, incarnation, stamps.
         header: Header,
         /// The part of the torque that acts at the end-effector, J_rᵀF_r with compensation of gravity and Coriolis; N·m.
@@ -252,12 +252,12 @@ mod tests {
         // Other programs know a topic's layout by its type name: one name, one layout. A line here is never edited, only replaced by that of the
         // next version.
         let known = [
-            ("armplane.SensorSample.v2", 224, 0x7e70_2f41_7b85_8812),
-            ("armplane.PlantState.v2", 480, 0x79ae_a02c_05c0_f6ac),
-            ("armplane.StateEstimate.v3", 352, 0xa6db_319b_182c_8cc6),
-            ("armplane.SingularityReport.v3", 1320, 0xdb2a_4781_2801_9786),
-            ("armplane.ControlState.v2", 648, 0x153a_abfc_c10e_2a75),
-            ("armplane.TorqueCommand.v4", 160, 0xe2ca_20d2_b380_3975),
+            ("armplane.SensorSample.v3", 288, 0x7b59_6d81_3efc_bd78),
+            ("armplane.PlantState.v3", 544, 0xb342_9417_b6bb_5ea6),
+            ("armplane.StateEstimate.v4", 416, 0x26d6_dbe8_667c_45e8),
+            ("armplane.SingularityReport.v4", 1384, 0x8844_948f_013a_28ee),
+            ("armplane.ControlState.v3", 712, 0x98e4_d969_d5ba_0d02),
+            ("armplane.TorqueCommand.v5", 224, 0xf478_adea_d3f1_5ea4),
         ];
         assert_eq!(topics::each(&mut Name), known);
     }

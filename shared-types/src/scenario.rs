@@ -27,6 +27,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::fault::{Fault, ScheduledFault};
 use crate::file::{Complaint, InvalidFile};
+use crate::graph::Graph;
 
 pub use analysis::{Analysis, BySingularity};
 pub use control::{Baseline, Control, Damping, HoldAndBlend, Strategy};
@@ -48,6 +49,9 @@ pub struct Scenario {
     pub about: String,
     /// Built-in robot name, or a path to a URDF (with an optional description `.toml` beside it).
     pub robot: String,
+    /// The file of the process graph, beside this one; the built-in graph where empty.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub graph: String,
     /// End-effector frame; the robot's default where empty.
     #[serde(default)]
     pub frame: String,
@@ -156,20 +160,22 @@ impl Scenario {
         self.control.check()?;
         self.record.check()?;
         self.goal.check()?;
-        self.scheduled_faults(|_| Some(0)).map(drop)
+        let mut faults = self.fault.iter().enumerate();
+        faults.try_for_each(|(i, fault)| fault.check(self.rate_hz).map_err(|complaint| complaint.within(&format!("fault.{i}"))))
     }
 
-    /// Its faults in their fixed-size form; `index` gives a process's place in the manifest (`None`: it is not there).
+    /// Its faults in their fixed-size form, for the processes of a graph.
     ///
     /// # Errors
     /// [`Complaint`]: a fault that makes no sense, or of a process that the graph does not have.
-    pub fn scheduled_faults(&self, index: impl Fn(&str) -> Option<u32>) -> Result<Vec<ScheduledFault>, Complaint> {
+    pub fn scheduled_faults(&self, graph: &Graph) -> Result<Vec<ScheduledFault>, Complaint> {
         let scheduled = |(i, fault): (usize, &Fault)| {
-            let place = index(&fault.process).ok_or_else(|| {
-                Complaint::new("process", format!("the graph has no process `{}`", fault.process), "take the fault out, or the process in")
+            let target = graph.target(&fault.process).ok_or_else(|| {
+                let names: Vec<_> = graph.process.iter().map(|process| process.name.as_str()).collect();
+                Complaint::new("process", format!("there is no process `{}`", fault.process), format!("the graph has {}", names.join(", ")))
             });
             let seed = self.seed.wrapping_mul(0x0100_0000_01b3).wrapping_add(i as u64);
-            place.and_then(|place| fault.schedule(place, self.rate_hz, seed)).map_err(|complaint| complaint.within(&format!("fault.{i}")))
+            target.and_then(|on| fault.schedule(&on, self.rate_hz, seed)).map_err(|complaint| complaint.within(&format!("fault.{i}")))
         };
         self.fault.iter().enumerate().map(scheduled).collect()
     }

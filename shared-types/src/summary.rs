@@ -281,6 +281,9 @@ pub struct RecorderSummary {
     /// Size of the messages kept beside it, which `armplane replay` reads; bytes, 0 where none were kept.
     #[serde(default)]
     pub messages_bytes: u64,
+    /// Topics that only the graph knows: counted, hashed and kept as bytes, but not in the recording.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub not_drawn: Vec<String>,
     /// Processor time that the recorder used, start and end included; s.
     #[serde(default)]
     pub cpu_s: f64,

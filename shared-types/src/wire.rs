@@ -1,9 +1,11 @@
 //! Messages: plain bytes with a name, a layout and a tick.
 
+use std::borrow::Cow;
+
 use bytemuck::{Pod, Zeroable};
 
-/// The hops of the control chain, in the order data flows: the index of each process in [`Stamps`].
-pub const HOPS: [&str; 4] = ["plant", "estimator", "analyzer", "controller"];
+/// Most processes that have a place in [`Stamps`]; the graph says which process has which: [`Graph::hops`](crate::graph::Graph::hops).
+pub const MAX_HOPS: usize = 8;
 
 /// When each hop before this message received its input and sent its output.
 ///
@@ -12,10 +14,10 @@ pub const HOPS: [&str; 4] = ["plant", "estimator", "analyzer", "controller"];
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct Stamps {
-    /// When hop `HOPS[i]` had its input in hand.
-    pub received_ns: [u64; 4],
-    /// When hop `HOPS[i]` sent its output.
-    pub sent_ns: [u64; 4],
+    /// When hop i had its input in hand; hop 0 is the process that makes the ticks.
+    pub received_ns: [u64; MAX_HOPS],
+    /// When hop i sent its output.
+    pub sent_ns: [u64; MAX_HOPS],
     /// When the tick should have begun: its point on the real-time grid; 0 in lockstep, where there is none.
     pub due_ns: u64,
 }
@@ -23,7 +25,7 @@ pub struct Stamps {
 impl Stamps {
     /// Takes in the stamps of another input of the same tick: of each hop the later ones.
     pub fn merge(&mut self, other: &Self) {
-        for hop in 0..HOPS.len() {
+        for hop in 0..MAX_HOPS {
             self.received_ns[hop] = self.received_ns[hop].max(other.received_ns[hop]);
             self.sent_ns[hop] = self.sent_ns[hop].max(other.sent_ns[hop]);
         }
@@ -53,16 +55,41 @@ pub struct Header {
 }
 
 /// One field of a message, as data: for layout hashes, for naming a difference, for readers in other languages.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Field {
     /// The field's name.
-    pub name: &'static str,
+    pub name: Cow<'static, str>,
     /// Its Rust type, as written.
-    pub type_name: &'static str,
+    pub type_name: Cow<'static, str>,
+    /// The type of its elements: `f64`, `u64`, `u32`, `Header`, or the name of another structure.
+    pub element: Cow<'static, str>,
     /// Bytes from the start of the message.
     pub offset: usize,
     /// Size in bytes.
     pub size: usize,
+    /// One sentence, with the unit after its last semicolon.
+    pub about: Cow<'static, str>,
+}
+
+impl Field {
+    /// A field that is known when the program is compiled.
+    #[must_use]
+    pub const fn known(
+        name: &'static str,
+        [type_name, element]: [&'static str; 2],
+        offset: usize,
+        size: usize,
+        about: &'static str,
+    ) -> Self {
+        let (name, type_name, element) = (Cow::Borrowed(name), Cow::Borrowed(type_name), Cow::Borrowed(element));
+        Self { name, type_name, element, offset, size, about: Cow::Borrowed(about.trim_ascii()) }
+    }
+
+    /// Whether it is a floating-point number, or an array of them.
+    #[must_use]
+    pub fn is_number(&self) -> bool {
+        self.element == "f64"
+    }
 }
 
 /// A fixed-size structure with an explicit name: plain integers and `f64`, no padding (`Pod` asserts it at compile time).
@@ -71,21 +98,14 @@ pub trait Layout: Part + Pod + Send + Sync + std::fmt::Debug {
     const TYPE_NAME: &'static str;
     /// The layout, in order.
     const FIELDS: &'static [Field];
+    /// A sentence or two on it.
+    const ABOUT: &'static str;
 
     /// A hash of name, size, alignment and every field: two builds that agree on it agree on every byte.
     fn layout_hash() -> u64 {
-        let mut hash = Fnv::new();
-        hash.text(Self::TYPE_NAME);
-        hash.number(size_of::<Self>());
-        hash.number(align_of::<Self>());
-        for field in Self::FIELDS {
-            hash.text(field.name);
-            hash.text(field.type_name);
-            hash.number(field.offset);
-            hash.number(field.size);
-        }
+        let mut hash = Fnv::of(Self::TYPE_NAME, size_of::<Self>(), align_of::<Self>(), Self::FIELDS);
         Self::hash_parts(&mut hash);
-        hash.0
+        hash.value()
     }
 }
 
@@ -114,6 +134,8 @@ pub trait Checkpoint: Layout {}
 
 /// Anything a message is made of: numbers, arrays of them, structures of those.
 pub trait Part {
+    /// The type of its elements.
+    const ELEMENT: &'static str;
     /// Whether every `f64` inside is finite: the check at the edge that keeps a NaN from leaving a process.
     fn is_finite(&self) -> bool;
     /// Adds what the field's written type does not tell (the inside of nested structures) to a layout hash.
@@ -121,34 +143,53 @@ pub trait Part {
 }
 
 impl Part for f64 {
+    const ELEMENT: &'static str = "f64";
     fn is_finite(&self) -> bool {
         f64::is_finite(*self)
     }
 }
 impl Part for u32 {
+    const ELEMENT: &'static str = "u32";
     fn is_finite(&self) -> bool {
         true
     }
 }
 impl Part for u64 {
+    const ELEMENT: &'static str = "u64";
     fn is_finite(&self) -> bool {
         true
     }
 }
 impl Part for Header {
+    const ELEMENT: &'static str = "Header";
     fn is_finite(&self) -> bool {
         true
     }
     fn hash_parts(hash: &mut Fnv) {
-        let stamps = [("received_ns", "[u64; 4]"), ("sent_ns", "[u64; 4]"), ("due_ns", "u64")];
-        for (name, type_name) in stamps.into_iter().chain([("tick", "u64"), ("incarnation", "u32"), ("flags", "u32")]) {
+        for Field { name, element, size, .. } in Self::LAYOUT {
             hash.text(name);
-            hash.text(type_name);
+            hash.text(element);
+            hash.number(*size);
         }
     }
 }
-const _: () = assert!(std::mem::offset_of!(Header, tick) == 72 && std::mem::offset_of!(Header, flags) == 84 && size_of::<Header>() == 88);
+
+impl Header {
+    /// The layout, in order, the stamps looked into.
+    pub const LAYOUT: &'static [Field] = &[
+        Field::known("received_ns", ["[u64; MAX_HOPS]", "u64"], 0, 64, "When hop i had its input in hand; ns on CLOCK_MONOTONIC"),
+        Field::known("sent_ns", ["[u64; MAX_HOPS]", "u64"], 64, 64, "When hop i sent its output; ns on CLOCK_MONOTONIC"),
+        Field::known("due_ns", ["u64", "u64"], 128, 8, "When the tick should have begun, 0 in lockstep; ns on CLOCK_MONOTONIC"),
+        Field::known("tick", ["u64", "u64"], 136, 8, "Tick of the sensor sample this message was computed from"),
+        Field::known("incarnation", ["u32", "u32"], 144, 4, "How often the writing process has been started in this run, from 1"),
+        Field::known("flags", ["u32", "u32"], 148, 4, "Bit flags, zero in this version"),
+    ];
+}
+const _: () =
+    assert!(std::mem::offset_of!(Header, tick) == 136 && std::mem::offset_of!(Header, flags) == 148 && size_of::<Header>() == 152);
+
 impl<T: Part, const N: usize> Part for [T; N] {
+    const ELEMENT: &'static str = T::ELEMENT;
     fn is_finite(&self) -> bool {
         // Without an early exit, so that the compiler makes vectors of it: this runs for every message.
         self.iter().fold(true, |finite, part| finite & part.is_finite())
@@ -162,14 +203,32 @@ impl<T: Part, const N: usize> Part for [T; N] {
 pub struct Fnv(u64);
 
 impl Fnv {
-    const fn new() -> Self {
-        Self(0xcbf2_9ce4_8422_2325)
+    /// The hash of a layout as far as its fields tell; nested structures are still to be added.
+    pub(crate) fn of(type_name: &str, size: usize, align: usize, fields: &[Field]) -> Self {
+        let mut hash = Self(0xcbf2_9ce4_8422_2325);
+        hash.text(type_name);
+        hash.number(size);
+        hash.number(align);
+        for field in fields {
+            hash.text(&field.name);
+            hash.text(&field.element);
+            hash.number(field.offset);
+            hash.number(field.size);
+        }
+        hash
     }
-    pub(crate) fn text(&mut self, text: &str) {
+
+    pub(crate) fn value(&self) -> u64 {
+        self.0
+    }
+
+    /// Adds a name.
+    pub fn text(&mut self, text: &str) {
         for byte in text.bytes().chain([0]) {
             self.0 = (self.0 ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
         }
     }
+
     fn number(&mut self, number: usize) {
         for byte in (number as u64).to_le_bytes() {
             self.0 = (self.0 ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
@@ -179,45 +238,75 @@ impl Fnv {
 
 /// Declares a wire structure: with a topic it is a [`Message`] whose first field is its [`Header`], with the word `checkpoint` a [`Checkpoint`],
 /// else a part of one.
+///
+/// Crates that define messages of their own need `bytemuck` (feature `derive`) among their dependencies:
+///
+/// ```
+/// use shared_types::wire::{Header, Message, wire};
+///
+/// wire! {
+///     /// The battery of the arm's cart.
+///     Battery on "battery" version 1 {
+///         /// Tick, incarnation, stamps.
+///         header: Header,
+///         /// Voltage of each cell; V.
+///         cells: [f64; 4],
+///     }
+/// }
+/// assert_eq!((Battery::TOPIC, size_of::<Battery>()), ("battery", size_of::<Header>() + 32));
+/// ```
+#[macro_export]
 macro_rules! wire {
     (
-        $(#[$meta:meta])*
+        $( #[doc = $about:literal] )*
         $name:ident $(on $topic:literal version $version:literal)? $(checkpoint version $checkpoint:literal)? {
-            $( $(#[$field_meta:meta])* $field:ident : $type:ty ),* $(,)?
+            $( $( #[doc = $doc:literal] )* $field:ident : $type:ty ),* $(,)?
         }
     ) => {
-        $(#[$meta])*
+        $( #[doc = $about] )*
         #[repr(C)]
         #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
-        pub struct $name { $( $(#[$field_meta])* pub $field: $type ),* }
+        #[allow(unreachable_pub, reason = "a message of a program's own may stand in a private module")]
+        pub struct $name { $( $( #[doc = $doc] )* pub $field: $type ),* }
 
         impl Default for $name {
             fn default() -> Self { bytemuck::Zeroable::zeroed() }
         }
 
+        #[allow(unreachable_pub, reason = "as above")]
         impl $name {
+            /// A sentence or two on it.
+            pub const DESCRIPTION: &'static str = concat!($( $about ),*).trim_ascii();
+
             /// The layout, in order.
             pub const LAYOUT: &'static [$crate::wire::Field] = &[
-                $( $crate::wire::Field {
-                    name: stringify!($field),
-                    type_name: stringify!($type),
-                    offset: std::mem::offset_of!($name, $field),
-                    size: $crate::wire::size_of_field(|whole: &$name| &whole.$field),
-                } ),*
+                $( $crate::wire::Field::known(
+                    stringify!($field),
+                    [stringify!($type), <$type as $crate::wire::Part>::ELEMENT],
+                    std::mem::offset_of!($name, $field),
+                    $crate::wire::size_of_field(|whole: &$name| &whole.$field),
+                    concat!($( $doc ),*),
+                ) ),*
             ];
         }
 
         impl $crate::wire::Part for $name {
+            const ELEMENT: &'static str = stringify!($name);
             #[inline]
             fn is_finite(&self) -> bool { true $( & $crate::wire::Part::is_finite(&self.$field) )* }
             fn hash_parts(hash: &mut $crate::wire::Fnv) {
-                $( hash.text(stringify!($field)); hash.text(stringify!($type)); <$type as $crate::wire::Part>::hash_parts(hash); )*
+                $(
+                    hash.text(stringify!($field));
+                    hash.text(<$type as $crate::wire::Part>::ELEMENT);
+                    <$type as $crate::wire::Part>::hash_parts(hash);
+                )*
             }
         }
 
         $( impl $crate::wire::Layout for $name {
             const TYPE_NAME: &'static str = concat!("armplane.", stringify!($name), ".v", $version);
             const FIELDS: &'static [$crate::wire::Field] = Self::LAYOUT;
+            const ABOUT: &'static str = Self::DESCRIPTION;
         }
         impl $crate::wire::Message for $name {
             const TOPIC: &'static str = $topic;
@@ -231,14 +320,16 @@ macro_rules! wire {
         $( impl $crate::wire::Layout for $name {
             const TYPE_NAME: &'static str = concat!("armplane.", stringify!($name), ".v", $checkpoint);
             const FIELDS: &'static [$crate::wire::Field] = Self::LAYOUT;
+            const ABOUT: &'static str = Self::DESCRIPTION;
         }
         impl $crate::wire::Checkpoint for $name {}
         const _: () = assert!(align_of::<$name>() == 8); )?
     };
 }
-pub(crate) use wire;
+pub use wire;
 
 /// The size of a field, from a projection onto it.
-pub(crate) const fn size_of_field<Whole, Part>(_projection: fn(&Whole) -> &Part) -> usize {
+#[must_use]
+pub const fn size_of_field<Whole, Part>(_projection: fn(&Whole) -> &Part) -> usize {
     size_of::<Part>()
 }

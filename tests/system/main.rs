@@ -8,6 +8,7 @@ mod corpus;
 mod determinism;
 mod faults;
 mod folders;
+mod graph;
 mod hostile;
 mod inspect;
 mod life;

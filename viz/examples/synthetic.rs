@@ -25,7 +25,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let robot = Robot::builtin("puma560")?;
     let mut scenario = Scenario::parse("synthetic.toml", synthetic::SCENARIO, &[])?;
     scenario.view.layout = layout;
-    let run = RunInfo { scenario: &scenario, robot: &robot, run: "synthetic", version: env!("CARGO_PKG_VERSION"), seed: 1 };
+    let run = RunInfo {
+        scenario: &scenario,
+        robot: &robot,
+        run: "synthetic",
+        version: env!("CARGO_PKG_VERSION"),
+        seed: 1,
+        hops: Some([0, 1, 2, 3]),
+    };
     let mut motion = synthetic::Run::new(&robot);
     let messages: Vec<_> = (0..(synthetic::Run::DURATION_S * 1e3) as u64).map(|_| motion.step()).collect();
 

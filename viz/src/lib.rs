@@ -47,5 +47,5 @@ pub use export::{ExportError, ExportFormat, ExportNews, export};
 pub use read::{About, Damage, Piece, ReadError, Rows, read};
 pub use recording::{Level, Options, Recording, RunInfo, Written, part_name, parts_in, save_blueprint};
 pub use report::{ReportError, report};
-pub use signals::{HOP_NAMES, Signal, TickRow};
+pub use signals::{ChainHops, HOP_NAMES, Signal, TickRow, chain_hops};
 pub use sink::{FileInfo, RecordError, Storage};

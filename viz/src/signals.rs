@@ -5,9 +5,10 @@
 
 use model::Robot;
 use nalgebra::{Matrix3, Vector3};
+use shared_types::graph::Graph;
 use shared_types::messages::{ControlState, PlantState, SingularityState};
 use shared_types::topics::{ByTopic, Lent};
-use shared_types::wire::{HOPS, Stamps};
+use shared_types::wire::Stamps;
 
 /// The messages of one tick, as a recorder has them; in real time some may be missing.
 #[derive(Clone, Copy, Debug, Default)]
@@ -170,9 +171,20 @@ impl Signal {
     }
 }
 
-/// The parts of [`Signal::Latency`].
+/// The parts of [`Signal::Latency`], by the programs that write the topics of the chain.
 pub const HOP_NAMES: [&str; 7] =
     ["plant → estimator", "estimator", "estimator → analyzer", "analyzer", "analyzer → controller", "controller", "whole chain"];
+
+/// The places in the stamps of the writers of `sensor`, `estimate`, `singularity` and `torque`: the chain that [`HOP_NAMES`] describes.
+pub type ChainHops = [usize; 4];
+
+/// The chain's places in a graph; `None` where a topic of the chain has no writer.
+#[must_use]
+pub fn chain_hops(graph: &Graph) -> Option<ChainHops> {
+    let hops = graph.hops();
+    let place = |topic| hops.iter().position(|hop| hop.writes.iter().any(|one| one == topic));
+    Some([place("sensor")?, place("estimate")?, place("singularity")?, place("torque")?])
+}
 
 /// The limits that make ratios of joint quantities.
 #[derive(Clone, Debug)]
@@ -203,7 +215,7 @@ impl Limits {
 }
 
 /// Gives each signal's values at a tick to `put`; a signal whose messages are missing is not given.
-pub(crate) fn sample(row: &TickRow, limits: &Limits, mut put: impl FnMut(Signal, &mut dyn Iterator<Item = f64>)) {
+pub(crate) fn sample(row: &TickRow, limits: &Limits, hops: Option<ChainHops>, mut put: impl FnMut(Signal, &mut dyn Iterator<Item = f64>)) {
     let n = limits.dof();
     if let Some(q) = row.q() {
         put(Signal::Position, &mut q[..n].iter().copied());
@@ -236,7 +248,7 @@ pub(crate) fn sample(row: &TickRow, limits: &Limits, mut put: impl FnMut(Signal,
             put(Signal::OrientationError, &mut error.orientation_rad.into_iter().map(f64::to_degrees));
         }
     }
-    if let Some(hops) = row.stamps().and_then(|stamps| hops_us(&stamps)) {
+    if let Some(hops) = row.stamps().zip(hops).and_then(|(stamps, hops)| hops_us(&stamps, hops)) {
         put(Signal::Latency, &mut hops.into_iter());
     }
 }
@@ -284,9 +296,8 @@ fn split(e: Vector3<f64>, directions: impl Iterator<Item = Vector3<f64>>) -> [f6
 }
 
 /// Times of the hops, µs; `None` where the data has not passed them all or clocks ran backwards.
-fn hops_us(stamps: &Stamps) -> Option<[f64; 7]> {
-    let Stamps { received_ns: received, sent_ns: sent, .. } = stamps;
-    const _: () = assert!(HOPS.len() == 4);
+fn hops_us(stamps: &Stamps, hops: ChainHops) -> Option<[f64; 7]> {
+    let (received, sent) = (hops.map(|hop| stamps.received_ns[hop]), hops.map(|hop| stamps.sent_ns[hop]));
     let span = |from: u64, to: u64| (from > 0).then(|| to.checked_sub(from)).flatten().map(|ns| ns as f64 * 1e-3);
     Some([
         span(sent[0], received[1])?,
@@ -337,11 +348,17 @@ mod tests {
 
     #[test]
     fn hops_add_up_to_the_chain() {
-        let stamps = Stamps { received_ns: [0, 2_000, 5_000, 9_000], sent_ns: [1_000, 4_000, 8_000, 12_500], due_ns: 0 };
-        let hops = hops_us(&stamps).expect("complete");
+        // The chain's processes stand at places 0, 1, 3 and 2 of the stamps.
+        let received_ns = [0, 2_000, 9_000, 5_000, 0, 0, 0, 0];
+        let stamps = Stamps { received_ns, sent_ns: [1_000, 4_000, 12_500, 8_000, 0, 0, 0, 0], due_ns: 0 };
+        let hops = hops_us(&stamps, [0, 1, 3, 2]).expect("complete");
         assert_eq!(hops, [1.0, 2.0, 1.0, 3.0, 1.0, 3.5, 11.5]);
         assert_eq!(hops[..6].iter().sum::<f64>(), hops[6]);
-        assert_eq!(hops_us(&Stamps { sent_ns: [1_000, 0, 0, 0], ..stamps }), None, "data that has not passed every hop has no latency");
+        assert_eq!(
+            hops_us(&Stamps { sent_ns: [1_000, 0, 0, 0, 0, 0, 0, 0], ..stamps }, [0, 1, 3, 2]),
+            None,
+            "data that has not passed every hop has no latency"
+        );
     }
 
     #[test]
@@ -350,7 +367,7 @@ mod tests {
         let limits = Limits::new(&robot);
         let mut seen = Vec::new();
         let estimate = StateEstimate::default();
-        sample(&TickRow::new(0, ByTopic { estimate: Some(&estimate), ..ByTopic::default() }), &limits, |signal, values| {
+        sample(&TickRow::new(0, ByTopic { estimate: Some(&estimate), ..ByTopic::default() }), &limits, None, |signal, values| {
             seen.push((signal, values.count()))
         });
         assert_eq!(seen, [(Signal::Position, 6), (Signal::PositionInRange, 6), (Signal::Speed, 6), (Signal::SpeedRatio, 6)]);
@@ -365,7 +382,7 @@ mod tests {
             state.q[i] = if i % 2 == 0 { joint.upper } else { joint.lower };
             state.qdot[i] = joint.velocity;
         }
-        sample(&TickRow::new(0, ByTopic { plant_state: Some(&state), ..ByTopic::default() }), &limits, |signal, values| {
+        sample(&TickRow::new(0, ByTopic { plant_state: Some(&state), ..ByTopic::default() }), &limits, None, |signal, values| {
             for (i, value) in values.enumerate() {
                 match signal {
                     Signal::PositionInRange => assert!((value - if i % 2 == 0 { 1.0 } else { -1.0 }).abs() < 1e-12),

@@ -78,7 +78,7 @@ pub(crate) enum Bench {
 pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let chosen =
         |bench: Bench| args.what.contains(&bench) || args.what.is_empty() && !matches!(bench, Bench::Realtime | Bench::Hour | Bench::Soak);
-    let load::Loaded { scenario, robot } = load::scenario(load::DEFAULT_SCENARIO, &[], None)?;
+    let load::Loaded { scenario, robot, .. } = load::scenario(load::DEFAULT_SCENARIO, &[], None)?;
     let out = args.out.as_deref().map(folder).transpose()?;
     let terminal = Terminal::default();
     let observer: session::Observer<'_> = &|progress| terminal.show(progress);

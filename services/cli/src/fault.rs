@@ -9,7 +9,8 @@ use runtime::{ControlPage, Manifest, RunDir, SHM, random};
 use serde_json::json;
 use session::observation::choose_to_change;
 use session::{Failure, JOB, load};
-use shared_types::fault::{Fault, Kind, Way};
+use shared_types::fault::{Fault, Kind, Target, Way};
+use shared_types::graph::Role;
 use shared_types::job::Job;
 
 use crate::out::say;
@@ -105,11 +106,12 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure
         amount: args.amount,
         ..Fault::new(process, kind)
     };
+    let job = job(&run);
     let Some(index) = manifest.index_of(process) else {
         let known: Vec<_> = manifest.processes.iter().map(|process| process.name.as_str()).collect();
         return Err(Failure::Input(format!("the run has no process `{process}`; it has {}", known.join(", "))));
     };
-    if let (Some(joint), Some(dof)) = (args.joint, joints(&run))
+    if let (Some(joint), Some(dof)) = (args.joint, job.as_ref().and_then(|job| load::robot_of(&job.robot).ok()).map(|robot| robot.dof()))
         && joint as usize > dof
     {
         // A fault of a joint that the arm does not have could not be repeated.
@@ -117,7 +119,9 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure
     }
     // Any seed will do: the run records it with the fault.
     let seed = random(runtime::now_ns(), u64::from(std::process::id()));
-    let scheduled = fault.schedule(index as u32, manifest.rate_hz, seed).map_err(|complaint| Failure::Input(complaint.to_string()))?;
+    let target =
+        job.and_then(|job| job.graph.target(process)).unwrap_or(Target { index: index as u32, role: Role::Stage, fields: Vec::new() });
+    let scheduled = fault.schedule(&target, manifest.rate_hz, seed).map_err(|complaint| Failure::Input(complaint.to_string()))?;
     let Some(place) = control_page.fault_table().request(&scheduled) else {
         return Err(Failure::Work(format!("the run {name} has had {} faults and has room for no more", runtime::MOST_FAULTS)));
     };
@@ -130,7 +134,7 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure
         }
         std::thread::sleep(Duration::from_micros(200));
     }
-    let in_force = control_page.fault_table().record(place).and_then(|account| account.scheduled.fault(process));
+    let in_force = control_page.fault_table().record(place).and_then(|account| account.scheduled.fault(process, &target.fields));
     let Some(in_force) = in_force else { return Err(Failure::Work(format!("the run {name} does not know this fault"))) };
     if as_json {
         say!("{}", json!({ "run": name, "tick": in_force.at_tick, "fault": in_force }));
@@ -140,10 +144,9 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure
     Ok(ExitCode::SUCCESS)
 }
 
-/// How many joints the arm of a run has; `None` for a graph without an arm (a bench).
-fn joints(run: &RunDir) -> Option<usize> {
-    let job: Job = serde_json::from_slice(&std::fs::read(run.path().join(JOB)).ok()?).ok()?;
-    load::robot_of(&job.robot).ok().map(|robot| robot.dof())
+/// The job of a run; `None` for a graph without one (a bench).
+fn job(run: &RunDir) -> Option<Job> {
+    serde_json::from_slice(&std::fs::read(run.path().join(JOB)).ok()?).ok()
 }
 
 /// The unit of a way's amount.
@@ -166,7 +169,7 @@ fn list(as_json: bool) -> Result<(), Failure> {
             .map(|&kind| {
                 let length_s = kind.usual_length_s();
                 json!({
-                    "kind": kind.name(), "about": kind.about(), "processes": kind.processes(),
+                    "kind": kind.name(), "about": kind.about(), "roles": kind.roles().iter().map(|role| role.name()).collect::<Vec<_>>(),
                     "length_s": length_s.is_finite().then_some(length_s),
                     "ways": kind.ways().map(|way| json!({
                         "as": way.name(), "about": way.about(), "amount": kind.usual_amount(way), "unit": unit(kind, way)
@@ -186,7 +189,10 @@ fn list(as_json: bool) -> Result<(), Failure> {
                 amount => format!("{} ({amount} {})", way.name(), unit(kind, way)),
             })
             .collect();
-        let processes = if kind.processes().len() == 5 { "any".to_owned() } else { kind.processes().join(" ") };
+        let processes = match kind.roles() {
+            all if all.len() == Role::ALL.len() => "any process".to_owned(),
+            roles => roles.iter().map(|role| role.about()).collect::<Vec<_>>().join(" and "),
+        };
         let length_s = kind.usual_length_s();
         let length = if length_s.is_finite() { format!("{length_s} s") } else { "ever".to_owned() };
         rows.add_row([kind.name().to_owned(), kind.about().to_owned(), processes, length, ways.join(", ")]);

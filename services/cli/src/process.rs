@@ -1,66 +1,65 @@
-//! The processes of the graph, as the launcher starts them: `armplane plant --run DIR` and so on.
+//! The processes of the graph that this program contains, as the launcher starts them: `armplane plant --run DIR` and so on.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::{Args, Subcommand};
+use clap::{Arg, ArgMatches, FromArgMatches, Subcommand, value_parser};
 use runtime::{ProcessError, Shell};
-use shared_types::job::Job;
-
-use session::Failure;
-use session::{JOB, load};
+use session::{Failure, load};
+use shared_types::process::Program;
 
 /// One process of a running graph; the launcher starts these.
-#[derive(Subcommand)]
-pub(crate) enum Command {
-    /// Simulate the arm.
-    #[command(hide = true)]
-    Plant(JobArgs),
-    /// Estimate the state.
-    #[command(hide = true)]
-    Estimator(JobArgs),
-    /// Analyse singularities.
-    #[command(hide = true)]
-    Analyzer(JobArgs),
-    /// Control the arm.
-    #[command(hide = true)]
-    Controller(JobArgs),
-    /// Record and judge.
-    #[command(hide = true)]
-    Recorder(JobArgs),
+pub(crate) struct Command {
+    program: Program,
+    /// The run's directory in shared memory.
+    run: PathBuf,
 }
 
-#[derive(Args)]
-pub(crate) struct JobArgs {
-    /// The run's directory in shared memory.
-    #[arg(long, value_name = "DIR")]
-    run: PathBuf,
+impl FromArgMatches for Command {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        let chosen = matches.subcommand().and_then(|(name, matches)| Some((Program::named(name)?, matches.get_one::<PathBuf>("run")?)));
+        let (program, run) = chosen.ok_or_else(|| clap::Error::new(clap::error::ErrorKind::InvalidSubcommand))?;
+        Ok(Self { program, run: run.clone() })
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
+}
+
+impl Subcommand for Command {
+    fn augment_subcommands(command: clap::Command) -> clap::Command {
+        Program::ALL.into_iter().fold(command, |command, program| {
+            let run = Arg::new("run").long("run").value_name("DIR").required(true).value_parser(value_parser!(PathBuf));
+            command.subcommand(clap::Command::new(program.name()).hide(true).arg(run.help("The run's directory in shared memory")))
+        })
+    }
+
+    fn augment_subcommands_for_update(command: clap::Command) -> clap::Command {
+        Self::augment_subcommands(command)
+    }
+
+    fn has_subcommand(name: &str) -> bool {
+        Program::named(name).is_some()
+    }
 }
 
 /// Takes part in a run.
 pub(crate) fn run(command: &Command) -> Result<ExitCode, Failure> {
-    let (name, args) = match command {
-        Command::Plant(args) => ("plant", args),
-        Command::Estimator(args) => ("estimator", args),
-        Command::Analyzer(args) => ("analyzer", args),
-        Command::Controller(args) => ("controller", args),
-        Command::Recorder(args) => ("recorder", args),
-    };
-    work(name, args).map_err(Failure::work)?;
+    work(command).map_err(Failure::work)?;
     Ok(ExitCode::SUCCESS)
 }
 
-fn work(name: &str, args: &JobArgs) -> Result<(), ProcessError> {
-    let path = args.run.join(JOB);
-    let text = std::fs::read(&path).map_err(|error| ProcessError::setup(format!("cannot read {}: {error}", path.display())))?;
-    let job: Job = serde_json::from_slice(&text).map_err(|error| ProcessError::setup(format!("{}: {error}", path.display())))?;
+fn work(Command { program, run }: &Command) -> Result<(), ProcessError> {
+    let shell = Shell::open(run, program.name())?;
+    let job = shell.job()?;
     let robot = load::robot_of(&job.robot).map_err(ProcessError::setup)?;
-    let shell = Shell::open(&args.run, name)?;
-    match name {
-        "plant" => plant::run(&shell, &robot, &job.scenario),
-        "estimator" => estimator::run(&shell, &robot, &job.scenario),
-        "analyzer" => analyzer::run(&shell, &robot, &job.scenario),
-        "controller" => controller::run(&shell, &robot, &job.scenario),
-        _ => recorder::run(&shell, &robot, &job, &args.run),
+    match program {
+        Program::Plant => plant::run(&shell, &robot, &job.scenario),
+        Program::Estimator => estimator::run(&shell, &robot, &job.scenario),
+        Program::Analyzer => analyzer::run(&shell, &robot, &job.scenario),
+        Program::Controller => controller::run(&shell, &robot, &job.scenario),
+        Program::Recorder => recorder::run(&shell, &robot, &job, run),
     }
 }

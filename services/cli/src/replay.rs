@@ -3,13 +3,14 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use lab::conformance::Topic;
 use lab::conformance::replay::{self, Replayed};
 use message_log::{Difference, FieldDifference};
 use serde_json::json;
 use session::Failure;
 use shared_types::job::Job;
+use shared_types::process::Program;
 
 use crate::out::say;
 use crate::progress::Terminal;
@@ -21,39 +22,24 @@ pub(crate) struct ReplayArgs {
     #[arg(value_name = "RUN")]
     run: PathBuf,
     /// Which process.
-    #[arg(long, value_enum, default_value = "controller")]
-    process: Replayable,
+    #[arg(long, value_name = "PROCESS", default_value = "controller", value_parser = replayable)]
+    process: Program,
     /// Lay a value over the recorded scenario's, for example control.k_p=900 (repeatable).
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum Replayable {
-    /// Torques in; sensor samples and the simulator's truth out.
-    Plant,
-    /// Sensor samples in, estimates out.
-    Estimator,
-    /// Estimates in, singularity reports out.
-    Analyzer,
-    /// Estimates and singularity reports in, torques out.
-    Controller,
-}
-
-impl From<Replayable> for replay::Replayable {
-    fn from(process: Replayable) -> Self {
-        match process {
-            Replayable::Plant => Self::Plant,
-            Replayable::Estimator => Self::Estimator,
-            Replayable::Analyzer => Self::Analyzer,
-            Replayable::Controller => Self::Controller,
-        }
-    }
+/// A process whose step can be fed again: all but the one that records.
+fn replayable(name: &str) -> Result<Program, String> {
+    let is_replayable = |program: &Program| *program != Program::Recorder;
+    let known =
+        || Program::ALL.iter().filter(|program| is_replayable(program)).map(|program| program.name()).collect::<Vec<_>>().join(", ");
+    Program::named(name).filter(is_replayable).ok_or_else(|| format!("its step cannot be fed again; it can be of {}", known()))
 }
 
 pub(crate) fn replay(args: &ReplayArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let terminal = Terminal::default();
-    let process = replay::Replayable::from(args.process);
+    let process = args.process;
     let (job, replayed) = replay::replay(&args.run, process, &args.set, &|progress| terminal.show(progress))?;
     if as_json {
         print_json(args, process.name(), &job, &replayed);

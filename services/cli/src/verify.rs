@@ -9,7 +9,7 @@ use message_log::Difference;
 use serde_json::json;
 use session::{Failure, load};
 use shared_types::scenario::Scenario;
-use shared_types::topics::{COUNT, TOPICS};
+use shared_types::summary::TopicSummary;
 
 use crate::out::say;
 use crate::progress::Terminal;
@@ -42,8 +42,7 @@ pub(crate) struct VerifyArgs {
 
 pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let _signals = session::interrupts()?;
-    let load::Loaded { scenario, robot } = load::scenario(&args.scenario, &args.set, args.seed)?;
-    let graph = load::graph(args.graph.as_deref())?;
+    let load::Loaded { scenario, robot, graph } = load::scenario_in(args.graph.as_deref(), &args.scenario, &args.set, args.seed)?;
     let request = Request {
         name: &args.scenario,
         scenario: &scenario,
@@ -65,22 +64,23 @@ pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<ExitCode, Failu
 
 /// Why the first run is the reference, where it is.
 const WHY: &str =
-    "the scenario plans faults, and one thread has no processes that they could happen to: run 1 is the reference of the others";
+    "one thread has no processes to which faults could happen, and none of the graph's own programs: run 1 is the reference of the others";
 
 fn print(scenario: &Scenario, verified: &Verified) {
     let Verified { reference, runs, place, is_identical } = verified;
-    let headings = [&["", "condition", "ticks/s"], &TOPICS[..]].concat();
+    let names = reference.ran.topics.iter().map(|(name, _)| name.as_str());
+    let headings: Vec<_> = ["", "condition", "ticks/s"].into_iter().chain(names).collect();
     let mut rows = table(&headings);
-    let row = |name: String, ran: &Ran, marks: [String; COUNT]| {
+    let row = |name: String, ran: &Ran, marks: Vec<String>| {
         let head = [name.into(), ran.condition.clone().into(), number(format!("{:.0}", ran.ticks_per_s))];
-        head.into_iter().chain(marks.map(Into::into)).collect::<Vec<comfy_table::Cell>>()
+        head.into_iter().chain(marks.into_iter().map(Into::into)).collect::<Vec<comfy_table::Cell>>()
     };
     let (name, first) = if reference.is_run { ("run 1, reference", 2) } else { ("reference", 1) };
-    rows.add_row(row(name.to_owned(), &reference.ran, reference.ran.topics.clone().map(|topic| topic.hash)));
+    rows.add_row(row(name.to_owned(), &reference.ran, reference.ran.topics.iter().map(|(_, topic)| topic.hash.clone()).collect()));
     for (number, ran) in (first..).zip(runs) {
         let mut wanted = reference.ran.topics.iter();
-        let marks =
-            ran.topics.clone().map(|topic| if wanted.next() == Some(&topic) { "equal".to_owned() } else { format!("≠ {}", topic.hash) });
+        let mark = |topic| if wanted.next() == Some(topic) { "equal".to_owned() } else { format!("≠ {}", topic.1.hash) };
+        let marks = ran.topics.iter().map(mark).collect();
         rows.add_row(row(format!("run {number}"), ran, marks));
     }
     say!("{rows}");
@@ -102,11 +102,11 @@ fn print(scenario: &Scenario, verified: &Verified) {
 fn print_json(scenario: &Scenario, verified: &Verified) {
     let Verified { reference, runs, place, is_identical } = verified;
     let of = |ran: &Ran| {
-        let topic = |(index, name): (usize, &str)| {
-            let topic = &ran.topics[index];
-            (name.to_owned(), json!({"count": topic.count, "hash": topic.hash, "equal": *topic == reference.ran.topics[index]}))
+        let topic = |(name, topic): &(String, TopicSummary)| {
+            let is_equal = reference.ran.topics.iter().any(|(one, wanted)| one == name && wanted == topic);
+            (name.clone(), json!({"count": topic.count, "hash": topic.hash, "equal": is_equal}))
         };
-        let topics: serde_json::Map<_, _> = TOPICS.into_iter().enumerate().map(topic).collect();
+        let topics: serde_json::Map<_, _> = ran.topics.iter().map(topic).collect();
         json!({"condition": ran.condition, "ticks": ran.ticks, "ticks_per_s": ran.ticks_per_s, "failure": ran.failure, "topics": topics})
     };
     let difference = place.as_ref().map(|place| {

@@ -29,6 +29,7 @@ impl Launcher {
             rate_hz: plan.rate_hz,
             wait_limit: plan.limits.wait,
             processes: plan.children.iter().map(|child| child.process.clone()).collect(),
+            messages: plan.messages.clone(),
         };
         manifest.write(&run)?;
         let control_page = ControlPage::create(&run)?;

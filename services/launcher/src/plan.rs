@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
-use runtime::{Mode, Process};
+use runtime::{ForeignMessage, Mode, Process};
 use shared_types::fault::ScheduledFault;
 
 use crate::child::Exit;
@@ -95,6 +95,8 @@ pub struct Plan {
     pub rate_hz: u32,
     /// The processes, in the order of the data: sources first.
     pub children: Vec<Child>,
+    /// The messages that only the graph of this run knows.
+    pub messages: Vec<ForeignMessage>,
     /// How long the launcher is patient.
     pub limits: Limits,
     /// The planned faults.

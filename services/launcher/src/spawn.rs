@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use runtime::{ControlPage, Hub, RunDir, State, now_ns};
+use runtime::{ControlPage, Hub, PROCESS_VARIABLE, RUN_VARIABLE, RunDir, State, now_ns};
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::time::Timespec;
 
@@ -73,7 +73,10 @@ impl Supervised {
         let name = self.name(index).to_owned();
         let line = self.control_page.process(index);
         line.begin_incarnation();
-        let command = commands(&name, self.run.path());
+        let command = commands(&name, self.run.path()).map(|mut command| {
+            command.env(RUN_VARIABLE, self.run.path()).env(PROCESS_VARIABLE, &name);
+            command
+        });
         let program = command.as_ref().map(|c| PathBuf::from(c.get_program())).unwrap_or_default();
         let child = command.and_then(child::Child::start);
         let child = child.map_err(|source| LaunchError::Spawn { process: name, command: program, source })?;

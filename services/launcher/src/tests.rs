@@ -143,6 +143,7 @@ fn plan(mode: Mode, restart: Restart) -> Plan {
         rate_hz: 1000,
         limits: Limits { stop: Duration::from_secs(5), ..Limits::of(mode) },
         faults: Vec::new(),
+        messages: Vec::new(),
         children: vec![
             child(process("plant", &["torque"], &["sensor"], false), true, Restart::Never),
             child(process("controller", &["sensor"], &["torque"], false), false, restart),

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use runtime::{FaultRecord, Mode, Origin, Process, State, now_ns};
 use rustix::process::Signal;
-use shared_types::fault::{Fault, Kind, ScheduledFault, Way};
+use shared_types::fault::{Kind, ScheduledFault, Way};
 
 use crate::child::Exit;
 use crate::delay::Delay;
@@ -80,11 +80,8 @@ impl Supervised {
         let explained = table.records().filter(|(_, account)| has_ended(account)).count();
         let is_known = explained >= self.control_page.process(index).incarnation() as usize;
         if !is_known {
-            let fault = Fault { at_tick: Some(self.first_tick_missed(index)), ..Fault::new(self.name(index), Kind::Kill) };
-            // A process that the vocabulary does not know cannot be waited for by its ticks either.
-            if let Ok(scheduled) = fault.schedule(index as u32, self.plan.rate_hz, 0)
-                && let Some(place) = table.enter(&scheduled, Origin::Detected)
-            {
+            let death = ScheduledFault::death(index as u32, self.first_tick_missed(index), self.plan.rate_hz);
+            if let Some(place) = table.enter(&death, Origin::Detected) {
                 table.mark_injected(place, now_ns());
             }
         }

@@ -3,7 +3,7 @@
 use std::marker::PhantomData;
 use std::ops::Range;
 
-use shared_types::wire::{Field, Stamps};
+use shared_types::wire::{Field, Header, Stamps};
 use shared_types::{Message, SingularityState};
 
 /// The first number in which two messages differ.
@@ -33,14 +33,6 @@ pub struct FieldDifference {
     pub difference: Difference,
 }
 
-/// The header behind its stamps, which are not compared.
-const HEADER: &[Field] = {
-    const fn field(name: &'static str, type_name: &'static str, offset: usize, size: usize) -> Field {
-        Field { name, type_name, offset: size_of::<Stamps>() + offset, size }
-    }
-    &[field("tick", "u64", 0, 8), field("incarnation", "u32", 8, 4), field("flags", "u32", 12, 4)]
-};
-
 #[derive(Clone, Copy, Debug)]
 enum Number {
     F64,
@@ -67,11 +59,11 @@ impl Leaf {
         self.bytes.clone().step_by(size).map(move |begin| begin..begin + size)
     }
 
-    fn difference<M: Message>(&self, element: Range<usize>, expected: &M, found: &M) -> Difference {
+    fn difference(&self, element: Range<usize>, expected: &[u8], found: &[u8]) -> Difference {
         let index = (element.start - self.bytes.start) / self.size();
         let field = if self.is_array { format!("{}[{index}]", self.name) } else { self.name.clone() };
-        let text = |message: &M| {
-            let bytes = &bytemuck::bytes_of(message)[element.clone()];
+        let text = |message: &[u8]| {
+            let bytes = &message[element.clone()];
             match self.number {
                 Number::F64 => format!("{:?}", bytemuck::pod_read_unaligned::<f64>(bytes)),
                 Number::U64 => bytemuck::pod_read_unaligned::<u64>(bytes).to_string(),
@@ -94,17 +86,19 @@ impl Leaf {
 fn leaves(layout: &[Field], base: usize, prefix: &str, found: &mut Vec<Leaf>) {
     for field in layout {
         let (name, begin) = (format!("{prefix}{}", field.name), base + field.offset);
-        if field.type_name == "Header" {
-            leaves(HEADER, begin, "header.", found);
-        } else if field.type_name.contains("SingularityState") {
+        if field.element == "Header" {
+            // Without its stamps, which are not compared.
+            let rest: Vec<_> = Header::LAYOUT.iter().filter(|field| field.offset >= size_of::<Stamps>()).cloned().collect();
+            leaves(&rest, begin, "header.", found);
+        } else if field.element == "SingularityState" {
             let size = size_of::<SingularityState>();
             for (index, place) in (begin..begin + field.size).step_by(size).enumerate() {
                 leaves(SingularityState::LAYOUT, place, &format!("{name}[{index}]."), found);
             }
         } else {
-            let number = match field.type_name {
-                kind if kind.contains("f64") => Number::F64,
-                kind if kind.contains("u64") => Number::U64,
+            let number = match &*field.element {
+                "f64" => Number::F64,
+                "u64" => Number::U64,
                 _ => Number::U32,
             };
             found.push(Leaf { name, is_array: field.type_name.starts_with('['), number, bytes: begin..begin + field.size });
@@ -121,8 +115,17 @@ fn leaves_of<M: Message>() -> Vec<Leaf> {
 /// Where the contents of two messages first differ; stamps are not compared.
 #[must_use]
 pub fn first_difference<M: Message>(expected: &M, found: &M) -> Option<Difference> {
-    let place = expected.content().iter().zip(found.content()).position(|(a, b)| a != b)? + size_of::<Stamps>();
-    let leaf = leaves_of::<M>().into_iter().find(|leaf| leaf.bytes.contains(&place))?;
+    first_difference_in(M::FIELDS, bytemuck::bytes_of(expected), bytemuck::bytes_of(found))
+}
+
+/// The same of two messages whose layout alone is known.
+#[must_use]
+pub fn first_difference_in(fields: &[Field], expected: &[u8], found: &[u8]) -> Option<Difference> {
+    let begin = size_of::<Stamps>();
+    let place = expected.iter().zip(found).skip(begin).position(|(a, b)| a != b)? + begin;
+    let mut all = Vec::new();
+    leaves(fields, 0, "", &mut all);
+    let leaf = all.into_iter().find(|leaf| leaf.bytes.contains(&place))?;
     let element = leaf.elements().find(|element| element.contains(&place))?;
     Some(leaf.difference(element, expected, found))
 }
@@ -164,7 +167,7 @@ impl<M: Message> Differences<M> {
             match so_far {
                 Some(so_far) if so_far.largest >= size => so_far.messages = messages,
                 _ => {
-                    let difference = leaf.difference(element, expected, found);
+                    let difference = leaf.difference(element, old, new);
                     *so_far = Some(FieldDifference {
                         field: leaf.name.clone(),
                         messages,

@@ -15,7 +15,12 @@ pub struct TopicHash {
 impl TopicHash {
     /// Adds a message.
     pub fn add<M: Message>(&mut self, message: &M) {
-        self.digest = xxh3_64_with_seed(message.content(), self.digest);
+        self.add_content(message.content());
+    }
+
+    /// Adds a message by its reproducible bytes.
+    pub fn add_content(&mut self, content: &[u8]) {
+        self.digest = xxh3_64_with_seed(content, self.digest);
         self.count += 1;
     }
 

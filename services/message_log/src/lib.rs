@@ -5,7 +5,9 @@
 mod difference;
 mod hash;
 mod log;
+mod rows;
 
-pub use difference::{Difference, Differences, FieldDifference, first_difference};
+pub use difference::{Difference, Differences, FieldDifference, first_difference, first_difference_in};
 pub use hash::TopicHash;
-pub use log::{LogError, LogReader, LogWriter};
+pub use log::{LogReader, LogWriter};
+pub use rows::{LogError, RowReader, RowWriter, Shape};

@@ -81,12 +81,18 @@ impl<const N: usize> HardwareFaults<N> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::fault::Fault;
+    use shared_types::SensorSample;
+    use shared_types::fault::{Fault, Target};
+    use shared_types::process::Role;
 
     fn with_fault(kind: Kind, way: Way, amount: f64) -> HardwareFaults<2> {
         let fault = Fault { way: Some(way), joint: Some(2), amount: Some(amount), at_tick: Some(10), ..Fault::new("plant", kind) };
         let mut hardware_faults = HardwareFaults::new(1e-3);
-        hardware_faults.begin(&[fault.schedule(0, 1000, 1).unwrap()], &SVector::from([0.1, 0.2]), &SVector::from([3.0, 4.0]));
+        hardware_faults.begin(
+            &[fault.schedule(&Target::sending::<SensorSample>(0, Role::World), 1000, 1).unwrap()],
+            &SVector::from([0.1, 0.2]),
+            &SVector::from([3.0, 4.0]),
+        );
         hardware_faults
     }
 

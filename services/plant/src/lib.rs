@@ -77,6 +77,7 @@ pub fn run(shell: &Shell, robot: &Robot, scenario: &Scenario) -> Result<(), Proc
         truth.send()?;
         cycle.step(torques.arriving(tick, tick_source.deadline_ns())?);
         if cycle.is_over() {
+            tick_source.finish()?;
             break;
         }
     }

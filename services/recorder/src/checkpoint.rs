@@ -32,13 +32,21 @@ pub(crate) const EVERY_TICKS: u64 = 4096;
 #[derive(Debug, Serialize, Deserialize)]
 pub(crate) struct Checkpoint {
     pub(crate) judge: Judge,
-    pub(crate) progress: [Progress; COUNT],
+    pub(crate) progress: Past,
     /// The next tick to be assembled.
     pub(crate) next: u64,
     pub(crate) rows: Vec<StoredRow>,
     pub(crate) result: RecorderSummary,
     /// Entries of the fault table that have been reported so far, with what was reported of each.
     pub(crate) reported: Vec<u32>,
+}
+
+/// How far each topic has been taken in.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub(crate) struct Past {
+    pub(crate) listed: [Progress; COUNT],
+    /// Of the topics that only the graph knows, in its order.
+    pub(crate) foreign: Vec<Progress>,
 }
 
 /// How far one topic has been taken in.

@@ -1,6 +1,7 @@
 //! Reports faults to the recording: when each was injected, detected, recovered.
 
 use runtime::{FaultRecord, Shell};
+use shared_types::graph::Graph;
 use viz::Level;
 
 use crate::tape::Tape;
@@ -25,15 +26,20 @@ impl FaultReporter {
     }
 
     /// Reports what has happened since the last time.
-    pub(crate) fn report(&mut self, shell: &Shell, tape: &mut Tape) {
+    pub(crate) fn report(&mut self, shell: &Shell, graph: &Graph, tape: &mut Tape) {
         for (place, account) in shell.fault_table().records() {
             if self.reported.len() <= place {
                 self.reported.resize(place + 1, 0);
             }
             let reported = &mut self.reported[place];
             let FaultRecord { scheduled, origin, injected_ns, detected_ns, recovered_ns } = account;
+            let states = [(injected_ns, INJECTED), (detected_ns, DETECTED), (recovered_ns, RECOVERED)];
+            if states.iter().all(|(ns, state)| *ns == 0 || *reported & state != 0) {
+                continue;
+            }
             let process = shell.manifest().processes.get(scheduled.process as usize).map_or("?", |process| process.name.as_str());
-            let Some(fault) = scheduled.fault(process) else { continue };
+            let fields = graph.target(process).map(|target| target.fields).unwrap_or_default();
+            let Some(fault) = scheduled.fault(process, &fields) else { continue };
             let since_ms = |ns: u64| ns.saturating_sub(injected_ns) as f64 * 1e-6;
             if injected_ns != 0 && *reported & INJECTED == 0 {
                 *reported |= INJECTED;

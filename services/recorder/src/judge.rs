@@ -16,11 +16,12 @@ use serde::{Deserialize, Serialize};
 use shared_types::SensorSample;
 use shared_types::bounds::within;
 use shared_types::codes;
+use shared_types::graph::Graph;
 use shared_types::scenario::Goal;
 use shared_types::summary::{JointSummary, Latency, ModeChange, SingularitySummary, TaskSummary, TurnSummary};
 
 use joints::JointMeter;
-use latency::LatencyMeter;
+use latency::{Chain, LatencyMeter};
 use singularities::SingularityMeter;
 use task::TaskMeter;
 use turns::TurnMeter;
@@ -88,7 +89,7 @@ impl Judge {
             joints: JointMeter::new(limits),
             singularities: SingularityMeter::default(),
             turns: TurnMeter::default(),
-            latency: LatencyMeter::new(0),
+            latency: LatencyMeter::new(Chain::default()),
             events: Vec::new(),
             clipped: false,
             phase: 0,
@@ -96,10 +97,16 @@ impl Judge {
         }
     }
 
+    /// The same for a run in the processes of a graph, by which its latencies are named; before its first tick.
+    #[must_use]
+    pub fn in_processes(self, graph: &Graph) -> Self {
+        Self { latency: LatencyMeter::new(Chain::of(graph)), ..self }
+    }
+
     /// The same for a run on a grid in time: a grid point at which no tick began, because the one before took too long, is a sample too.
     #[must_use]
     pub fn on_grid(self, period_ns: u64) -> Self {
-        Self { latency: LatencyMeter::new(period_ns), ..self }
+        Self { latency: self.latency.on_grid(period_ns), ..self }
     }
 
     /// Takes in one whole tick.

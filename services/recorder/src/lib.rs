@@ -4,7 +4,9 @@
 mod assemble;
 mod checkpoint;
 mod fault_reporter;
+mod foreign;
 mod judge;
+mod kept;
 mod tape;
 
 use std::collections::BTreeMap;
@@ -16,13 +18,16 @@ use message_log::{LogWriter, TopicHash};
 use model::Robot;
 use runtime::{Collector, Count, Mode, ProcessError, Shell};
 use shared_types::Message;
+use shared_types::graph::Graph;
 use shared_types::job::Job;
 use shared_types::summary::{RecorderSummary, Summary, TopicSummary};
 use shared_types::topics::{self, Build, ByTopic, COUNT, Each, Family, Topic};
 use viz::Level;
 
-use checkpoint::{Checkpoint, Memory, Progress, StoredRow};
+use checkpoint::{Checkpoint, Memory, Past, Progress, StoredRow};
 use fault_reporter::FaultReporter;
+use foreign::ForeignTap;
+use kept::Kept;
 
 pub use assemble::{Assembler, Row, Set};
 pub use judge::{Judge, Limits, TaskError, Tick, Verdict};
@@ -87,12 +92,13 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
     let past = if shell.incarnation() > 1 { memory.last() } else { None };
     let mut assembler = Assembler::new(Set::of(|topic| shell.reads(topic)), PATIENCE, HORIZON);
     let mut judge = Judge::new(limits(robot), job.scenario.goal.clone(), job.scenario.duration_s() * f64::from(job.scenario.rate_hz));
+    judge = judge.in_processes(&job.graph);
     if shell.mode() == Mode::Realtime {
         judge = judge.on_grid(shell.manifest().period_ns());
     }
     let mut tape = Tape::start(robot, job, shell.incarnation())?;
     let mut fault_reporter = FaultReporter::default();
-    let mut progress = <[Progress; COUNT]>::default();
+    let mut progress = Past::default();
     if shell.incarnation() > 1 {
         tape.go_on_after(memory.written());
     }
@@ -104,7 +110,7 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
         }
         (judge, fault_reporter) = (past.judge, FaultReporter::resume(past.reported));
     }
-    let mut topics = Topics::open(shell, job.messages.then_some(folder.as_path()), &progress, &mut assembler)?;
+    let mut topics = Topics::open(shell, &job.graph, job.messages.then_some(folder.as_path()), &progress, &mut assembler)?;
     while shell.poll(pause(shell.mode()))? {
         topics.drain(&mut assembler)?;
         while let Some(row) = assembler.pop(shell.ticks_begun(), false) {
@@ -114,7 +120,7 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
         if !tape.result.error.is_empty() || topics.has_failed() {
             shell.mark_detected();
         }
-        fault_reporter.report(shell, &mut tape);
+        fault_reporter.report(shell, &job.graph, &mut tape);
         if shell.is_about_to_go_down() || memory.is_due(assembler.next_tick()) {
             tape.flush();
             topics.flush();
@@ -130,7 +136,7 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
     while let Some(row) = assembler.pop(0, true) {
         take(row, &mut judge, &mut tape);
     }
-    fault_reporter.report(shell, &mut tape);
+    fault_reporter.report(shell, &job.graph, &mut tape);
     let (kept, mut tape) = (topics.finish(), tape.finish());
     tape.messages_bytes = kept.bytes;
     if tape.error.is_empty() {
@@ -174,13 +180,6 @@ struct Tap<M: Message> {
     last: Option<M>,
     keep: Option<LogWriter<M>>,
     kept: Kept,
-}
-
-/// The outcome of the message log; a full disk ends the log, not the run.
-#[derive(Clone, Debug, Default)]
-struct Kept {
-    bytes: u64,
-    error: String,
 }
 
 impl<M: Topic> Tap<M> {
@@ -269,10 +268,14 @@ impl Family for Taps {
     type Of<M: Topic> = Option<Tap<M>>;
 }
 
-struct Topics(ByTopic<Taps>);
+/// The end of every topic that the recorder reads.
+struct Topics {
+    listed: ByTopic<Taps>,
+    foreign: Vec<ForeignTap>,
+}
 
 impl Topics {
-    fn open(shell: &Shell, messages: Option<&Path>, past: &[Progress; COUNT], assembler: &mut Assembler) -> Result<Self, ProcessError> {
+    fn open(shell: &Shell, graph: &Graph, messages: Option<&Path>, past: &Past, assembler: &mut Assembler) -> Result<Self, ProcessError> {
         struct Open<'a>(&'a Shell, Option<&'a Path>, &'a [Progress; COUNT], &'a mut Assembler);
         impl Build<Taps> for Open<'_> {
             type Error = ProcessError;
@@ -286,7 +289,14 @@ impl Topics {
                 Tap::open(shell, *messages, &past[M::INDEX], again).map(Some)
             }
         }
-        ByTopic::try_build(&mut Open(shell, messages, past, assembler)).map(Self)
+        let listed = ByTopic::try_build(&mut Open(shell, messages, &past.listed, assembler))?;
+        let layouts = graph.own_messages().filter(|layout| shell.reads(&layout.topic));
+        let open = |(place, layout)| {
+            let nothing = Progress::default();
+            ForeignTap::open(shell, &layout, messages, past.foreign.get(place).unwrap_or(&nothing))
+        };
+        let foreign = layouts.enumerate().map(open).collect::<Result<_, _>>()?;
+        Ok(Self { listed, foreign })
     }
 
     /// Ends the keeping of messages: how many bytes there are, and the first thing that went wrong.
@@ -298,7 +308,8 @@ impl Topics {
                 M::of_mut(self.0).as_mut().map(Tap::finish).unwrap_or_default()
             }
         }
-        let all = topics::each(&mut Finish(&mut self.0));
+        let listed = topics::each(&mut Finish(&mut self.listed));
+        let all: Vec<_> = listed.into_iter().chain(self.foreign.iter_mut().map(ForeignTap::finish)).collect();
         let error = all.iter().find(|kept| !kept.error.is_empty()).map(|kept| kept.error.clone()).unwrap_or_default();
         Kept { bytes: all.iter().map(|kept| kept.bytes).sum(), error }
     }
@@ -311,7 +322,8 @@ impl Topics {
                 M::of_mut(self.0).as_mut().map_or(Ok(()), |tap| tap.drain(self.1))
             }
         }
-        topics::try_each(&mut Drain(&mut self.0, assembler))
+        topics::try_each(&mut Drain(&mut self.listed, assembler))?;
+        self.foreign.iter_mut().try_for_each(ForeignTap::drain)
     }
 
     fn flush(&mut self) {
@@ -322,7 +334,8 @@ impl Topics {
                 M::of_mut(self.0).iter_mut().for_each(Tap::flush);
             }
         }
-        topics::each(&mut Flush(&mut self.0));
+        topics::each(&mut Flush(&mut self.listed));
+        self.foreign.iter_mut().for_each(ForeignTap::flush);
     }
 
     fn has_failed(&self) -> bool {
@@ -333,10 +346,10 @@ impl Topics {
                 M::of(self.0).as_ref().is_some_and(|tap| !tap.kept.error.is_empty())
             }
         }
-        topics::each(&mut Failed(&self.0)).contains(&true)
+        topics::each(&mut Failed(&self.listed)).contains(&true) || self.foreign.iter().any(ForeignTap::has_failed)
     }
 
-    fn progress(&self) -> [Progress; COUNT] {
+    fn progress(&self) -> Past {
         struct Come<'a>(&'a ByTopic<Taps>);
         impl Each for Come<'_> {
             type Output = Progress;
@@ -344,11 +357,11 @@ impl Topics {
                 M::of(self.0).as_ref().map(Tap::progress).unwrap_or_default()
             }
         }
-        topics::each(&mut Come(&self.0))
+        Past { listed: topics::each(&mut Come(&self.listed)), foreign: self.foreign.iter().map(ForeignTap::progress).collect() }
     }
 
     /// Name and hash of each topic that the graph has.
-    fn account(&self) -> Vec<(&'static str, TopicHash)> {
+    fn account(&self) -> Vec<(&str, TopicHash)> {
         struct Hashes<'a>(&'a ByTopic<Taps>);
         impl Each for Hashes<'_> {
             type Output = Option<(&'static str, TopicHash)>;
@@ -356,7 +369,8 @@ impl Topics {
                 M::of(self.0).as_ref().map(|tap| (M::TOPIC, tap.hash))
             }
         }
-        topics::each(&mut Hashes(&self.0)).into_iter().flatten().collect()
+        let listed = topics::each(&mut Hashes(&self.listed)).into_iter().flatten();
+        listed.chain(self.foreign.iter().map(|tap| (tap.topic.as_str(), tap.hash()))).collect()
     }
 }
 
@@ -389,7 +403,11 @@ fn summary(robot: &Robot, job: &Job, mode: Mode, verdict: Verdict, topics: &Topi
         faults: Vec::new(),
         deadlines: Default::default(),
         latency_us: verdict.latency_us,
-        recorder: RecorderSummary { messages: account.iter().map(|(_, hash)| hash.count()).sum(), ..tape },
+        recorder: RecorderSummary {
+            messages: account.iter().map(|(_, hash)| hash.count()).sum(),
+            not_drawn: topics.foreign.iter().map(|tap| tap.topic.clone()).collect(),
+            ..tape
+        },
         processes: Vec::new(),
         machine: Default::default(),
     }

@@ -57,7 +57,14 @@ impl Tape {
         if !job.record {
             return Ok(tape);
         }
-        let info = RunInfo { scenario: &job.scenario, robot, run: &job.run, version: &job.version, seed: job.scenario.seed };
+        let info = RunInfo {
+            scenario: &job.scenario,
+            robot,
+            run: &job.run,
+            version: &job.version,
+            seed: job.scenario.seed,
+            hops: viz::chain_hops(&job.graph),
+        };
         let first = RecorderSummary { file: viz::part_name(0), ..RecorderSummary::default() };
         if incarnation > 1 {
             // A further file of the same recording: what the predecessor wrote stays as it is.

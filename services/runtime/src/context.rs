@@ -81,6 +81,8 @@ pub(crate) struct Attached {
 pub(crate) struct Context {
     pub(crate) run: RunDir,
     pub(crate) manifest: Manifest,
+    /// For each process whether the loop does not wait for it.
+    pub(crate) leaves: Vec<bool>,
     pub(crate) control_page: Arc<ControlPage>,
     pub(crate) bus: Bus,
     /// Its index in the manifest.
@@ -510,7 +512,7 @@ impl View for Context {
 
     fn role(&self, process: usize) -> Role {
         let Process { makes_ticks, polled, .. } = self.manifest.processes[process];
-        Role { makes_ticks, polled }
+        Role { makes_ticks, polled, is_leaf: self.leaves[process] }
     }
 
     fn progress(&self, process: usize) -> Progress {

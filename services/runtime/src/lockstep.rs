@@ -9,6 +9,8 @@
 //! A fault anywhere in the chain is therefore a tick without torque at its end, and never a wait for a message that cannot come. All decisions
 //! follow from the outages in the fault table, the tick counts and the states of the processes; none depends on a clock.
 
+use crate::bus::depth::CHAIN_DEPTH;
+
 /// The constants of a process in the protocol.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Role {
@@ -16,6 +18,8 @@ pub(crate) struct Role {
     pub(crate) makes_ticks: bool,
     /// It collects messages in rounds (the recorder); it closes no ticks for others.
     pub(crate) polled: bool,
+    /// It writes messages that no process of the loop waits for: the source has to.
+    pub(crate) is_leaf: bool,
 }
 
 /// How far a process has come.
@@ -82,6 +86,9 @@ pub(crate) trait View {
 /// of a message log holds.
 pub(crate) const RECORDER_LAG: u64 = 256;
 
+/// Ticks that the source may be ahead of a process whose messages the loop does not wait for: half of what a reader's buffer holds.
+pub(crate) const LEAF_LAG: u64 = CHAIN_DEPTH as u64 / 2;
+
 /// To whom a process reports that it has closed a tick, beyond the readers of its messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Report {
@@ -144,10 +151,27 @@ impl<'a, V: View> Protocol<'a, V> {
         self.lags(tick).or_else(|| self.awaited(tick)).or_else(|| self.straggler(tick))
     }
 
-    /// A polled process that has more to take in than stays available.
+    /// A process outside the loop that has more to take in than stays available.
     fn lags(&self, tick: u64) -> Option<usize> {
-        self.processes()
-            .find(|&process| self.view.role(process).polled && tick > self.view.progress(process).ticks + self.view.recorder_lag())
+        let most = |role: Role| match role {
+            Role { polled: true, .. } => Some(self.view.recorder_lag()),
+            Role { is_leaf: true, .. } => Some(LEAF_LAG),
+            _ => None,
+        };
+        let lags = |process: &usize, most: u64| {
+            let closed = self.view.progress(*process).ticks;
+            tick > closed + most && (self.view.role(*process).polled || !self.is_down(*process, closed))
+        };
+        self.processes().find(|process| most(self.view.role(*process)).is_some_and(|most| lags(process, most)))
+    }
+
+    /// For the tick source, before it ends: a process outside the loop that has not closed all ticks before a tick.
+    pub(crate) fn unfinished(&self, tick: u64) -> Option<usize> {
+        let lags = |process: &usize| {
+            let closed = self.view.progress(*process).ticks;
+            self.view.role(*process).is_leaf && closed < tick && !self.is_down(*process, closed)
+        };
+        self.processes().find(lags)
     }
 
     /// A process that the fault table has back by a tick, and that is not back.
@@ -248,6 +272,7 @@ impl<'a, V: View> Protocol<'a, V> {
                     Report::Source(source)
                 }
             }
+            Some(source) if self.view.role(self.me).is_leaf && self.view.is_lockstep() => Report::Source(source),
             _ => Report::Nobody,
         }
     }

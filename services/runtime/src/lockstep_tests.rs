@@ -43,7 +43,7 @@ impl View for Run {
         self.reads.len()
     }
     fn role(&self, process: usize) -> Role {
-        Role { makes_ticks: process == 0, polled: false }
+        Role { makes_ticks: process == 0, polled: false, is_leaf: false }
     }
     fn progress(&self, process: usize) -> Progress {
         self.progress[process]
@@ -251,7 +251,7 @@ fn without_faults_nobody_reports_and_only_a_recorder_holds_back() {
             3
         }
         fn role(&self, process: usize) -> Role {
-            Role { makes_ticks: process == 0, polled: process == 2 }
+            Role { makes_ticks: process == 0, polled: process == 2, is_leaf: false }
         }
         fn progress(&self, _: usize) -> Progress {
             Progress { ticks: 7, incarnation: 1, is_running: true, awaits_progress: true }

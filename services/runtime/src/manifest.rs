@@ -4,11 +4,9 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
+use shared_types::process::MAX_PROCESSES;
 
 use crate::run_dir::RunDir;
-
-/// Most processes a run may have.
-pub const MAX_PROCESSES: usize = 16;
 
 /// Beyond it a tick is no whole number of µs, far beyond what any process keeps up with.
 const FASTEST_HZ: u32 = 1_000_000;
@@ -52,6 +50,9 @@ pub struct Process {
     /// It makes the ticks (the plant): while it stands still there are none.
     #[serde(default)]
     pub makes_ticks: bool,
+    /// Its place in the stamps of messages; the process that makes the ticks has place 0, and one that writes nothing has none.
+    #[serde(default)]
+    pub hop: Option<usize>,
     /// The core it is pinned to.
     pub core: Option<usize>,
     /// Its `SCHED_FIFO` priority in real time, 1 to 99.
@@ -59,6 +60,19 @@ pub struct Process {
     /// Trouble that `verify` makes; none in an ordinary run.
     #[serde(default)]
     pub disturbance: Disturbance,
+}
+
+/// A message whose type this program does not know: bytes with a header, under a name.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ForeignMessage {
+    /// Its topic.
+    pub topic: String,
+    /// Its versioned type name.
+    pub type_name: String,
+    /// Its size, a multiple of 8.
+    pub bytes: usize,
+    /// The hash of its layout.
+    pub hash: u64,
 }
 
 /// The run as all its processes know it.
@@ -72,6 +86,9 @@ pub struct Manifest {
     pub wait_limit: Option<Duration>,
     /// All processes; the index is the process's line on the control_page.
     pub processes: Vec<Process>,
+    /// The messages that only the graph of this run knows.
+    #[serde(default)]
+    pub messages: Vec<ForeignMessage>,
 }
 
 /// Why a manifest cannot be used.
@@ -129,6 +146,19 @@ impl Manifest {
     #[must_use]
     pub fn index_of(&self, process: &str) -> Option<usize> {
         self.processes.iter().position(|p| p.name == process)
+    }
+
+    /// The message of a topic that only the graph of this run knows.
+    #[must_use]
+    pub fn message(&self, topic: &str) -> Option<&ForeignMessage> {
+        self.messages.iter().find(|message| message.topic == topic)
+    }
+
+    /// Whether the loop does not wait for a process: no process that is woken by messages reads one of its topics.
+    #[must_use]
+    pub fn is_leaf(&self, process: usize) -> bool {
+        let Process { writes, polled, makes_ticks, .. } = &self.processes[process];
+        !polled && !makes_ticks && writes.iter().all(|topic| self.woken_by(topic).next().is_none())
     }
 
     /// The one process that writes a topic.
@@ -206,7 +236,7 @@ mod tests {
     }
 
     fn manifest(processes: Vec<Process>) -> Manifest {
-        Manifest { mode: Mode::Lockstep, rate_hz: 1000, wait_limit: Some(Duration::from_secs(1)), processes }
+        Manifest { mode: Mode::Lockstep, rate_hz: 1000, wait_limit: Some(Duration::from_secs(1)), processes, messages: Vec::new() }
     }
 
     #[test]

@@ -10,6 +10,7 @@ use std::path::Path;
 use std::ptr::NonNull;
 use std::sync::atomic::{AtomicU64, Ordering, fence};
 
+use bytemuck::{bytes_of, pod_read_unaligned};
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use shared_types::Message;
 
@@ -19,27 +20,27 @@ use crate::run_dir::RunDir;
 /// Bytes before the first slot: the count, and room that aligns the slots as a cache line is.
 const HEAD: usize = 64;
 
-/// A file of slots that take turns, with a count of the messages written.
-struct Slots<M: Message> {
+/// A file of slots that take turns, with a count of the messages written; messages of one size, a multiple of 8 bytes.
+struct Slots {
     file: NonNull<u8>,
     slots: usize,
-    _message: PhantomData<M>,
+    /// Bytes of a message.
+    bytes: usize,
 }
 
-impl<M: Message> Slots<M> {
+impl Slots {
     /// Maps the file, which is made where there is none.
-    fn open(path: &Path, slots: usize) -> std::io::Result<Self> {
-        const { assert!(align_of::<M>() <= HEAD) }
-        let bytes = HEAD + slots * size_of::<M>();
+    fn open(path: &Path, slots: usize, bytes: usize) -> std::io::Result<Self> {
+        let length = HEAD + slots * bytes;
         let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).mode(0o600).open(path)?;
-        if file.metadata()?.len() < bytes as u64 {
+        if file.metadata()?.len() < length as u64 {
             // Written, not only truncated: the memory is there now, or the error is.
-            std::os::unix::fs::FileExt::write_all_at(&file, &vec![0; bytes], 0)?;
+            std::os::unix::fs::FileExt::write_all_at(&file, &vec![0; length], 0)?;
         }
         // SAFETY: a fresh shared mapping of a file that is at least this long; nothing else in this process lies there.
-        let address = unsafe { mmap(std::ptr::null_mut(), bytes, ProtFlags::READ | ProtFlags::WRITE, MapFlags::SHARED, &file, 0)? };
+        let address = unsafe { mmap(std::ptr::null_mut(), length, ProtFlags::READ | ProtFlags::WRITE, MapFlags::SHARED, &file, 0)? };
         let file = NonNull::new(address.cast()).ok_or_else(|| std::io::Error::other("mapped at address 0"))?;
-        Ok(Self { file, slots, _message: PhantomData })
+        Ok(Self { file, slots, bytes })
     }
 
     fn count(&self) -> &AtomicU64 {
@@ -51,54 +52,61 @@ impl<M: Message> Slots<M> {
         self.count().load(Ordering::Acquire)
     }
 
-    fn slot(&self, number: u64) -> *mut M {
-        // SAFETY: the index is below the number of slots, and the head keeps their alignment.
-        unsafe { self.file.as_ptr().add(HEAD).cast::<M>().add((number % self.slots as u64) as usize) }
+    fn slot(&self, number: u64) -> *mut u64 {
+        // SAFETY: the index is below the number of slots, and head and slots are multiples of 8 bytes.
+        unsafe { self.file.as_ptr().add(HEAD + (number % self.slots as u64) as usize * self.bytes).cast() }
     }
 
-    /// Adds a message in place of the oldest.
-    fn push(&self, message: &M) {
+    /// Adds a message in place of the oldest; one of another size is not one.
+    fn push(&self, message: &[u8]) {
+        if message.len() != self.bytes {
+            return;
+        }
         let count = self.count().load(Ordering::Relaxed);
         // SAFETY: a slot of the mapping; there is one living writer, and readers look at the count afterwards.
-        unsafe { self.slot(count).write(*message) };
+        unsafe { self.slot(count).cast::<u8>().copy_from_nonoverlapping(message.as_ptr(), message.len()) };
         fence(Ordering::Release);
         self.count().store(count.wrapping_add(1), Ordering::Release);
     }
 
     /// Message `number`, counted from 0; `None` where it has not come yet, or is no longer there.
-    fn get(&self, number: u64) -> Option<M> {
+    fn get(&self, number: u64) -> Option<Vec<u8>> {
         if number >= self.written() {
             return None;
         }
-        // SAFETY: a slot of the mapping, and every bit pattern is a message; a torn one is thrown away below.
-        let message = unsafe { self.slot(number).read_volatile() };
+        let slot = self.slot(number);
+        // SAFETY: words of a slot of the mapping; a torn message is thrown away below.
+        let words = (0..self.bytes / size_of::<u64>()).map(|word| unsafe { slot.add(word).read_volatile() });
+        let message = words.flat_map(u64::to_ne_bytes).collect();
         fence(Ordering::Acquire);
         // The writer may be at work on the slot from the moment on at which this is its next.
         (self.count().load(Ordering::Relaxed) < number.saturating_add(self.slots as u64)).then_some(message)
     }
 }
 
-impl<M: Message> Drop for Slots<M> {
+impl Drop for Slots {
     fn drop(&mut self) {
         // SAFETY: mapped by `open` with this size, and no reference outlives `self`.
-        let _ = unsafe { munmap(self.file.as_ptr().cast(), HEAD + self.slots * size_of::<M>()) };
+        let _ = unsafe { munmap(self.file.as_ptr().cast(), HEAD + self.slots * self.bytes) };
     }
 }
 
 /// The messages of a topic that its keeper has handed over, the last of them: written by the launcher, read by a replacement of the recorder.
-pub(crate) struct HandedOver<M: Message>(Slots<M>);
+pub(crate) struct HandedOver(Slots);
 
-impl<M: Message> HandedOver<M> {
-    /// Messages that stay: twice what the keeper holds.
-    pub(crate) const LENGTH: u64 = 2 * depth(size_of::<M>()) as u64;
-
+impl HandedOver {
     /// Maps the file of the topic, which is made where there is none.
-    pub(crate) fn open(run: &RunDir) -> std::io::Result<Self> {
-        Slots::open(&run.path().join(format!("handed-over-{}", M::TOPIC)), Self::LENGTH as usize).map(Self)
+    pub(crate) fn open(run: &RunDir, topic: &str, bytes: usize) -> std::io::Result<Self> {
+        Slots::open(&run.path().join(format!("handed-over-{topic}")), 2 * depth(bytes), bytes).map(Self)
+    }
+
+    /// Messages that stay: twice as many as the keeper holds.
+    pub(crate) fn length(&self) -> u64 {
+        self.0.slots as u64
     }
 
     /// Adds a message in place of the oldest.
-    pub(crate) fn push(&self, message: &M) {
+    pub(crate) fn push(&self, message: &[u8]) {
         self.0.push(message);
     }
 
@@ -108,30 +116,31 @@ impl<M: Message> HandedOver<M> {
     }
 
     /// Message `number`, counted from 0; `None` where it has not come yet, or is no longer there.
-    pub(crate) fn get(&self, number: u64) -> Option<M> {
+    pub(crate) fn get(&self, number: u64) -> Option<Vec<u8>> {
         self.0.get(number)
     }
 }
 
 /// The last two messages that a writer has made while faults shape them: what is made is not what is delivered.
-pub(crate) struct LastMade<M: Message>(Slots<M>);
+pub(crate) struct LastMade<M: Message>(Slots, PhantomData<M>);
 
 impl<M: Message> LastMade<M> {
     /// Maps the file of the topic, which is made where there is none.
     pub(crate) fn open(run: &RunDir) -> std::io::Result<Self> {
         // A third slot: of the last two none is the next to be written.
-        Slots::open(&run.path().join(format!("made-{}", M::TOPIC)), 3).map(Self)
+        let slots = Slots::open(&run.path().join(format!("made-{}", M::TOPIC)), 3, size_of::<M>())?;
+        Ok(Self(slots, PhantomData))
     }
 
     /// Keeps a message that is not delivered as it is, or not now.
     pub(crate) fn keep(&self, message: &M) {
-        self.0.push(message);
+        self.0.push(bytes_of(message));
     }
 
     /// The last message made of a tick before `tick`, as far as it is known.
     pub(crate) fn before(&self, tick: u64) -> Option<M> {
         let made = self.0.written();
-        let last_made = (made.saturating_sub(2)..made).filter_map(|number| self.0.get(number));
+        let last_made = (made.saturating_sub(2)..made).filter_map(|number| self.0.get(number)).map(|bytes| pod_read_unaligned::<M>(&bytes));
         last_made.filter(|message| message.header().tick < tick).max_by_key(|message| message.header().tick)
     }
 }
@@ -162,16 +171,16 @@ mod tests {
     #[test]
     fn the_ring_gives_what_is_still_in_it() {
         let run = RunDir::create().unwrap();
-        let writer = HandedOver::<TorqueCommand>::open(&run).unwrap();
-        let reader = HandedOver::<TorqueCommand>::open(&run).unwrap();
-        let length = HandedOver::<TorqueCommand>::LENGTH;
+        let open = || HandedOver::open(&run, "torque", size_of::<TorqueCommand>()).unwrap();
+        let (writer, reader) = (open(), open());
+        let length = reader.length();
         assert_eq!(reader.get(0), None);
         let count = 3 * length + 7;
-        (0..count).for_each(|tick| writer.push(&message(tick)));
+        (0..count).for_each(|tick| writer.push(bytes_of(&message(tick))));
         assert_eq!(reader.count(), count);
         for number in 0..count + 2 {
             let is_there = number + length > count && number < count;
-            assert_eq!(reader.get(number), is_there.then(|| message(number)), "{number}");
+            assert_eq!(reader.get(number), is_there.then(|| bytes_of(&message(number)).to_vec()), "{number}");
         }
     }
 }

@@ -11,7 +11,8 @@ use shared_types::fault::{Kind, ScheduledFault};
 use shared_types::{Checkpoint, Message};
 
 use crate::bus::collector::Collector;
-use crate::bus::depth::{CHAIN_DEPTH, RECORDER_DEPTH, least_depth};
+use crate::bus::depth::{CHAIN_DEPTH, RECORDER_DEPTH, depth, least_depth};
+use crate::bus::foreign::{self, ForeignCollector};
 use crate::bus::reader::Reader;
 use crate::bus::topic::{self, Subscribing, TopicError};
 use crate::bus::writer::{SendError, Writer};
@@ -53,6 +54,12 @@ pub enum OpenError {
         run: String,
         /// The names there are.
         known: String,
+    },
+    /// No graph started this program.
+    #[error("{variable} is not set: this program is a process of a graph, start it with `armplane run SCENARIO --graph FILE.toml`")]
+    NotStarted {
+        /// The environment variable that is missing.
+        variable: &'static str,
     },
     /// Signals cannot be caught.
     #[error("cannot catch SIGTERM and SIGINT: {0}")]
@@ -157,11 +164,14 @@ impl Shell {
         begin_disturbed(disturbance);
         let bus = topic::join(&run, process, false)?;
         let stops_at = if manifest.processes[me].polled { Stop::Everything } else { Stop::Chain };
+        let foreign = manifest.messages.iter().map(|message| depth(message.bytes));
+        let least = foreign.fold(least_depth(&manifest.topics()), usize::min);
         let shared = Context {
-            stamping: Stamping::of(process),
+            stamping: Stamping::at(manifest.processes[me].hop),
             // A quarter of what is kept: faults make several messages of one tick, and a block of a message log is not in its file yet.
-            recorder_lag: RECORDER_LAG.min(least_depth(&manifest.topics()) as u64 / 4),
+            recorder_lag: RECORDER_LAG.min(least as u64 / 4),
             run,
+            leaves: (0..manifest.processes.len()).map(|process| manifest.is_leaf(process)).collect(),
             manifest,
             control_page,
             bus,
@@ -195,6 +205,19 @@ impl Shell {
     pub fn collector<M: Message>(&self) -> Result<Collector<M>, TopicError> {
         self.declared::<M>("read")?;
         Ok(Collector::new(Rc::clone(&self.shared), self.subscriber(RECORDER_DEPTH)?))
+    }
+
+    /// Reads everything of a topic whose message only the graph knows, in order, in rounds of [`Shell::poll`]: for the recorder.
+    ///
+    /// # Errors
+    /// When the graph declares no such message, or does not name this process as a reader.
+    pub fn foreign_collector(&self, topic: &str) -> Result<ForeignCollector, TopicError> {
+        let Some(message) = self.shared.manifest.message(topic).filter(|_| self.reads(topic)) else {
+            return Err(TopicError::Unknown { topic: topic.to_owned(), known: self.shared.manifest.topics().join(", ") });
+        };
+        let subscriber = foreign::subscriber(&self.shared.bus, message)?;
+        self.shared.attached.ports.borrow_mut().push(Rc::clone(&subscriber) as Rc<dyn Connect>);
+        Ok(ForeignCollector::new(Rc::clone(&self.shared), subscriber, message.bytes))
     }
 
     /// Writes a topic; wakes the processes that the graph names as its readers.
@@ -381,6 +404,12 @@ impl Shell {
     #[must_use]
     pub fn count(&self, count: Count) -> u64 {
         self.shared.entry().count(count)
+    }
+
+    /// The directory of the run.
+    #[must_use]
+    pub fn run_dir(&self) -> &Path {
+        self.shared.run.path()
     }
 
     pub(crate) fn shared(&self) -> Rc<Context> {

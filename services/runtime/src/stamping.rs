@@ -2,14 +2,14 @@
 
 use std::cell::{Cell, RefCell};
 
-use shared_types::wire::{HOPS, Header, Stamps};
+use shared_types::wire::{Header, MAX_HOPS, Stamps};
 
 use crate::control_page::ProcessEntry;
 
 /// The stamps of the tick in hand of one process.
 #[derive(Debug, Default)]
 pub(crate) struct Stamping {
-    /// Its place in [`HOPS`], if it has one.
+    /// Its place in [`Stamps`], if it has one.
     hop: Option<usize>,
     /// The stamps of the inputs of the tick in hand.
     input: RefCell<Input>,
@@ -27,8 +27,8 @@ struct Input {
 }
 
 impl Stamping {
-    pub(crate) fn of(process: &str) -> Self {
-        Self { hop: HOPS.iter().position(|&hop| hop == process), ..Self::default() }
+    pub(crate) fn at(hop: Option<usize>) -> Self {
+        Self { hop: hop.filter(|hop| *hop < MAX_HOPS), ..Self::default() }
     }
 
     /// The tick source's tick in hand is due at this time.

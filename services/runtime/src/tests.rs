@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use shared_types::fault::{Fault, Kind};
+use shared_types::fault::{Fault, Kind, Target};
+use shared_types::process::Role;
 use shared_types::{PlantState, SensorSample, SingularityReport, StateEstimate};
 
 use crate::bus::topic::{TopicError, join, subscriber};
@@ -29,7 +30,7 @@ fn stage(mode: Mode) -> Stage {
         process("recorder", &["sensor"], &[], true),
     ];
     let processes_count = processes.len();
-    let manifest = Manifest { mode, rate_hz: 1000, wait_limit: Some(Duration::from_millis(50)), processes };
+    let manifest = Manifest { mode, rate_hz: 1000, wait_limit: Some(Duration::from_millis(50)), processes, messages: Vec::new() };
     let run = RunDir::create().unwrap();
     manifest.write(&run).unwrap();
     let control_page = ControlPage::create(&run).unwrap();
@@ -45,6 +46,11 @@ impl Stage {
     fn shell(&self, process: &str) -> Shell {
         Shell::open(self.run.path(), process).unwrap()
     }
+}
+
+/// A process that faults happen to.
+fn on(index: u32) -> Target {
+    Target::sending::<SensorSample>(index, if index == 0 { Role::World } else { Role::Stage })
 }
 
 fn sample(tick: u64) -> SensorSample {
@@ -111,7 +117,7 @@ fn who_died_between_sending_and_saying_so_does_not_die_of_it_again() {
     let line = stage.control_page.process(1);
     // Ticks 0 to 4 are closed and 5 was sent: by its readers the first tick missed is 6.
     line.set_ticks(5);
-    let death = Fault { at_tick: Some(6), for_ticks: Some(20), ..Fault::new("estimator", Kind::Crash) }.schedule(1, 1000, 0).unwrap();
+    let death = Fault { at_tick: Some(6), for_ticks: Some(20), ..Fault::new("estimator", Kind::Crash) }.schedule(&on(1), 1000, 0).unwrap();
     let place = stage.control_page.fault_table().enter(&death, Origin::Planned).unwrap();
     stage.control_page.fault_table().mark_injected(place, now_ns());
     line.begin_incarnation();
@@ -162,7 +168,7 @@ fn stamps_tell_the_way_of_the_data() {
     let key = || subscriber::<StateEstimate>(&join(&stage.run, "probe", false).unwrap(), CHAIN_DEPTH).unwrap();
     let probe = key();
     let mut forged = sample(0);
-    forged.header.stamps.sent_ns = [7; 4];
+    forged.header.stamps.sent_ns = [7; shared_types::wire::MAX_HOPS];
     sensors.send(forged).unwrap();
     let tick = inlet.next().unwrap().unwrap().header.tick;
     let mut estimate = StateEstimate::default();
@@ -221,7 +227,7 @@ fn in_lockstep_the_source_waits_for_the_recorder() {
 fn in_lockstep_the_source_waits_at_the_end_of_a_death_for_who_has_not_died_yet() {
     let stage = stage(Mode::Lockstep);
     let (plant, line) = (stage.shell("plant"), stage.control_page.process(1));
-    let death = Fault { at_tick: Some(1), for_ticks: Some(2), ..Fault::new("estimator", Kind::Kill) }.schedule(1, 1000, 0).unwrap();
+    let death = Fault { at_tick: Some(1), for_ticks: Some(2), ..Fault::new("estimator", Kind::Kill) }.schedule(&on(1), 1000, 0).unwrap();
     stage.control_page.fault_table().enter(&death, Origin::Planned).unwrap();
     // It is through with tick 0 and nobody has given it a core since.
     line.set_state(State::Running);
@@ -343,7 +349,7 @@ fn a_clock_that_is_behind_or_ahead_leaves_the_grid_where_it_is() {
         let stage = stage(Mode::Realtime);
         let fault =
             Fault { way: Some(Way::Jump), amount: Some(amount), at_tick: Some(3), for_ticks: Some(20), ..Fault::new("plant", Kind::Clock) };
-        stage.control_page.fault_table().enter(&fault.schedule(0, 1000, 0).unwrap(), crate::Origin::Planned);
+        stage.control_page.fault_table().enter(&fault.schedule(&on(0), 1000, 0).unwrap(), crate::Origin::Planned);
         let plant = stage.shell("plant");
         let mut tick_source = plant.tick_source(0);
         let (began, mut in_time) = (now_ns(), 0);
@@ -366,6 +372,7 @@ fn a_clock_that_is_behind_or_ahead_leaves_the_grid_where_it_is() {
 struct Counted(f64);
 
 impl shared_types::wire::Part for Counted {
+    const ELEMENT: &'static str = "Counted";
     fn is_finite(&self) -> bool {
         self.0.is_finite()
     }
@@ -374,6 +381,7 @@ impl shared_types::wire::Part for Counted {
 impl shared_types::Layout for Counted {
     const TYPE_NAME: &'static str = "armplane.test.Counted.v1";
     const FIELDS: &'static [shared_types::wire::Field] = &[];
+    const ABOUT: &'static str = "";
 }
 
 impl shared_types::Checkpoint for Counted {}
@@ -424,7 +432,8 @@ fn a_tick_is_closed_with_the_last_of_its_outputs_and_its_checkpoint_is_committed
         if is_committed {
             first.shared().commit(5);
         }
-        let death = Fault { at_tick: Some(5), for_ticks: Some(2), ..Fault::new("estimator", Kind::Kill) }.schedule(1, 1000, 0).unwrap();
+        let death =
+            Fault { at_tick: Some(5), for_ticks: Some(2), ..Fault::new("estimator", Kind::Kill) }.schedule(&on(1), 1000, 0).unwrap();
         let place = control_page.fault_table().enter(&death, Origin::Detected).unwrap();
         control_page.fault_table().mark_injected(place, now_ns());
         control_page.process(entry).begin_incarnation();

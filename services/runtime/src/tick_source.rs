@@ -4,9 +4,10 @@ use std::rc::Rc;
 
 use crate::clock::{now_ns, sleep_until};
 use crate::context::Context;
+use crate::control_page::PROGRESS;
 use crate::deadline::{USAGE_EVERY, cause};
 use crate::realtime::Usage;
-use crate::wait::{Interrupted, Waited};
+use crate::wait::{Interrupted, Wait, Waited};
 
 /// Gives out one tick after the other.
 ///
@@ -54,6 +55,28 @@ impl TickSource {
         // The arm's time is its own: where the plant stood still, no tick has passed.
         self.context.apply_process_faults(tick);
         Ok(Some(tick))
+    }
+
+    /// Waits until every process outside the loop has closed the ticks given out, so that none is stopped in the middle of them; in real time
+    /// nobody is waited for.
+    ///
+    /// # Errors
+    /// When one of them closes nothing within the limit.
+    pub fn finish(&self) -> Result<(), Interrupted> {
+        let context = &self.context;
+        if !context.is_lockstep() {
+            return Ok(());
+        }
+        let laggard = || context.protocol().unfinished(self.next_tick);
+        let describe = || Wait {
+            what: format!("the end of tick {}", self.next_tick.saturating_sub(1)),
+            from: laggard().map_or("the others".into(), |index| context.manifest.processes[index].name.clone()),
+        };
+        let look = || {
+            context.learn();
+            Ok(laggard().is_none().then_some(()))
+        };
+        context.wait(PROGRESS, None, describe, look).map(drop)
     }
 
     /// Until when a tick's torque is waited for, on `CLOCK_MONOTONIC`; in lockstep without limit.

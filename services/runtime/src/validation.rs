@@ -32,15 +32,14 @@ pub(crate) fn first_not_finite<M: Message>(message: &M) -> Option<&'static str> 
         return None;
     }
     let bytes = bytemuck::bytes_of(message);
-    let holds_f64 = |field: &Field| field.type_name.contains("f64");
-    let is_nested = |field: &Field| !["Header", "u32", "u64", "f64"].iter().any(|plain| field.type_name.contains(plain));
+    let is_nested = |field: &Field| !["Header", "u32", "u64", "f64"].contains(&&*field.element);
     let is_bad = |field: &&Field| {
         let numbers = bytes[field.offset..field.offset + field.size].chunks_exact(size_of::<f64>());
-        holds_f64(field) && numbers.map(bytemuck::pod_read_unaligned::<f64>).any(|number| !number.is_finite())
+        field.is_number() && numbers.map(bytemuck::pod_read_unaligned::<f64>).any(|number| !number.is_finite())
     };
     // A byte outside all plain fields belongs to a nested one.
     let guilty = M::FIELDS.iter().find(is_bad).or_else(|| M::FIELDS.iter().find(|field| is_nested(field)));
-    Some(guilty.map_or("a field", |field| field.name))
+    Some(guilty.map_or("a field", |field| &*field.name))
 }
 
 #[cfg(test)]

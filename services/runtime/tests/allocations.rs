@@ -57,7 +57,8 @@ fn one_record_of_iceoryx2_for_each_message_and_nothing_else() {
         vec![process("ping", PlantState::TOPIC, TorqueCommand::TOPIC), process("pong", TorqueCommand::TOPIC, PlantState::TOPIC)];
     for mode in [Mode::Lockstep, Mode::Realtime] {
         let run = RunDir::create().unwrap();
-        let manifest = Manifest { mode, rate_hz: 1000, wait_limit: Some(Duration::from_secs(10)), processes: processes.clone() };
+        let manifest =
+            Manifest { mode, rate_hz: 1000, wait_limit: Some(Duration::from_secs(10)), processes: processes.clone(), messages: Vec::new() };
         manifest.write(&run).unwrap();
         let control_page = ControlPage::create(&run).unwrap();
         let _hub = Hub::create(&run, &manifest).unwrap();

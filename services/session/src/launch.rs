@@ -1,13 +1,16 @@
 //! Starting the processes of a plan, and what is heard of them until they have ended.
 
+use std::path::Path;
+use std::process::Command;
+
 use launcher::{Event, Interrupts, Launcher, Outcome, Plan};
 use runtime::RunDir;
-use shared_types::job::Job;
+use shared_types::job::{JOB, Job};
 use shared_types::summary::Summary;
 
 use crate::failure::Failure;
+use crate::load;
 use crate::progress::{Observer, Progress};
-use crate::results::JOB;
 
 /// Runs the processes to the end of the task, or of one of them, and tells the observer what happens.
 ///
@@ -71,11 +74,22 @@ pub fn launch_watched(
     std::fs::write(&path, text).map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))?;
     begin(&RunDir::open(&run_dir).map_err(Failure::work)?)?;
     let mut account = None;
-    let outcome = launcher.run(&launcher::reexec, &mut |event| {
+    let outcome = launcher.run(&|name, run| command(&job, name, run), &mut |event| {
         if event == Event::Stopped {
             account = std::fs::read(&account_path).ok().and_then(|text| serde_json::from_slice(&text).ok());
         }
         report(&event);
     });
     Ok((outcome.map_err(Failure::work)?, account))
+}
+
+/// The command of a process: the one in the graph, in the folder of the graph's file, or this program itself.
+fn command(job: &Job, name: &str, run: &Path) -> std::io::Result<Command> {
+    let Some((program, arguments)) = job.graph.process(name).and_then(|process| process.command.split_first()) else {
+        return launcher::reexec(name, run);
+    };
+    let folder = job.graph.folder.as_deref();
+    let mut command = Command::new(load::program(program, folder));
+    command.args(arguments).current_dir(folder.unwrap_or(Path::new(".")));
+    Ok(command)
 }

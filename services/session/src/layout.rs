@@ -17,7 +17,14 @@ pub fn save_blueprint(run: &Run, layout: Layout, path: &Path) -> Result<(), Fail
     let job = run.job()?;
     let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
     let first = chain::first_tick(&robot, &job.scenario).map_err(Failure::input)?;
-    let info = RunInfo { scenario: &job.scenario, robot: &robot, run: &job.run, version: &job.version, seed: job.scenario.seed };
+    let info = RunInfo {
+        scenario: &job.scenario,
+        robot: &robot,
+        run: &job.run,
+        version: &job.version,
+        seed: job.scenario.seed,
+        hops: viz::chain_hops(&job.graph),
+    };
     let row = TickRow::new(0, first.lent());
     viz::save_blueprint(path, &info, &row, layout).map_err(Failure::work)
 }

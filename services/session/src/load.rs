@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use model::{Robot, RobotError, RobotSource};
 use shared_types::file::Complaint;
-use shared_types::graph::Graph;
+use shared_types::graph::{self, Graph};
 use shared_types::job::{Job, Mode, RobotText};
 use shared_types::scenario::Scenario;
 use sim::scenarios;
@@ -14,14 +14,14 @@ use crate::failure::Failure;
 /// The scenario of `armplane` without arguments.
 pub const DEFAULT_SCENARIO: &str = "fig5-wrist-rotation";
 
-const GRAPH: &str = include_str!("../../graph.toml");
-
-/// A scenario with its robot and its start posture, all checked against each other.
+/// A scenario with its robot, its start posture and its process graph, all checked against each other.
 pub struct Loaded {
     /// With the settings laid over it.
     pub scenario: Scenario,
     /// The arm it names.
     pub robot: Robot,
+    /// The processes it runs in.
+    pub graph: Graph,
 }
 
 /// A scenario by built-in name or path, with settings laid over it.
@@ -29,6 +29,14 @@ pub struct Loaded {
 /// # Errors
 /// [`Failure::Input`] or [`Failure::File`] where there is no such scenario, or it, its robot or its faults are invalid.
 pub fn scenario(name: &str, settings: &[String], seed: Option<u64>) -> Result<Loaded, Failure> {
+    scenario_in(None, name, settings, seed)
+}
+
+/// A scenario in the processes of another graph than its own, where a file is given.
+///
+/// # Errors
+/// As [`scenario`], and as [`graph`].
+pub fn scenario_in(graph_file: Option<&Path>, name: &str, settings: &[String], seed: Option<u64>) -> Result<Loaded, Failure> {
     let (file, text, folder) = match scenarios::text(name) {
         Some(text) => (format!("{name}.toml"), text.to_owned(), None),
         None => {
@@ -55,13 +63,17 @@ pub fn scenario(name: &str, settings: &[String], seed: Option<u64>) -> Result<Lo
         let names = robot.frames.iter().map(|frame| frame.name.as_str());
         return Err(located(Complaint::new("frame", unknown("frame", &scenario.frame, names, ""), "")));
     }
+    let beside = |file: &String| folder.as_deref().map_or_else(|| PathBuf::from(file), |folder| folder.join(file));
+    let own_graph = Some(&scenario.graph).filter(|file| !file.is_empty()).map(beside);
+    let graph = graph(graph_file.or(own_graph.as_deref()))?;
+    scenario.scheduled_faults(&graph).map_err(located)?;
     let beyond = |fault: &shared_types::fault::Fault| fault.joint.is_some_and(|joint| joint as usize > robot.dof());
     if let Some(i) = scenario.fault.iter().position(beyond) {
         let sentence = format!("{} has {} joints", robot.name, robot.dof());
         return Err(located(Complaint::new(format!("fault.{i}.joint"), sentence, "joints count from 1")));
     }
     robot.start_posture(&scenario.start).map_err(|error| located(Complaint::new("start", error.to_string(), "")))?;
-    Ok(Loaded { scenario, robot })
+    Ok(Loaded { scenario, robot, graph })
 }
 
 /// A robot by built-in name, or a URDF with an optional description beside it (`arm.urdf`, `arm.toml`).
@@ -101,10 +113,50 @@ pub fn robot_of(text: &RobotText) -> Result<Robot, RobotError> {
 /// # Errors
 /// [`Failure::Input`] or [`Failure::File`] where the file cannot be read or is invalid.
 pub fn graph(file: Option<&Path>) -> Result<Graph, Failure> {
-    Ok(match file {
-        None => Graph::parse("graph.toml", GRAPH)?,
-        Some(path) => Graph::parse(&path.display().to_string(), &read(path)?)?,
-    })
+    let Some(path) = file else { return Ok(Graph::parse("graph.toml", graph::BUILT_IN)?) };
+    let (name, text) = (path.display().to_string(), read(path)?);
+    let mut graph = Graph::parse(&name, &text)?;
+    let folder = path.parent().unwrap_or(Path::new("")).join(graph.folder.unwrap_or_default());
+    let folder = if folder.as_os_str().is_empty() { PathBuf::from(".") } else { folder };
+    let canonical = folder.canonicalize().map_err(|error| Failure::Input(format!("{name}: folder: {}: {error}", folder.display())))?;
+    for process in &graph.process {
+        if let Some(command) = process.command.first() {
+            check_program(command, &canonical)
+                .map_err(|reason| Failure::Input(format!("{name}: the command of `{}`: {reason}", process.name)))?;
+        }
+    }
+    graph.folder = Some(canonical);
+    Ok(graph)
+}
+
+/// The program of a command: a name is looked for in PATH, a path counts from the graph's folder.
+#[must_use]
+pub fn program(command: &str, folder: Option<&Path>) -> PathBuf {
+    match folder.filter(|_| command.contains('/')) {
+        Some(folder) => folder.join(command),
+        None => PathBuf::from(command),
+    }
+}
+
+/// Whether there is a program that can be started.
+fn check_program(command: &str, folder: &Path) -> Result<(), String> {
+    use std::os::unix::fs::PermissionsExt;
+    let is_program = |path: &Path| path.metadata().is_ok_and(|file| file.is_file() && file.permissions().mode() & 0o111 != 0);
+    if command.contains('/') {
+        let path = program(command, Some(folder));
+        return match (path.exists(), is_program(&path)) {
+            (_, true) => Ok(()),
+            (true, false) => Err(format!("{} is no program: it is not an executable file", path.display())),
+            (false, _) => {
+                Err(format!("there is no program {}: build it, or correct the path, which counts from the graph's folder", path.display()))
+            }
+        };
+    }
+    let folders = std::env::var_os("PATH").unwrap_or_default();
+    match std::env::split_paths(&folders).any(|folder| is_program(&folder.join(command))) {
+        true => Ok(()),
+        false => Err(format!("there is no program `{command}` in PATH; a path such as `./{command}` counts from the graph's folder")),
+    }
 }
 
 /// A run of a scenario in the processes of a graph, everything recorded.

@@ -3,9 +3,11 @@
 use std::time::Duration;
 
 use launcher::{Child, Limits, Plan, Restart};
+use runtime::ForeignMessage;
 use runtime::realtime::allowed_cores;
-use shared_types::graph;
+use shared_types::graph::{self, Role};
 use shared_types::job::{Job, Mode};
+use shared_types::layout::MessageLayout;
 
 use crate::failure::Failure;
 
@@ -14,23 +16,25 @@ use crate::failure::Failure;
 /// # Errors
 /// [`Failure::Input`] where a fault of the scenario does not fit the graph.
 pub fn plan(job: &Job) -> Result<Plan, Failure> {
-    let place = |name: &str| job.graph.process.iter().position(|process| process.name == name).and_then(|place| u32::try_from(place).ok());
-    let faults = job.scenario.scheduled_faults(place).map_err(|complaint| Failure::Input(format!("{}: {complaint}", job.scenario.name)))?;
+    let faults =
+        job.scenario.scheduled_faults(&job.graph).map_err(|complaint| Failure::Input(format!("{}: {complaint}", job.scenario.name)))?;
     let cores = allowed_cores();
     // Lockstep runs side by side shall not all crowd the same core: which one is "core 0" turns with the process id.
     let turn = if job.mode == Mode::Lockstep { std::process::id() as usize } else { 0 };
+    let hops = job.graph.hops();
     let children = job.graph.process.iter().map(|process| Child {
         process: runtime::Process {
             name: process.name.clone(),
             reads: process.reads.iter().chain(&process.feedback).cloned().collect(),
             writes: process.writes.clone(),
-            polled: process.writes.is_empty(),
-            makes_ticks: !process.feedback.is_empty(),
+            polled: process.role() == Role::Observer,
+            makes_ticks: process.role() == Role::World,
+            hop: hops.iter().position(|hop| hop.name == process.name),
             core: (!cores.is_empty()).then(|| cores[(process.core + turn) % cores.len()]),
             priority: (process.priority > 0).then_some(process.priority as u8),
             disturbance: runtime::Disturbance::default(),
         },
-        ends_run: !process.feedback.is_empty(),
+        ends_run: process.role() == Role::World,
         restart: match process.restart {
             graph::Restart::Never => Restart::Never,
             graph::Restart::Always => Restart::Budget { times: 5, back_off: Duration::from_millis(10) },
@@ -40,5 +44,12 @@ pub fn plan(job: &Job) -> Result<Plan, Failure> {
         Mode::Lockstep => runtime::Mode::Lockstep,
         Mode::Realtime => runtime::Mode::Realtime,
     };
-    Ok(Plan { mode, rate_hz: job.scenario.rate_hz, children: children.collect(), limits: Limits::of(mode), faults })
+    let messages = job.graph.own_messages().map(foreign).collect();
+    Ok(Plan { mode, rate_hz: job.scenario.rate_hz, children: children.collect(), messages, limits: Limits::of(mode), faults })
+}
+
+/// The part of a declared message that every process of the run must know.
+fn foreign(layout: MessageLayout) -> ForeignMessage {
+    let MessageLayout { topic, type_name, bytes, hash, .. } = layout;
+    ForeignMessage { topic, type_name, bytes, hash }
 }

@@ -5,19 +5,19 @@ use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 
 use rustix::io::Errno;
-use shared_types::job::Job;
+use shared_types::job::{JOB, Job};
 use shared_types::scenario::Scenario;
 use shared_types::summary::Summary;
 
 use crate::failure::Failure;
+use crate::load;
 
 /// Where runs go unless `--out` says otherwise.
 pub const RUNS: &str = "runs";
-/// Name of the job, in a run's directory in shared memory and in its results folder.
-pub const JOB: &str = "job.json";
 /// Name of the summary in the results folder.
 pub const SUMMARY: &str = "summary.json";
 const SCENARIO: &str = "scenario.toml";
+const GRAPH: &str = "graph.toml";
 const ROBOT_URDF: &str = "robot.urdf";
 const ROBOT_TOML: &str = "robot.toml";
 /// In the results folder while the run goes on; gone at its end.
@@ -175,7 +175,7 @@ impl Drop for Results {
     }
 }
 
-/// The files of the scenario that gives the same bytes again, and the robot beside it where it is not a built-in one.
+/// The files of the scenario that gives the same bytes again; robot and graph beside it where they are not the built-in ones.
 fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(&'static str, Vec<u8>)>, Failure> {
     let fault = summary.faults.iter().filter_map(|fault| fault.fault.clone()).collect();
     let mut files = Vec::new();
@@ -186,6 +186,10 @@ fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(&'static str, Vec<u8>)>
         if !job.robot.description.is_empty() {
             files.push((ROBOT_TOML, job.robot.description.clone().into_bytes()));
         }
+    }
+    if job.graph != load::graph(None)? {
+        GRAPH.clone_into(&mut scenario.graph);
+        files.push((GRAPH, toml::to_string(&job.graph).map_err(Failure::work)?.into_bytes()));
     }
     files.push((SCENARIO, toml::to_string(&scenario).map_err(Failure::work)?.into_bytes()));
     Ok(files)

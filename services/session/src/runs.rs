@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use shared_types::job::Job;
+use shared_types::job::{JOB, Job};
 use shared_types::summary::Summary;
 
 use crate::failure::Failure;
-use crate::results::{JOB, RUNS, SUMMARY};
+use crate::results::{RUNS, SUMMARY};
 
 /// A run's folder and what is in it.
 pub struct Run {

@@ -25,7 +25,7 @@ pub struct Request {
     pub settings: Vec<String>,
     /// Seed of every random number of the run; the scenario's where it is `None`.
     pub seed: Option<u64>,
-    /// The file of a process graph; the built-in graph where it is `None`.
+    /// The file of a process graph; where it is `None`, the scenario's, or the built-in graph.
     pub graph: Option<PathBuf>,
     /// Lockstep or real time.
     pub mode: Mode,
@@ -62,8 +62,8 @@ pub struct Finished {
 pub fn run(request: &Request, observer: Observer<'_>) -> Result<Finished, Failure> {
     // Until everything of the run is written.
     let _signals = interrupts()?;
-    let load::Loaded { scenario, robot } = load::scenario(&request.scenario, &request.settings, request.seed)?;
-    let graph = load::graph(request.graph.as_deref())?;
+    let graph = request.graph.as_deref();
+    let load::Loaded { scenario, robot, graph } = load::scenario_in(graph, &request.scenario, &request.settings, request.seed)?;
     chain::try_first_tick(&robot, &scenario).map_err(|error| Failure::Input(format!("{}: {error}", request.scenario)))?;
     let results = Results::create(request.out.as_deref(), &scenario.name)?;
     let job = Job {

@@ -66,7 +66,8 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
 /// A fault and its outcome.
 fn fault_summary(job: &Job, account: &FaultRecord) -> FaultSummary {
     let process = job.graph.process.get(account.scheduled.process as usize).map(|process| process.name.clone()).unwrap_or_default();
-    let fault = account.scheduled.fault(&process);
+    let fields = job.graph.target(&process).map(|target| target.fields).unwrap_or_default();
+    let fault = account.scheduled.fault(&process, &fields);
     let since_ms = |ns: u64| (account.injected_ns != 0 && ns != 0).then(|| ns.saturating_sub(account.injected_ns) as f64 * 1e-6);
     FaultSummary {
         tick: account.scheduled.at,

@@ -6,7 +6,8 @@ use std::path::Path;
 use message_log::{LogReader, LogWriter};
 use runtime::{ControlPage, MAX_PROCESSES, MOST_FAULTS, Manifest, RunDir};
 use shared_types::Message;
-use shared_types::fault::{Fault, Kind};
+use shared_types::fault::ScheduledFault;
+use shared_types::graph::{BUILT_IN, Graph};
 use shared_types::topics::{self, COUNT, Each, TOPICS, Topic};
 
 use super::input::Hand;
@@ -107,16 +108,18 @@ pub fn control_page(bytes: &[u8]) {
             let (step, age) = (line.step(), line.age());
             let _ = (line.state(), line.counts(), line.pid(), step.count(), step.since(&age).quantile_us(0.99), age.longest_us());
         }
+        let graph = Graph::parse("graph.toml", BUILT_IN).expect("the built-in graph");
         let accounts: Vec<_> = control_page.fault_table().records().collect();
         assert!(accounts.len() <= MOST_FAULTS);
         for (_, account) in accounts {
-            for process in ["plant", "controller", "recorder", "nobody"] {
-                if let Some(fault) = account.scheduled.fault(process) {
-                    let _ = (fault.to_string(), fault.schedule(account.scheduled.process, 1000, 1));
+            for process in &graph.process {
+                let target = graph.target(&process.name).expect("a process of the graph");
+                if let Some(fault) = account.scheduled.fault(&process.name, &target.fields) {
+                    let _ = (fault.to_string(), fault.schedule(&target, 1000, 1));
                 }
             }
         }
-        let scheduled = Fault::new("controller", Kind::Kill).schedule(3, 1000, 7).expect("a fault that makes sense");
+        let scheduled = ScheduledFault::death(3, 0, 1000);
         if let Some(place) = control_page.fault_table().request(&scheduled) {
             assert!(place < MOST_FAULTS && !control_page.fault_table().is_in_force(place));
         }

@@ -137,6 +137,7 @@ impl Recording {
             unheard: 0,
             lanes: Lanes::default(),
             incarnations: Default::default(),
+            hops: run.hops,
         };
         recording.open()?;
         Ok(recording)
@@ -203,7 +204,7 @@ impl Recording {
         }
         // Content of an earlier part is not written again.
         if row.tick >= self.written.signals {
-            self.signals.push(row.tick, |put| sample(row, &self.limits, put));
+            self.signals.push(row.tick, |put| sample(row, &self.limits, self.hops, put));
         }
         if self.signals.rows() >= self.signal_rows {
             self.write_signals();

@@ -6,6 +6,7 @@ use re_chunk::external::arrow::buffer::ScalarBuffer;
 use re_chunk::{Chunk, ChunkComponents, ChunkId, EntityPath, RowId, TimeColumn, TimePoint, Timeline};
 use re_log_types::{StoreId, TimeCell};
 use re_sdk_types::{AsComponents, SerializedComponentColumn};
+use shared_types::process::Program;
 use shared_types::scenario::{Layout, Scenario};
 use shared_types::{MAX_DOF, MAX_SINGULARITIES};
 
@@ -14,7 +15,7 @@ use crate::arm::Figure;
 use crate::blueprint::Subject;
 use crate::narration::Situation;
 use crate::scene::{Look, NullMotion};
-use crate::signals::Limits;
+use crate::signals::{ChainHops, Limits};
 use crate::sink::{FileInfo, Sink};
 
 /// Which run a recording is of.
@@ -30,6 +31,8 @@ pub struct RunInfo<'a> {
     pub version: &'a str,
     /// Seed of every random number.
     pub seed: u64,
+    /// The chain's places in the stamps: [`chain_hops`](crate::chain_hops) of the run's graph.
+    pub hops: Option<ChainHops>,
 }
 
 /// How much is recorded, and how often it is written.
@@ -121,6 +124,7 @@ pub struct Recording {
     pub(super) unheard: u64,
     pub(super) lanes: Lanes,
     pub(super) incarnations: [u32; PROCESSES.len()],
+    pub(super) hops: Option<ChainHops>,
 }
 
 /// A recording's description of its run.
@@ -129,8 +133,9 @@ pub(super) struct Title {
     pub(super) properties: [(&'static str, String); 6],
 }
 
-/// Writers of the five messages.
-pub(super) const PROCESSES: [&str; 4] = ["plant", "estimator", "analyzer", "controller"];
+/// The programs that write the topics of the chain: a lane of the state timeline each.
+pub(super) const PROCESSES: [&str; 4] =
+    [Program::Plant.name(), Program::Estimator.name(), Program::Analyzer.name(), Program::Controller.name()];
 
 /// The text of each lane of the state timeline.
 #[derive(Debug, Default)]

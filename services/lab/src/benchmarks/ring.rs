@@ -7,7 +7,6 @@ use launcher::{Child, End, Event, Launcher, Limits, Plan, Restart};
 use runtime::{Process, ProcessError, Reader, Shell, Writer, now_ns, realtime, sleep_until};
 use serde::{Deserialize, Serialize};
 use session::{Failure, Observer, Progress};
-use shared_types::wire::HOPS;
 use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
 
 use super::distribution::{Distribution, histogram};
@@ -106,7 +105,8 @@ impl Ring {
         let count = self.topics.len();
         let children = (0..count).map(|index| Child {
             process: Process {
-                name: HOPS[index].to_owned(),
+                name: peer_name(index),
+                hop: Some(index),
                 reads: vec![self.topics[(index + count - 1) % count].clone()],
                 writes: vec![self.topics[index].clone()],
                 core: self.cores[index],
@@ -119,6 +119,7 @@ impl Ring {
             mode: runtime::Mode::Lockstep,
             rate_hz: 1000,
             children: children.collect(),
+            messages: Vec::new(),
             limits: Limits::of(runtime::Mode::Lockstep),
             faults: Vec::new(),
         };
@@ -145,11 +146,16 @@ impl Ring {
     }
 }
 
+/// The name of a process of a ring.
+fn peer_name(index: usize) -> String {
+    format!("peer-{index}")
+}
+
 /// One process of a ring, as the launcher starts it.
 pub fn peer(name: &str, run: &Path) -> Result<(), ProcessError> {
     let text = std::fs::read(run.join(TASK)).map_err(ProcessError::setup)?;
     let ring: Ring = serde_json::from_slice(&text).map_err(ProcessError::setup)?;
-    let index = HOPS.iter().position(|hop| *hop == name).filter(|index| *index < ring.topics.len());
+    let index = (0..ring.topics.len()).find(|index| peer_name(*index) == name);
     let index = index.ok_or_else(|| ProcessError::setup(format!("{name:?} is not in the ring")))?;
     let count = ring.topics.len();
     let (reads, writes) = (ring.topics[(index + count - 1) % count].as_str(), ring.topics[index].as_str());
@@ -295,7 +301,7 @@ fn go<E: Ends>(
     open: impl FnOnce(&Shell, Mailboxes, Place) -> Result<E, ProcessError>,
 ) -> Result<(), ProcessError> {
     let count = ring.topics.len();
-    let shell = Shell::open(run, HOPS[me])?;
+    let shell = Shell::open(run, &peer_name(me))?;
     let mailboxes = Mailboxes::open(run, count, ring.block_bytes.unwrap_or(0)).map_err(ProcessError::setup)?;
     let mut ends = open(&shell, mailboxes, Place { from: (me + count - 1) % count, me, to: (me + 1) % count })?;
     if ring.cores[me].is_some() {

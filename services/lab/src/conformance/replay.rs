@@ -10,6 +10,7 @@ use session::{Failure, JOB, Observer, Progress, SUMMARY, load};
 use shared_types::codes::{DRIVE_ABSENT, DRIVE_STALE};
 use shared_types::fault::{Fault, Kind, ScheduledFault};
 use shared_types::job::Job;
+use shared_types::process::Program;
 use shared_types::scenario::Scenario;
 use shared_types::summary::Summary;
 use shared_types::{
@@ -37,72 +38,41 @@ impl Replayed {
     }
 }
 
-/// A process whose step can be fed again.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Replayable {
-    /// Torques in; sensor samples and the simulator's truth out.
-    Plant,
-    /// Sensor samples in, estimates out.
-    Estimator,
-    /// Estimates in, singularity reports out.
-    Analyzer,
-    /// Estimates and singularity reports in, torques out.
-    Controller,
-}
-
-impl Replayable {
-    /// The process's name.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Plant => "plant",
-            Self::Estimator => "estimator",
-            Self::Analyzer => "analyzer",
-            Self::Controller => "controller",
-        }
-    }
-}
-
 /// Feeds the recorded inputs of a run to the step of one process, with other values laid over the scenario, and compares its outputs.
 ///
 /// # Errors
 /// [`Failure`] where the run kept no messages, cannot be read, or the step refuses the scenario.
-pub fn replay(run: &Path, process: Replayable, settings: &[String], observer: Observer<'_>) -> Result<(Job, Replayed), Failure> {
+pub fn replay(run: &Path, process: Program, settings: &[String], observer: Observer<'_>) -> Result<(Job, Replayed), Failure> {
     let job = job(run)?;
     let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
     let scenario = with_settings(&job.scenario, settings)?;
-    let tape = Tape {
-        folder: run.join(recorder::MESSAGES),
-        run,
-        observer,
-        process: process.name(),
-        scheduled_faults: scheduled_faults(run, &job, process.name())?,
-    };
+    let tape = Tape { folder: run.join(recorder::MESSAGES), run, observer, scheduled_faults: scheduled_faults(run, &job, process.name())? };
     observer(Progress::Begin { title: &scenario.name, length: scenario.planned_ticks(), unit: "ticks" });
     let refused = |error: Refused| Failure::input(error);
     let replayed = match process {
-        Replayable::Estimator => tape.step::<_, StateEstimate, EstimatorCheckpoint, _>(
+        Program::Estimator => tape.step::<_, StateEstimate, EstimatorCheckpoint, _>(
             tape.open::<SensorSample>()?,
             || estimator::cycle(&robot, &scenario).map_err(refused),
             |cycle, sample, estimate| cycle.step(&sample, estimate),
             |cycle, out| cycle.save(out),
             |cycle, last| cycle.restore(last),
         ),
-        Replayable::Analyzer => tape.step::<_, SingularityReport, AnalyzerCheckpoint, _>(
+        Program::Analyzer => tape.step::<_, SingularityReport, AnalyzerCheckpoint, _>(
             tape.open::<StateEstimate>()?,
             || analyzer::cycle(&robot, &scenario).map_err(refused),
             |cycle, estimate, report| cycle.step(&estimate, report),
             |cycle, out| cycle.save(out),
             |cycle, last| cycle.restore(last),
         ),
-        Replayable::Controller => tape.step::<_, Control, ControllerCheckpoint, _>(
+        Program::Controller => tape.step::<_, Control, ControllerCheckpoint, _>(
             (tape.open::<SingularityReport>()?, tape.open::<StateEstimate>()?),
             || controller::cycle(&robot, &scenario).map_err(refused),
             |cycle, (report, estimate), out| cycle.step(&estimate, &report, &mut out.state, &mut out.torque),
             |cycle, out| cycle.save(out),
             |cycle, last| cycle.restore(last),
         ),
-        Replayable::Plant => tape.plant(&robot, &scenario),
+        Program::Plant => tape.plant(&robot, &scenario),
+        Program::Recorder => Err(Failure::Input("the recorder has no step that could be fed again".to_owned())),
     }?;
     observer(Progress::End);
     Ok((job, replayed))
@@ -127,9 +97,9 @@ fn scheduled_faults(run: &Path, job: &Job, process: &str) -> Result<Vec<Schedule
     let happened = |summary: Summary| summary.faults.into_iter().filter_map(|fault| fault.fault).collect::<Vec<Fault>>();
     let faults = summary.map_or_else(|| job.scenario.fault.clone(), happened);
     let scenario = Scenario { fault: faults, ..job.scenario.clone() };
-    let all =
-        scenario.scheduled_faults(|name| Some(u32::from(name != process))).map_err(|complaint| Failure::Input(complaint.to_string()))?;
-    Ok(all.into_iter().filter(|scheduled| scheduled.process == 0).collect())
+    let all = scenario.scheduled_faults(&job.graph).map_err(|complaint| Failure::Input(complaint.to_string()))?;
+    let index = job.graph.target(process).map(|target| target.index);
+    Ok(all.into_iter().filter(|scheduled| Some(scheduled.process) == index).collect())
 }
 
 /// The recorded scenario with other values laid over it. The arm stays: its inputs are in the record.
@@ -151,7 +121,6 @@ struct Tape<'a> {
     run: &'a Path,
     observer: Observer<'a>,
     /// The process that is computed again ...
-    process: &'a str,
     /// ... and what happened to it.
     scheduled_faults: Vec<ScheduledFault>,
 }
@@ -256,7 +225,7 @@ impl Tape<'_> {
             }
             cycle.sample(tick, &mut sampled, &mut moved);
             let mut sent = sampled;
-            apply_to_outgoing(&mut sent, &self.scheduled_faults, self.process);
+            apply_to_outgoing(&mut sent, &self.scheduled_faults);
             sensor.take(&recorded, sent);
             if let Some(truth) = &truth {
                 state.take(truth, moved);
@@ -308,7 +277,7 @@ impl<M: Message> Outputs for M {
         messages.next_message()
     }
     fn compare((_, comparison): &mut Self::Recorded, last: &M, mut computed: M, tape: &Tape<'_>) -> Result<(), LogError> {
-        apply_to_outgoing(&mut computed, &tape.scheduled_faults, tape.process);
+        apply_to_outgoing(&mut computed, &tape.scheduled_faults);
         comparison.take(last, computed);
         Ok(())
     }
@@ -350,7 +319,7 @@ impl Outputs for Control {
             recorded.state.take(&state, computed.state);
         }
         let mut torque = computed.torque;
-        apply_to_outgoing(&mut torque, &tape.scheduled_faults, tape.process);
+        apply_to_outgoing(&mut torque, &tape.scheduled_faults);
         recorded.torque.take(last, torque);
         Ok(())
     }

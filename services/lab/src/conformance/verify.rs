@@ -5,16 +5,17 @@ use std::time::Instant;
 
 use chain::Tick;
 use launcher::{End, Exit, Failure as Mishap};
-use message_log::{Difference, LogError, LogReader, LogWriter, TopicHash, first_difference};
+use message_log::{Difference, LogError, LogReader, LogWriter, RowReader, Shape, TopicHash, first_difference, first_difference_in};
 use model::Robot;
 use runtime::{ControlPage, RunDir, random};
 use session::{Failure, Observer, load};
-use shared_types::Message;
 use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
+use shared_types::layout::MessageLayout;
 use shared_types::scenario::Scenario;
 use shared_types::summary::TopicSummary;
 use shared_types::topics::{self, Build, ByTopic, COUNT, Each, Family, TOPICS, Topic};
+use shared_types::{Header, Message};
 
 use super::condition::{CONDITIONS, Condition};
 use super::stops::Stops;
@@ -26,8 +27,8 @@ pub struct Ran {
     pub condition: String,
     pub ticks: u64,
     pub ticks_per_s: f64,
-    /// In the order of [`TOPICS`].
-    pub topics: [TopicSummary; COUNT],
+    /// Each topic by its name: those of [`TOPICS`] in their order, then those that only the graph knows.
+    pub topics: Vec<(String, TopicSummary)>,
     /// Why it did not come to its end; empty when it did.
     pub failure: String,
     /// The process that ended it before its time, and how.
@@ -39,7 +40,8 @@ pub struct Reference {
     pub ran: Ran,
     /// Where its messages are; nowhere yet while nobody needs them.
     pub messages: Option<PathBuf>,
-    /// Whether it is the first of the runs, because of the scenario's faults: they happen to processes, which one thread does not have.
+    /// Whether it is the first of the runs: faults happen to processes, and the graph's own programs run in processes, which one thread does not
+    /// have.
     pub is_run: bool,
 }
 
@@ -59,7 +61,7 @@ impl Reference {
 pub struct Place {
     pub run: usize,
     pub tick: u64,
-    pub topic: &'static str,
+    pub topic: String,
     pub difference: Difference,
 }
 
@@ -100,14 +102,16 @@ pub struct Request<'a> {
 pub fn verify(request: &Request<'_>, observer: Observer<'_>) -> Result<Verified, Failure> {
     let Request { name, scenario, robot, graph, .. } = request;
     chain::try_first_tick(robot, scenario).map_err(|error| Failure::Input(format!("{name}: {error}")))?;
-    let has_faults = !scenario.fault.is_empty();
-    if has_faults && request.runs < 2 {
-        let sentence = "plans faults, which one thread cannot have: its runs are compared with each other, so take at least --runs 2";
+    let has_programs = graph.process.iter().any(|process| process.program().is_none());
+    let needs_processes = has_programs || !scenario.fault.is_empty();
+    if needs_processes && request.runs < 2 {
+        let reason = if has_programs { "runs in programs of its graph" } else { "plans faults" };
+        let sentence = format!("{reason}, which one thread cannot have: its runs are compared with each other, so take at least --runs 2");
         return Err(Failure::Input(format!("{} {sentence}", scenario.name)));
     }
     let folder = Folder::create(request.out)?;
     let one_thread = || on_one_thread(robot, scenario, None).map(|ran| Reference { ran, messages: None, is_run: false });
-    let mut reference = if has_faults { None } else { Some(one_thread()?) };
+    let mut reference = if needs_processes { None } else { Some(one_thread()?) };
     let (mut runs, mut place) = (Vec::new(), None);
     for index in 0..request.runs as usize {
         let condition = CONDITIONS[index % CONDITIONS.len()];
@@ -130,7 +134,7 @@ pub fn verify(request: &Request<'_>, observer: Observer<'_>) -> Result<Verified,
                     reference.messages.insert(messages)
                 }
             };
-            place = first_place(expected, &messages, index)?;
+            place = first_place(graph, expected, &messages, index)?;
         }
         if request.out.is_none() {
             // The rest is removed with the whole folder.
@@ -218,6 +222,7 @@ fn on_one_thread(robot: &Robot, scenario: &Scenario, messages: Option<&Path>) ->
     .map_err(Failure::input)?;
     let topics = kept.and_then(|()| topics.finish()).map_err(Failure::work)?;
     let ticks = topics[0].count;
+    let topics = TOPICS.into_iter().map(str::to_owned).zip(topics).collect();
     let ticks_per_s = ticks as f64 / began.elapsed().as_secs_f64().max(1e-9);
     let condition = "one thread, no shared memory".to_owned();
     Ok(Ran { condition, ticks, ticks_per_s, topics, failure: String::new(), ended_by: None })
@@ -242,7 +247,10 @@ fn in_processes(job: &Job, condition: Condition, seed: u64, unordered: bool, obs
     };
     // Without an account there is no topic either, and that is a difference.
     let mut account = account.unwrap_or_default();
-    let topics = TOPICS.map(|topic| account.topics.remove(topic).unwrap_or_default());
+    let own = job.graph.own_messages().map(|layout| layout.topic);
+    let names = TOPICS.into_iter().map(str::to_owned).chain(own);
+    let topics =
+        names.map(|topic| (account.topics.remove(&topic).unwrap_or_default(), topic)).map(|(summary, topic)| (topic, summary)).collect();
     Ok(Ran { condition: condition.to_string(), ticks: outcome.ticks, ticks_per_s: account.ticks_per_s, topics, failure, ended_by })
 }
 
@@ -254,7 +262,7 @@ fn ended_by(mishap: Mishap) -> Option<(String, Exit)> {
 }
 
 /// Reads what two runs kept, side by side, up to the first difference.
-fn first_place(reference: &Path, messages: &Path, run: usize) -> Result<Option<Place>, Failure> {
+fn first_place(graph: &Graph, reference: &Path, messages: &Path, run: usize) -> Result<Option<Place>, Failure> {
     struct First<'a>(&'a Path, &'a Path);
     impl Each for First<'_> {
         type Output = Result<Option<(u64, Difference)>, Failure>;
@@ -264,7 +272,10 @@ fn first_place(reference: &Path, messages: &Path, run: usize) -> Result<Option<P
     }
     let differences = topics::each(&mut First(reference, messages)).into_iter().collect::<Result<Vec<_>, _>>()?;
     // The earliest; of one tick the first in the order of the data: it is the cause, the others follow from it.
-    let found = TOPICS.into_iter().zip(differences).filter_map(|(topic, difference)| Some((topic, difference?)));
+    let listed = TOPICS.into_iter().map(str::to_owned).zip(differences);
+    let own = graph.own_messages().map(|layout| Ok((layout.topic.clone(), first_in_own(&layout, reference, messages)?)));
+    let own = own.collect::<Result<Vec<_>, Failure>>()?;
+    let found = listed.chain(own).filter_map(|(topic, difference)| Some((topic, difference?)));
     let first = found.min_by_key(|(_, (tick, _))| *tick);
     Ok(first.map(|(topic, (tick, difference))| Place { run, tick, topic, difference }))
 }
@@ -273,18 +284,38 @@ fn first_place(reference: &Path, messages: &Path, run: usize) -> Result<Option<P
 fn first_in<M: Message>(reference: &Path, messages: &Path) -> Result<Option<(u64, Difference)>, Failure> {
     let (mut expected, mut found) =
         (LogReader::<M>::open(reference).map_err(Failure::work)?, LogReader::<M>::open(messages).map_err(Failure::work)?);
+    first_of(|| expected.next_message(), || found.next_message(), |message: &M| message.header().tick, first_difference)
+}
+
+/// The same for a topic that only the graph knows.
+fn first_in_own(layout: &MessageLayout, reference: &Path, messages: &Path) -> Result<Option<(u64, Difference)>, Failure> {
+    let shape = Shape::from(layout);
+    let open = |folder: &Path| RowReader::open(folder, &shape).map_err(Failure::work);
+    let (mut expected, mut found) = (open(reference)?, open(messages)?);
+    let tick = |row: &Vec<u64>| row.get(std::mem::offset_of!(Header, tick) / size_of::<u64>()).copied().unwrap_or_default();
+    let differ = |expected: &Vec<u64>, found: &Vec<u64>| {
+        first_difference_in(&layout.fields, bytemuck::cast_slice(expected), bytemuck::cast_slice(found))
+    };
+    first_of(|| expected.next_row(), || found.next_row(), tick, differ)
+}
+
+fn first_of<T>(
+    mut expected: impl FnMut() -> Result<Option<T>, LogError>,
+    mut found: impl FnMut() -> Result<Option<T>, LogError>,
+    tick: impl Fn(&T) -> u64,
+    differ: impl Fn(&T, &T) -> Option<Difference>,
+) -> Result<Option<(u64, Difference)>, Failure> {
     let whole =
         |expected: &str, found: &str| Difference { field: "the message".to_owned(), expected: expected.into(), found: found.into() };
     loop {
-        let pair = (expected.next_message().map_err(Failure::work)?, found.next_message().map_err(Failure::work)?);
-        let tick = |message: &M| message.header().tick;
+        let pair = (expected().map_err(Failure::work)?, found().map_err(Failure::work)?);
         return Ok(match pair {
             (None, None) => None,
             (Some(expected), None) => Some((tick(&expected), whole("one", "none"))),
             (None, Some(found)) => Some((tick(&found), whole("none", "one"))),
             (Some(expected), Some(found)) if tick(&expected) < tick(&found) => Some((tick(&expected), whole("one", "none"))),
             (Some(expected), Some(found)) if tick(&expected) > tick(&found) => Some((tick(&found), whole("none", "one"))),
-            (Some(expected), Some(found)) => match first_difference(&expected, &found) {
+            (Some(expected), Some(found)) => match differ(&expected, &found) {
                 Some(difference) => Some((tick(&expected), difference)),
                 None => continue,
             },

@@ -50,6 +50,7 @@ fn start_only(robot: &Robot, frame: Option<&str>, start: Start) -> Scenario {
         title: String::new(),
         about: String::new(),
         robot: robot.name.clone(),
+        graph: String::new(),
         frame: frame.unwrap_or_default().to_owned(),
         rate_hz: 1000,
         seed: 0,

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
+use shared_types::graph::{BUILT_IN, Graph};
 use shared_types::summary::Latency;
-use shared_types::wire::HOPS;
 use shared_types::{SensorSample, TorqueCommand};
 
 use super::histogram::{new, stored};
@@ -15,31 +15,48 @@ use super::histogram::{new, stored};
 pub(super) enum Span {
     /// Sensor to torque in the plant's hands.
     Chain,
-    /// A process's own part.
+    /// The own part of a process, by its place in the chain.
     Own(usize),
     /// The way to a process from the one before it.
     Way(usize),
 }
 
-impl Span {
-    pub(super) fn all() -> impl Iterator<Item = Self> {
-        std::iter::once(Self::Chain).chain((0..HOPS.len()).map(Self::Own)).chain((1..HOPS.len()).map(Self::Way))
+/// The way of a tick around the loop: the processes in order, each with its place in the stamps.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct Chain(Vec<(usize, String)>);
+
+impl Default for Chain {
+    /// That of the built-in graph.
+    fn default() -> Self {
+        Graph::parse("graph.toml", BUILT_IN).map_or_else(|_| Self(Vec::new()), |graph| Self::of(&graph))
+    }
+}
+
+impl Chain {
+    pub(super) fn of(graph: &Graph) -> Self {
+        Self(graph.chain().into_iter().map(|(hop, process)| (hop, process.name.clone())).collect())
     }
 
-    /// Its place among all.
-    const fn place(self) -> usize {
-        match self {
-            Self::Chain => 0,
-            Self::Own(hop) => 1 + hop,
-            Self::Way(hop) => HOPS.len() + hop,
+    fn spans(&self) -> impl Iterator<Item = Span> {
+        let length = self.0.len();
+        std::iter::once(Span::Chain).chain((0..length).map(Span::Own)).chain((1..length).map(Span::Way))
+    }
+
+    /// The place of a span among all.
+    fn place(&self, span: Span) -> usize {
+        match span {
+            Span::Chain => 0,
+            Span::Own(place) => 1 + place,
+            Span::Way(place) => self.0.len() + place,
         }
     }
 
-    fn name(self) -> String {
-        match self {
-            Self::Chain => "chain".to_owned(),
-            Self::Own(hop) => HOPS[hop].to_owned(),
-            Self::Way(hop) => format!("{} to {}", HOPS[hop - 1], HOPS[hop]),
+    fn name(&self, span: Span) -> String {
+        let name = |place: usize| self.0[place].1.as_str();
+        match span {
+            Span::Chain => "chain".to_owned(),
+            Span::Own(place) => name(place).to_owned(),
+            Span::Way(place) => format!("{} to {}", name(place - 1), name(place)),
         }
     }
 }
@@ -47,6 +64,7 @@ impl Span {
 /// Gathers the latencies of a run.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct LatencyMeter {
+    chain: Chain,
     /// Of each span that is timed.
     #[serde(with = "stored_all")]
     latencies: Vec<Histogram<u64>>,
@@ -62,13 +80,18 @@ pub(super) struct LatencyMeter {
 }
 
 impl LatencyMeter {
-    /// For ticks on a grid of `period_ns`; 0 without a grid.
-    pub(super) fn new(period_ns: u64) -> Self {
-        Self { latencies: Span::all().map(|_| new()).collect(), last_sensor: None, period_ns, due_before_ns: 0, first_ns: 0, last_ns: 0 }
+    pub(super) fn new(chain: Chain) -> Self {
+        let latencies = chain.spans().map(|_| new()).collect();
+        Self { chain, latencies, last_sensor: None, period_ns: 0, due_before_ns: 0, first_ns: 0, last_ns: 0 }
+    }
+
+    /// For ticks on a grid of `period_ns`.
+    pub(super) fn on_grid(self, period_ns: u64) -> Self {
+        Self { period_ns, ..self }
     }
 
     pub(super) fn of(&self, span: Span) -> &Histogram<u64> {
-        &self.latencies[span.place()]
+        &self.latencies[self.chain.place(span)]
     }
 
     /// Wall-clock time between the first and the last sample; s.
@@ -77,22 +100,23 @@ impl LatencyMeter {
     }
 
     pub(super) fn summary(&self) -> BTreeMap<String, Latency> {
-        Span::all().map(|span| (span.name(), latency(self.of(span)))).collect()
+        self.chain.spans().map(|span| (self.chain.name(span), latency(self.of(span)))).collect()
     }
 
     /// Adds a time to a distribution; the histogram grows with its samples, so it can hold every time.
     fn measure(&mut self, span: Span, from_ns: u64, to_ns: u64) {
         if from_ns != 0 && to_ns != 0 {
-            let _ = self.latencies[span.place()].record(to_ns.saturating_sub(from_ns));
+            let _ = self.latencies[self.chain.place(span)].record(to_ns.saturating_sub(from_ns));
         }
     }
 
     /// Each hand-over and each computation, from the stamps of the last message of the way.
     pub(super) fn measure_hops(&mut self, command: &TorqueCommand) {
         let stamps = command.header.stamps;
-        for hop in 1..HOPS.len() {
-            self.measure(Span::Way(hop), stamps.sent_ns[hop - 1], stamps.received_ns[hop]);
-            self.measure(Span::Own(hop), stamps.received_ns[hop], stamps.sent_ns[hop]);
+        for place in 1..self.chain.0.len() {
+            let (before, hop) = (self.chain.0[place - 1].0, self.chain.0[place].0);
+            self.measure(Span::Way(place), stamps.sent_ns[before], stamps.received_ns[hop]);
+            self.measure(Span::Own(place), stamps.received_ns[hop], stamps.sent_ns[hop]);
         }
     }
 
@@ -129,8 +153,7 @@ fn latency(histogram: &Histogram<u64>) -> Latency {
 }
 
 mod stored_all {
-    use super::{Histogram, Span, stored};
-    use serde::de::Error;
+    use super::{Histogram, stored};
     use serde::{Deserialize, Deserializer, Serializer};
 
     pub(super) fn serialize<S: Serializer>(all: &[Histogram<u64>], serializer: S) -> Result<S::Ok, S::Error> {
@@ -138,7 +161,6 @@ mod stored_all {
     }
 
     pub(super) fn deserialize<'a, D: Deserializer<'a>>(deserializer: D) -> Result<Vec<Histogram<u64>>, D::Error> {
-        let all: Vec<_> = Vec::deserialize(deserializer)?.into_iter().map(stored::of).collect();
-        if all.len() == Span::all().count() { Ok(all) } else { Err(D::Error::invalid_length(all.len(), &"one for each span")) }
+        Ok(Vec::deserialize(deserializer)?.into_iter().map(stored::of).collect())
     }
 }

@@ -2,7 +2,11 @@
 
 pub(crate) mod collector;
 pub(crate) mod depth;
+pub(crate) mod foreign;
+mod gather;
+pub(crate) mod hub;
 pub(crate) mod inlet;
 pub(crate) mod reader;
+mod recall;
 pub(crate) mod topic;
 pub(crate) mod writer;

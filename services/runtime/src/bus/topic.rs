@@ -1,7 +1,5 @@
 //! Topics as iceoryx2 services: the only place that knows how a message becomes a service.
 
-use std::time::Duration;
-
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::update_connections::UpdateConnections;
@@ -9,12 +7,11 @@ use iceoryx2::prelude::*;
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 use iceoryx2::service::builder::publish_subscribe::Builder;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
-use shared_types::topics::{self, Each, TOPICS, wire_hash};
-use shared_types::{Message, Topic};
+use shared_types::Message;
+use shared_types::process::MAX_PROCESSES;
+use shared_types::topics::{TOPICS, wire_hash};
 
 use crate::bus::depth::depth;
-use crate::control_page::ControlPage;
-use crate::manifest::Manifest;
 use crate::memory::HandedOver;
 use crate::run_dir::{RunDir, SHM};
 
@@ -22,7 +19,7 @@ use crate::run_dir::{RunDir, SHM};
 const MAX_BORROWED: usize = 4;
 /// Readers beyond those that the graph names: the keeper, and two for tools that look at a topic from outside. A writer walks over all places
 /// several times per message.
-const MORE_READERS: usize = 3;
+pub(crate) const MORE_READERS: usize = 3;
 /// The living writer, and the dead one until it has been cleaned up.
 const MAX_WRITERS: usize = 2;
 /// Dead writers whose last messages a reader can still have to read.
@@ -83,6 +80,21 @@ pub enum TopicError {
         /// This program's own value.
         ours: u64,
     },
+    /// A graph and a process that disagree on the bytes of a message of their own.
+    #[error(
+        "topic {topic:?} is declared in the graph with the layout {found}, this program sends {type_name} with the layout {ours:016x}: \
+         write the same type name and fields in both"
+    )]
+    Layout {
+        /// Which topic.
+        topic: &'static str,
+        /// The type of this program.
+        type_name: &'static str,
+        /// The hash of the layout in the graph.
+        found: String,
+        /// The hash of the layout in this program.
+        ours: u64,
+    },
     /// No room for what a replacement must find.
     #[error("cannot keep messages of topic {topic:?} for a replacement: {reason}")]
     Memory {
@@ -141,28 +153,43 @@ fn service_name<M: Message>() -> Result<ServiceName, TopicError> {
 }
 
 fn builder<M: Message>(node: &Node<ipc::Service>) -> Result<Builder<Wire<M>, (), ipc::Service>, TopicError> {
-    Ok(node
-        .service_builder(&service_name::<M>()?)
-        .publish_subscribe::<Wire<M>>()
-        .enable_safe_overflow(true)
-        .history_size(0)
-        .subscriber_max_buffer_size(depth(size_of::<M>()))
-        .subscriber_max_borrowed_samples(MAX_BORROWED)
-        .max_publishers(MAX_WRITERS)
-        .max_nodes(crate::manifest::MAX_PROCESSES + 4))
+    Ok(settings(node.service_builder(&service_name::<M>()?).publish_subscribe::<Wire<M>>(), size_of::<M>()))
 }
 
-fn create<M: Message>(node: &Node<ipc::Service>, run: &RunDir, readers: usize, wire: u64) -> Result<Box<dyn Keep>, TopicError> {
-    let key = AttributeKey::new(WIRE_ATTRIBUTE.as_bytes()).map_err(|e| failed::<M>("create", format!("{e:?}")))?;
-    let value = AttributeValue::new(format!("{wire:016x}").as_bytes()).map_err(|e| failed::<M>("create", format!("{e:?}")))?;
-    let attributes = AttributeSpecifier::new().define(&key, &value).map_err(|e| failed::<M>("create", e))?;
+/// The settings of every topic, for messages of a size.
+pub(crate) fn settings<P, S>(builder: Builder<P, (), S>, bytes: usize) -> Builder<P, (), S>
+where
+    P: std::fmt::Debug + IceoryxSend + ?Sized,
+    S: Service,
+{
+    builder
+        .enable_safe_overflow(true)
+        .history_size(0)
+        .subscriber_max_buffer_size(depth(bytes))
+        .subscriber_max_borrowed_samples(MAX_BORROWED)
+        .max_publishers(MAX_WRITERS)
+        .max_nodes(MAX_PROCESSES + 4)
+}
+
+/// The attributes of a topic: the wire format of its messages.
+pub(crate) fn create_attributes(topic: &'static str, wire: u64) -> Result<AttributeSpecifier, TopicError> {
+    let failed = |reason: String| TopicError::Service { action: "create", topic, reason };
+    let key = AttributeKey::new(WIRE_ATTRIBUTE.as_bytes()).map_err(|e| failed(format!("{e:?}")))?;
+    let value = AttributeValue::new(format!("{wire:016x}").as_bytes()).map_err(|e| failed(format!("{e:?}")))?;
+    AttributeSpecifier::new().define(&key, &value).map_err(|e| failed(e.to_string()))
+}
+
+/// Makes a topic for so many readers of the graph, and its keeper.
+pub(crate) fn create<M: Message>(node: &Node<ipc::Service>, run: &RunDir, readers: usize, wire: u64) -> Result<Box<dyn Keep>, TopicError> {
+    let attributes = create_attributes(M::TOPIC, wire)?;
     let service = builder::<M>(node)?
         .max_subscribers(readers + MORE_READERS)
         .create_with_attributes(&attributes)
         .map_err(|e| failed::<M>("create", e))?;
     // The first of all subscribers: a message is in the keeper's buffer before any other reader has it.
     let subscriber = service.subscriber_builder().buffer_size(depth(size_of::<M>())).create().map_err(|e| failed::<M>("keep", e))?;
-    let handed_over = HandedOver::open(run).map_err(|error| TopicError::Memory { topic: M::TOPIC, reason: error.to_string() })?;
+    let handed_over = HandedOver::open(run, M::TOPIC, size_of::<M>())
+        .map_err(|error| TopicError::Memory { topic: M::TOPIC, reason: error.to_string() })?;
     Ok(Box::new(Keeper::<M> { subscriber, handed_over, _service: service }))
 }
 
@@ -172,11 +199,11 @@ fn create<M: Message>(node: &Node<ipc::Service>, run: &RunDir, readers: usize, w
 /// When a reader of everything is replaced, what the keeper holds is copied to the file from which the replacement recalls it.
 struct Keeper<M: Message> {
     subscriber: Subscribing<M>,
-    handed_over: HandedOver<M>,
+    handed_over: HandedOver,
     _service: PortFactory<ipc::Service, Wire<M>, ()>,
 }
 
-trait Keep {
+pub(crate) trait Keep {
     /// Connects to writers that are new: what a dead one has sent outlives the clearing away of its ports only in connected readers.
     fn connect(&self) -> Result<(), TopicError>;
     /// Copies all that is there to the file, oldest first.
@@ -190,7 +217,7 @@ impl<M: Message> Keep for Keeper<M> {
 
     fn hand_over(&self) -> Result<(), TopicError> {
         while let Some(sample) = self.subscriber.receive().map_err(|e| failed::<M>("keep", e))? {
-            self.handed_over.push(&sample.payload().0);
+            self.handed_over.push(bytemuck::bytes_of(&sample.payload().0));
         }
         Ok(())
     }
@@ -204,10 +231,16 @@ fn open<M: Message>(node: &Node<ipc::Service>) -> Result<PortFactory<ipc::Servic
         .map_err(|e| failed::<M>("open", e))?
         .ok_or_else(|| failed::<M>("open", "the launcher has not made it"))?;
     let found = details.static_details.attributes().key_value(&key, 0).map(ToString::to_string).unwrap_or_default();
-    let ours = wire_hash();
+    let is_listed = TOPICS.contains(&M::TOPIC);
+    let ours = if is_listed { wire_hash() } else { M::layout_hash() };
     if found != format!("{ours:016x}") {
         let found = if found.is_empty() { "unknown".into() } else { found };
-        return Err(TopicError::WireFormat { topic: M::TOPIC, found, ours });
+        let (topic, type_name) = (M::TOPIC, M::TYPE_NAME);
+        return Err(if is_listed {
+            TopicError::WireFormat { topic, found, ours }
+        } else {
+            TopicError::Layout { topic, type_name, found, ours }
+        });
     }
     builder::<M>(node)?.open().map_err(|e| failed::<M>("open", e))
 }
@@ -227,103 +260,4 @@ pub(crate) fn publisher<M: Message>(node: &Node<ipc::Service>) -> Result<Publish
 pub(crate) fn subscriber<M: Message>(node: &Node<ipc::Service>, depth: usize) -> Result<Subscribing<M>, TopicError> {
     let most = crate::bus::depth::depth(size_of::<M>());
     open::<M>(node)?.subscriber_builder().buffer_size(depth.min(most)).create().map_err(|e| failed::<M>("read", e))
-}
-
-/// The launcher's side: makes every topic of the run, keeps the last messages of each, and clears away what a dead process left in them.
-pub struct Hub {
-    // Dropped in this order: the services first.
-    keepers: Vec<Box<dyn Keep>>,
-    node: Node<ipc::Service>,
-}
-
-impl std::fmt::Debug for Hub {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Hub").finish_non_exhaustive()
-    }
-}
-
-impl Hub {
-    /// Makes all topics of the run.
-    ///
-    /// # Errors
-    /// When the graph names a topic that has no message, or shared memory cannot be used.
-    pub fn create(run: &RunDir, manifest: &Manifest) -> Result<Self, TopicError> {
-        Self::create_speaking(run, manifest, wire_hash())
-    }
-
-    pub(crate) fn create_speaking(run: &RunDir, manifest: &Manifest, wire: u64) -> Result<Self, TopicError> {
-        let node = join(run, "launcher", true)?;
-        run.make_private().map_err(|e| TopicError::Node { run: run.name().to_owned(), reason: e.to_string() })?;
-        let keepers = manifest.topics().into_iter().map(|topic| create_by_name(&node, run, topic, manifest.readers_of(topic), wire));
-        Ok(Self { keepers: keepers.collect::<Result<_, _>>()?, node })
-    }
-
-    /// Connects the keepers to writers that are new; one load per topic where there is none.
-    ///
-    /// # Errors
-    /// When iceoryx2 fails.
-    pub fn connect(&self) -> Result<(), TopicError> {
-        self.keepers.iter().try_for_each(|keeper| keeper.connect())
-    }
-
-    /// Copies the messages that the keepers hold to the files from which a replacement of the recorder recalls them.
-    ///
-    /// # Errors
-    /// When iceoryx2 fails.
-    pub fn hand_over(&self) -> Result<(), TopicError> {
-        self.keepers.iter().try_for_each(|keeper| keeper.hand_over())
-    }
-
-    /// Hands over where a process has requested it; whether one has.
-    ///
-    /// # Errors
-    /// When iceoryx2 fails.
-    pub fn answer(&self, control_page: &ControlPage) -> Result<bool, TopicError> {
-        let Some(request) = control_page.requested_hand_over() else { return Ok(false) };
-        self.hand_over()?;
-        control_page.answer_hand_over(request);
-        Ok(true)
-    }
-
-    /// Clears away what dead processes left, so that their replacements find room. Takes milliseconds.
-    ///
-    /// # Errors
-    /// When something of a dead process cannot be cleared away.
-    pub fn clear_dead(&self) -> Result<u64, TopicError> {
-        let mut dead = Vec::new();
-        let found = Node::<ipc::Service>::list(self.node.config(), |state| {
-            if let NodeState::Dead(view) = state {
-                dead.push(view);
-            }
-            CallbackProgression::Continue
-        });
-        found.map_err(|e| TopicError::Node { run: self.node.config().global.prefix.to_string(), reason: e.to_string() })?;
-        // All that these have sent is delivered by now, and handed over before their ports go: a keeper has room for few dead writers. It is
-        // handed over before a replacement can send, too: the files have the messages in the order in which they were sent.
-        if let Err(error) = self.hand_over() {
-            tracing::warn!("{error}");
-        }
-        let (cleared, failed): (Vec<_>, Vec<_>) =
-            dead.into_iter().map(|view| view.blocking_remove_stale_resources(Duration::ZERO)).partition(Result::is_ok);
-        match failed.len() {
-            0 => Ok(cleared.len() as u64),
-            failed => Err(TopicError::Node {
-                run: self.node.config().global.prefix.to_string(),
-                reason: format!("{failed} dead processes could not be cleared away"),
-            }),
-        }
-    }
-}
-
-/// A topic's name decides its message.
-fn create_by_name(node: &Node<ipc::Service>, run: &RunDir, topic: &str, readers: usize, wire: u64) -> Result<Box<dyn Keep>, TopicError> {
-    struct Create<'a>(&'a Node<ipc::Service>, &'a RunDir, usize, u64);
-    impl Each for Create<'_> {
-        type Output = Result<Box<dyn Keep>, TopicError>;
-        fn each<M: Topic>(&mut self) -> Self::Output {
-            create::<M>(self.0, self.1, self.2, self.3)
-        }
-    }
-    topics::named(topic, &mut Create(node, run, readers, wire))
-        .unwrap_or_else(|| Err(TopicError::Unknown { topic: topic.to_owned(), known: TOPICS.join(", ") }))
 }

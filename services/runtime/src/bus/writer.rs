@@ -8,7 +8,7 @@ use std::rc::Rc;
 use iceoryx2::prelude::ipc;
 use iceoryx2::sample_mut::SampleMut;
 use shared_types::Message;
-use shared_types::fault::{MOST_DELAY_TICKS, shaped_topic};
+use shared_types::fault::{MOST_DELAY_TICKS, corrupted_topic, shaped_topic};
 
 use crate::bus::topic::{Publishing, TopicError, Wire};
 use crate::clock::now_ns;
@@ -58,6 +58,8 @@ struct Sending<M: Message> {
     shared: Rc<Context>,
     /// Its place among the process's outputs.
     output: usize,
+    /// A corruption of the process's messages concerns this topic.
+    is_corruptible: bool,
     publisher: Rc<Publishing<M>>,
     bit: u32,
     /// The topic's line on the control page.
@@ -79,6 +81,7 @@ impl<M: Message> Writer<M> {
         let outlet = Rc::new(Sending {
             shared: Rc::clone(shared),
             publisher,
+            is_corruptible: corrupted_topic(&shared.manifest.processes[shared.me].writes) == Some(M::TOPIC),
             output: shared.manifest.processes[shared.me].writes.iter().position(|topic| topic == M::TOPIC).unwrap_or(0),
             bit: shared.topic_bit(M::TOPIC),
             topic,
@@ -252,8 +255,8 @@ impl<M: Message> Sending<M> {
             return kept;
         }
         self.shared.await_hand_over(M::TOPIC).ok()?;
-        let handed_over = HandedOver::<M>::open(&self.shared.run).ok()?;
-        let newest = handed_over.get(handed_over.count().checked_sub(1)?)?;
+        let handed_over = HandedOver::open(&self.shared.run, M::TOPIC, size_of::<M>()).ok()?;
+        let newest: M = bytemuck::pod_read_unaligned(&handed_over.get(handed_over.count().checked_sub(1)?)?);
         (newest.header().tick < tick).then_some(newest)
     }
 
@@ -263,7 +266,7 @@ impl<M: Message> Sending<M> {
         let (mut message, label) = (*message, message.header().tick);
         let injected = |place| shared.control_page.fault_table().mark_injected(place, now_ns());
         let Shape { due, copies, is_stale } =
-            shape(&mut message, tick, shared.name(), shared.faults.known.borrow().of(shared.me, tick), injected);
+            shape(&mut message, tick, self.is_corruptible, shared.faults.known.borrow().of(shared.me, tick), injected);
         if is_stale {
             // Its own old header with it: whoever reads ticks knows it again.
             let old = self.stale.get().or_else(|| self.before(label)).unwrap_or(message);

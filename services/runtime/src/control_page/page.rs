@@ -15,8 +15,8 @@ use crate::control_page::doorbell::ANYTHING;
 use crate::control_page::entry::ProcessEntry;
 use crate::control_page::live_statistics::{LiveState, LiveStateCells};
 use crate::fault::table::FaultTable;
-use crate::manifest::MAX_PROCESSES;
 use crate::run_dir::RunDir;
+use shared_types::process::MAX_PROCESSES;
 
 /// "armbrd" and the version of this layout.
 const MAGIC: u64 = u64::from_be_bytes(*b"armbrd\0\x04");

@@ -17,11 +17,11 @@ pub(crate) struct Shape {
 }
 
 /// Applies the faults that concern a process at `tick` to a message, in the order of the fault table: its fields in place, whether and when it leaves
-/// as the answer. `injected` is called with the place of each fault that takes effect.
+/// as the answer. A corruption concerns the message where `is_corruptible`. `injected` is called with the place of each fault that takes effect.
 pub(crate) fn shape<'a, M: Message>(
     message: &mut M,
     tick: u64,
-    process: &str,
+    is_corruptible: bool,
     faults: impl Iterator<Item = (usize, &'a ScheduledFault, Kind)>,
     mut injected: impl FnMut(usize),
 ) -> Shape {
@@ -38,7 +38,8 @@ pub(crate) fn shape<'a, M: Message>(
             // It leaves after the next one: that one is delivered before what is due is flushed.
             Kind::Reorder => shape.due += 1,
             Kind::Delay => shape.due += fault.amount as u64 + random(fault.seed, label) % (fault.jitter + 1),
-            Kind::Corrupt => corrupt(message, fault, process),
+            Kind::Corrupt if is_corruptible => corrupt(message, fault),
+            Kind::Corrupt => {}
             _ => shape.is_stale = true,
         }
     }
@@ -52,10 +53,8 @@ pub(crate) fn happens(scheduled: &ScheduledFault, tick: u64) -> bool {
 }
 
 /// Spoils the number that a corruption aims at.
-pub(crate) fn corrupt<M: Message>(message: &mut M, scheduled: &ScheduledFault, process: &str) {
-    let Some((field, place)) = scheduled.field(process) else { return };
-    let tick = message.header().tick;
-    let start = field.offset + place * size_of::<f64>();
+pub(crate) fn corrupt<M: Message>(message: &mut M, scheduled: &ScheduledFault) {
+    let (tick, start) = (message.header().tick, scheduled.target as usize);
     let Some(bytes) = bytemuck::bytes_of_mut(message).get_mut(start..start + size_of::<f64>()) else { return };
     let value: f64 = bytemuck::pod_read_unaligned(bytes);
     let corrupted = match scheduled.way() {
@@ -68,12 +67,12 @@ pub(crate) fn corrupt<M: Message>(message: &mut M, scheduled: &ScheduledFault, p
 }
 
 /// Does to a message what the faults in force on its process make of it when it leaves in its own tick: its fields, not whether and when.
-pub fn apply_to_outgoing<M: Message>(message: &mut M, scheduled_faults: &[ScheduledFault], process: &str) {
+pub fn apply_to_outgoing<M: Message>(message: &mut M, scheduled_faults: &[ScheduledFault]) {
     let tick = message.header().tick;
     let corrupts =
         |scheduled: &&ScheduledFault| scheduled.kind() == Some(Kind::Corrupt) && scheduled.concerns(tick) && happens(scheduled, tick);
     if shaped_topic(M::TOPIC) {
-        scheduled_faults.iter().filter(corrupts).for_each(|scheduled| corrupt(message, scheduled, process));
+        scheduled_faults.iter().filter(corrupts).for_each(|scheduled| corrupt(message, scheduled));
     }
 }
 
@@ -81,16 +80,21 @@ pub fn apply_to_outgoing<M: Message>(message: &mut M, scheduled_faults: &[Schedu
 mod tests {
     use super::*;
     use shared_types::SensorSample;
-    use shared_types::fault::Fault;
+    use shared_types::fault::{Fault, Target};
+    use shared_types::process::Role;
 
     fn shaped(kinds: &[Kind]) -> (Shape, SensorSample, Vec<usize>) {
-        let fault = |kind: &Kind| Fault { at_tick: Some(5), ..Fault::new("plant", *kind) }.schedule(0, 1000, 3).unwrap();
+        let fault = |kind: &Kind| {
+            Fault { at_tick: Some(5), ..Fault::new("plant", *kind) }
+                .schedule(&Target::sending::<SensorSample>(0, Role::World), 1000, 3)
+                .unwrap()
+        };
         let faults: Vec<_> = kinds.iter().map(fault).collect();
         let mut message = SensorSample::default();
         message.header.tick = 5;
         let mut places = Vec::new();
         let all = faults.iter().enumerate().map(|(place, fault)| (place, fault, fault.kind().unwrap()));
-        let shape = shape(&mut message, 7, "plant", all, |place| places.push(place));
+        let shape = shape(&mut message, 7, true, all, |place| places.push(place));
         (shape, message, places)
     }
 

@@ -267,10 +267,14 @@ impl KnownFaults {
 mod tests {
     use super::*;
     use crate::{ControlPage, RunDir};
-    use shared_types::fault::Fault;
+    use shared_types::TorqueCommand;
+    use shared_types::fault::{Fault, Target};
+    use shared_types::process::Role;
 
     fn scheduled(kind: Kind, at: u64) -> ScheduledFault {
-        Fault { at_tick: Some(at), ..Fault::new("controller", kind) }.schedule(3, 1000, 7).unwrap()
+        Fault { at_tick: Some(at), ..Fault::new("controller", kind) }
+            .schedule(&Target::sending::<TorqueCommand>(3, Role::Stage), 1000, 7)
+            .unwrap()
     }
 
     #[test]

@@ -73,13 +73,15 @@ pub fn drill(request: &Request<'_>, observer: Observer<'_>) -> Result<Drilled, F
     let only = request.only.map(Only::parse).transpose().map_err(Failure::Input)?;
     let (mut cells, mut runs) = (Vec::new(), 0);
     for name in request.scenarios {
-        let load::Loaded { scenario, robot } = load::scenario(name, request.settings, request.seed)?;
+        let load::Loaded { scenario, robot, .. } = load::scenario(name, request.settings, request.seed)?;
         let drill = Drill::new(&scenario, &robot, folder.path())?;
-        let processes: Vec<&str> = drill.job.graph.process.iter().map(|process| process.name.as_str()).collect();
-        let terms = Terms { processes: &processes, seed: drill.job.scenario.seed, span: drill.span, dof: robot.dof() };
+        let terms = Terms { graph: &drill.job.graph, seed: drill.job.scenario.seed, span: drill.span, dof: robot.dof() };
         let plans = plans(&terms, only.as_ref(), request.pairs);
         if plans.is_empty() {
-            return Err(Failure::Input(format!("`{}` is no cell: see `armplane fault --list`", request.only.unwrap_or_default())));
+            let only = request.only.unwrap_or_default();
+            return Err(Failure::Input(format!(
+                "`{only}` is no cell: no such process, or the fault cannot happen to it; see `armplane fault --list`"
+            )));
         }
         observer(Progress::Begin { title: name, length: plans.len() as u64, unit: "cells" });
         let base = drill.run(&drill.job.scenario, &[], true)?;
@@ -121,8 +123,9 @@ impl<'a> Drill<'a> {
     }
 
     fn scheduled(&self, fault: &Fault, seed: u64) -> Result<ScheduledFault, Failure> {
-        let place = self.job.graph.process.iter().position(|process| process.name == fault.process).unwrap_or_default();
-        fault.schedule(place as u32, self.job.scenario.rate_hz, seed).map_err(|complaint| Failure::Input(complaint.to_string()))
+        let target = self.job.graph.target(&fault.process);
+        let target = target.ok_or_else(|| Failure::Input(format!("the graph has no process `{}`", fault.process)))?;
+        fault.schedule(&target, self.job.scenario.rate_hz, seed).map_err(|complaint| Failure::Input(complaint.to_string()))
     }
 
     fn cell(&self, plan: &Plan, base: &Ran) -> Result<Cell, Failure> {

@@ -2,6 +2,7 @@
 
 use runtime::random;
 use shared_types::fault::{Fault, Kind, Way};
+use shared_types::graph::Graph;
 
 /// Faults and their processes; two of them for a pair.
 pub type Plan = Vec<Fault>;
@@ -21,9 +22,6 @@ impl Only {
             return Err(wrong("give PROCESS:KIND, or PROCESS:KIND:WAY".to_owned()));
         };
         let kind: Kind = kind.parse().map_err(wrong)?;
-        if !kind.processes().contains(&process) {
-            return Err(wrong(format!("`{kind}` can happen to {}", kind.processes().join(", "))));
-        }
         Ok(Self { process: process.to_owned(), kind, way: way.map(str::parse).transpose().map_err(wrong)? })
     }
 
@@ -34,8 +32,8 @@ impl Only {
 
 /// The subject of a plan.
 pub struct Terms<'a> {
-    /// The processes of the graph.
-    pub processes: &'a [&'a str],
+    /// The graph.
+    pub graph: &'a Graph,
     /// Of when the faults are injected, and of the pairs.
     pub seed: u64,
     /// Ticks of the task, in the middle of which faults are injected.
@@ -47,8 +45,8 @@ pub struct Terms<'a> {
 /// Every kind in every way for every process, and a seeded sample of pairs of them.
 pub fn plans(terms: &Terms<'_>, only: Option<&Only>, pairs: u32) -> Vec<Plan> {
     let mut singles = Vec::new();
-    for &process in terms.processes {
-        for &kind in Kind::ALL.iter().filter(|kind| kind.processes().contains(&process)) {
+    for (process, role) in terms.graph.process.iter().map(|process| (process.name.as_str(), process.role())) {
+        for &kind in Kind::ALL.iter().filter(|kind| kind.roles().contains(&role)) {
             let ways: Vec<_> = kind.ways().map(Some).collect();
             for way in if ways.is_empty() { vec![None] } else { ways } {
                 singles.push(Fault { way, ..Fault::new(process, kind) });
@@ -91,7 +89,7 @@ mod tests {
         assert!(only.takes(&Fault { way: Some(Way::Drift), ..Fault::new("plant", Kind::Sensor) }));
         assert!(!only.takes(&Fault { way: Some(Way::Bias), ..Fault::new("plant", Kind::Sensor) }));
         let wrong = |text: &str| Only::parse(text).err().unwrap_or_default();
-        assert!(wrong("recorder:drop").contains("can happen to plant"));
+        assert!(wrong("recorder:drops").contains("there is no `drops`"));
         assert!(wrong("recorder").contains("PROCESS:KIND"));
     }
 }

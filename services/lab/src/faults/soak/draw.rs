@@ -5,8 +5,7 @@ use std::collections::VecDeque;
 use model::Robot;
 use runtime::random;
 use shared_types::fault::{Fault, Kind, Way};
-use shared_types::wire::Field;
-use shared_types::{Layout, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+use shared_types::graph::{Graph, Process, Role};
 
 /// Mean time from one planned to the next; s.
 const MEAN_GAP_S: f64 = 1.4;
@@ -93,8 +92,8 @@ impl Act {
     }
 
     /// With the plant the run ends.
-    fn ends_world(&self) -> bool {
-        self.process() == "plant" && self.deaths() > 0
+    fn ends_world(&self, graph: &Graph) -> bool {
+        is_world(graph, self.process()) && self.deaths() > 0
     }
 }
 
@@ -138,7 +137,7 @@ impl Dice {
 /// Deals what goes wrong, so that everything comes equally often over all rounds: a shuffled deck of every kind, process and way.
 pub struct Dealer {
     dice: Dice,
-    processes: Vec<String>,
+    graph: Graph,
     joints: u64,
     rate_hz: f64,
     deck: VecDeque<Act>,
@@ -148,10 +147,10 @@ pub struct Dealer {
 }
 
 impl Dealer {
-    pub fn new(robot: &Robot, processes: Vec<String>, rate_hz: u32, seed: u64) -> Self {
+    pub fn new(robot: &Robot, graph: Graph, rate_hz: u32, seed: u64) -> Self {
         Self {
             dice: Dice { seed: seed ^ 0x50a4, drawn: 0 },
-            processes,
+            graph,
             joints: robot.dof() as u64,
             rate_hz: f64::from(rate_hz),
             deck: VecDeque::new(),
@@ -174,7 +173,7 @@ impl Dealer {
             let is_late = at_s >= to - FULL_S;
             let waiting = if is_late { self.full.pop_front() } else { None };
             let Some(act) = waiting.or_else(|| self.next_act()) else { break };
-            if act.ends_world() {
+            if act.ends_world(&self.graph) {
                 self.fatal.push_back(act);
             } else if is_disk(&act) && !is_late {
                 self.full.push_back(act);
@@ -197,7 +196,8 @@ impl Dealer {
             let act = self.detailed(act);
             return planned.push(Planned { at_s, act, is_fatal: true });
         }
-        let mortal: Vec<_> = self.processes.iter().filter(|process| *process != "plant").cloned().collect();
+        let is_mortal = |process: &&Process| process.role() != Role::World;
+        let mortal: Vec<_> = self.graph.process.iter().filter(is_mortal).map(|process| process.name.clone()).collect();
         let process = mortal[self.dice.below(mortal.len() as u64) as usize].clone();
         for k in 0..SPENT {
             // Its pause is over by then, and its replacement at work.
@@ -208,7 +208,7 @@ impl Dealer {
 
     fn next_act(&mut self) -> Option<Act> {
         if self.deck.is_empty() {
-            let mut deck = every(&self.processes);
+            let mut deck = every(&self.graph);
             self.dice.shuffle(&mut deck);
             self.deck = deck.into();
         }
@@ -222,7 +222,7 @@ impl Dealer {
             Act::Signal(process, Signal::KillTwice(_)) => Act::Signal(process, Signal::KillTwice(1 + self.dice.below(80) as u32)),
             Act::Signal(process, Signal::StopFor(_)) => {
                 // A process stopped for a tenth of a second is replaced; the plant has no replacement.
-                let most_ms = if process == "plant" { 50 } else { 250 };
+                let most_ms = if is_world(&self.graph, &process) { 50 } else { 250 };
                 Act::Signal(process, Signal::StopFor(1 + self.dice.below(most_ms) as u32))
             }
             signal => signal,
@@ -230,6 +230,7 @@ impl Dealer {
     }
 
     fn detailed_fault(&mut self, fault: Fault) -> Fault {
+        let fields = self.graph.target(&fault.process).map(|target| target.fields).unwrap_or_default();
         let (kind, dice) = (fault.kind, &mut self.dice);
         let usual_s = kind.usual_length_s();
         let ticks = |s: f64| (s * self.rate_hz).round().max(1.0) as u64;
@@ -245,7 +246,7 @@ impl Dealer {
         let has_share = matches!(kind, Kind::Drop | Kind::Duplicate | Kind::Reorder | Kind::Stale | Kind::Corrupt);
         let probability = (has_share && dice.next().is_multiple_of(2)).then(|| 0.05 + 0.95 * dice.unit());
         let field = (kind == Kind::Corrupt).then(|| {
-            let fields: Vec<_> = fields_of(&fault.process).iter().filter(|field| is_number(field)).collect();
+            let fields: Vec<_> = fields.iter().filter(|field| field.is_number()).collect();
             let field = fields[dice.below(fields.len() as u64) as usize];
             format!("{}[{}]", field.name, dice.below((field.size / size_of::<f64>()) as u64))
         });
@@ -263,42 +264,33 @@ impl Dealer {
 }
 
 /// Every kind in every way for every process, and every signal.
-fn every(processes: &[String]) -> Vec<Act> {
+fn every(graph: &Graph) -> Vec<Act> {
     let mut acts = Vec::new();
-    for process in processes {
-        for &kind in Kind::ALL.iter().filter(|kind| kind.processes().contains(&process.as_str())) {
+    for (process, role) in graph.process.iter().map(|process| (process.name.as_str(), process.role())) {
+        for &kind in Kind::ALL.iter().filter(|kind| kind.roles().contains(&role)) {
             let ways: Vec<_> = kind.ways().map(Some).collect();
             let ways = if ways.is_empty() { vec![None] } else { ways };
             acts.extend(ways.into_iter().map(|way| Act::Fault(Fault { way, ..Fault::new(process, kind) })));
         }
         let signals = [Signal::Kill, Signal::KillTwice(0), Signal::Stop, Signal::StopFor(0)];
-        acts.extend(signals.into_iter().map(|signal| Act::Signal(process.clone(), signal)));
+        acts.extend(signals.into_iter().map(|signal| Act::Signal(process.to_owned(), signal)));
     }
     acts
 }
 
-/// The fields of the message that a process sends along the chain.
-fn fields_of(process: &str) -> &'static [Field] {
-    match process {
-        "plant" => SensorSample::FIELDS,
-        "estimator" => StateEstimate::FIELDS,
-        "analyzer" => SingularityReport::FIELDS,
-        _ => TorqueCommand::FIELDS,
-    }
-}
-
-fn is_number(field: &Field) -> bool {
-    field.type_name == "f64" || field.type_name.starts_with("[f64;")
+/// Whether a process makes the ticks.
+fn is_world(graph: &Graph, process: &str) -> bool {
+    graph.process(process).is_some_and(|process| process.role() == Role::World)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use shared_types::graph::BUILT_IN;
     use std::collections::BTreeSet;
 
     fn dealer(seed: u64) -> Dealer {
-        let processes = ["plant", "estimator", "analyzer", "controller", "recorder"].map(str::to_owned).to_vec();
-        Dealer::new(&Robot::builtin("puma560").unwrap(), processes, 1000, seed)
+        Dealer::new(&Robot::builtin("puma560").unwrap(), Graph::parse("graph.toml", BUILT_IN).unwrap(), 1000, seed)
     }
 
     #[test]
@@ -309,9 +301,10 @@ mod tests {
         };
         assert_eq!(deal(7), deal(7));
         assert_ne!(deal(7), deal(8));
+        let graph = Graph::parse("graph.toml", BUILT_IN).unwrap();
         for planned in deal(7).concat() {
             if let Act::Fault(fault) = &planned.act {
-                fault.schedule(0, 1000, 1).unwrap_or_else(|complaint| panic!("{fault}: {complaint}"));
+                fault.schedule(&graph.target(&fault.process).unwrap(), 1000, 1).unwrap_or_else(|complaint| panic!("{fault}: {complaint}"));
             }
         }
     }
@@ -319,15 +312,15 @@ mod tests {
     #[test]
     fn everything_comes_and_only_what_is_meant_to_ends_a_run() {
         let mut dealer = dealer(1);
-        let processes = dealer.processes.clone();
+        let graph = dealer.graph.clone();
         let rounds: Vec<_> = (0..30).map(|_| dealer.round(60.0)).collect();
         let name = |act: &Act| format!("{} {}", act.process(), act.name());
         let dealt: BTreeSet<_> = rounds.iter().flatten().map(|planned| name(&planned.act)).collect();
         let missing: Vec<_> =
-            every(&processes).iter().filter(|act| !act.ends_world()).map(name).filter(|one| !dealt.contains(one)).collect();
+            every(&graph).iter().filter(|act| !act.ends_world(&graph)).map(name).filter(|one| !dealt.contains(one)).collect();
         assert!(missing.is_empty(), "{missing:?}");
         for round in &rounds {
-            assert!(round.iter().all(|planned| !planned.act.ends_world() || planned.is_fatal && planned.at_s > 50.0));
+            assert!(round.iter().all(|planned| !planned.act.ends_world(&graph) || planned.is_fatal && planned.at_s > 50.0));
             assert!(round.len() > 15, "{} planned", round.len());
         }
         let ended = rounds.iter().filter(|round| round.iter().any(|planned| planned.is_fatal)).count();

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use runtime::{ControlPage, Stop, now_ns, random};
 use rustix::process::{Pid, PidfdFlags, Signal as Posix, pidfd_open, pidfd_send_signal};
+use shared_types::graph::Graph;
 
 use super::draw::{Act, Planned, Signal};
 
@@ -51,7 +52,7 @@ enum Todo {
 pub struct Injector<'a> {
     pub control_page: &'a ControlPage,
     /// As on the control_page.
-    pub processes: &'a [String],
+    pub graph: &'a Graph,
     /// Which of them makes the ticks.
     pub source: usize,
     pub rate_hz: u32,
@@ -100,9 +101,10 @@ impl Injector<'_> {
     }
 
     fn deliver(&self, planned: &Planned, number: u64) -> (Done, Option<(Duration, Todo)>) {
-        let Some(index) = self.processes.iter().position(|process| process == planned.act.process()) else {
+        let Some(target) = self.graph.target(planned.act.process()) else {
             return (Done::LeftOut("no such process"), None);
         };
+        let index = target.index as usize;
         let restarts = self.control_page.process(index).incarnation().saturating_sub(1);
         if !planned.is_fatal && planned.act.deaths() > 0 && restarts + planned.act.deaths() > MOST_RESTARTS {
             return (Done::LeftOut("its restarts are needed"), None);
@@ -111,7 +113,7 @@ impl Injector<'_> {
         let signal = match &planned.act {
             Act::Fault(fault) => {
                 let fault_table = self.control_page.fault_table();
-                let scheduled = fault.schedule(index as u32, self.rate_hz, random(self.seed, number));
+                let scheduled = fault.schedule(&target, self.rate_hz, random(self.seed, number));
                 let is_full = !planned.is_fatal && fault_table.records().count() >= MOST_REQUESTS;
                 let place = scheduled.ok().filter(|_| !is_full).and_then(|scheduled| fault_table.request(&scheduled));
                 return (place.map_or(Done::LeftOut("the fault table is full"), Done::Requested), None);

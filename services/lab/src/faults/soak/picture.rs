@@ -1,5 +1,6 @@
 //! A soak as a picture: faults against time by process, one round closely, and the times until a fault is detected.
 
+use shared_types::process::Program;
 use viz::plot::{Axis, BLUE, Color, GREY, INK, Page, Panel, RED, Row, numbered};
 
 use super::rounds::Soak;
@@ -10,7 +11,7 @@ pub fn picture(soak: &Soak) -> Page {
     let rate = f64::from(soak.rate_hz);
     let lengths: Vec<f64> = soak.rounds.iter().map(|round| round.ticks as f64 / rate).collect();
     let total: f64 = lengths.iter().sum();
-    let processes: Vec<String> = ["plant", "estimator", "analyzer", "controller", "recorder"].map(str::to_owned).to_vec();
+    let processes: Vec<String> = Program::ALL.map(|program| program.name().to_owned()).to_vec();
     let rows: Vec<String> = processes.iter().cloned().chain(["drives".to_owned()]).collect();
     let drives = processes.len() as f64;
     let mut all = Panel::new(

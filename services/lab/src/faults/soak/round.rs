@@ -11,6 +11,7 @@ use runtime::{ControlPage, FaultRecord, RunDir, now_ns};
 use serde::Serialize;
 use session::{Failure, load};
 use shared_types::fault::Kind;
+use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
 use shared_types::scenario::Scenario;
 use shared_types::summary::{Deadlines, Summary};
@@ -113,12 +114,12 @@ impl Setting<'_> {
         // Before the launch, for the kernel ends the children of a thread that ends.
         let (begun, begins) = channel::<ControlPage>();
         let (go, going) = channel();
-        let (processes_of_injector, mut go): (Vec<String>, Option<Sender<()>>) = (processes.clone(), Some(go));
+        let (graph, mut go): (Graph, Option<Sender<()>>) = (job.graph.clone(), Some(go));
         let mut name = String::new();
         let (launched, injected) = std::thread::scope(|scope| {
             let injector = scope.spawn(move || {
                 let Ok(control_page) = begins.recv() else { return (Vec::new(), None) };
-                let injector = Injector { control_page: &control_page, processes: &processes_of_injector, source, rate_hz, seed };
+                let injector = Injector { control_page: &control_page, graph: &graph, source, rate_hz, seed };
                 let executed = injector.inject(planned, most_s, &going);
                 (executed, Some(control_page))
             });
@@ -148,7 +149,7 @@ impl Setting<'_> {
         let accounts: Vec<(usize, FaultRecord)> = fault_table.records().collect();
         let summary = session::summarise(&job, &outcome, account);
         session::keep(out, &job, &summary)?;
-        let seen = Seen { processes, executed, accounts, events, outcome, summary, end_ns, run: name };
+        let seen = Seen { processes, graph: job.graph.clone(), executed, accounts, events, outcome, summary, end_ns, run: name };
         let round = seen.judge(self, number, seed, &job, out)?;
         if !round.broken.is_empty() {
             let lines = seen.events.lines.iter().map(|line| format!("{line}\n")).collect::<String>();
@@ -161,6 +162,7 @@ impl Setting<'_> {
 /// All that is known of a round when it is over.
 struct Seen {
     processes: Vec<String>,
+    graph: Graph,
     executed: Vec<Executed>,
     accounts: Vec<(usize, FaultRecord)>,
     events: LauncherEvents,
@@ -310,7 +312,8 @@ impl Seen {
             (_, Done::LeftOut(_)) => return None,
             (Act::Fault(_), _) => {
                 let account = self.account(executed).filter(|account| account.injected_ns > 0)?;
-                let fault = account.scheduled.fault(act.process())?;
+                let fields = self.graph.target(act.process())?.fields;
+                let fault = account.scheduled.fault(act.process(), &fields)?;
                 let length_s = fault.for_ticks.map_or(0.0, |ticks| ticks as f64 / f64::from(rate_hz));
                 let FaultRecord { injected_ns, detected_ns, recovered_ns, .. } = *account;
                 (fault.to_string(), account.scheduled.at, length_s, since_ms(injected_ns, detected_ns), since_ms(injected_ns, recovered_ns))

@@ -92,8 +92,7 @@ pub fn soak(
     let folder = Folder::create(out)?;
     let seed = seed.unwrap_or_else(|| runtime::now_ns() % 1_000_000);
     let (seconds, rate) = (seconds as f64, f64::from(rate_hz));
-    let processes = load::graph(None)?.process.into_iter().map(|process| process.name).collect();
-    let mut dealer = Dealer::new(robot, processes, rate_hz, seed);
+    let mut dealer = Dealer::new(robot, load::graph(None)?, rate_hz, seed);
     observer(Progress::Begin { title: "round 1", length: (seconds * rate) as u64, unit: "ticks" });
     let (mut rounds, mut usage, mut interrupted) = (Vec::<Round>::new(), Vec::<Usage>::new(), None);
     let mut done = 0;

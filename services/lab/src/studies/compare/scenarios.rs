@@ -97,7 +97,7 @@ pub fn compare(
 }
 
 fn under_each(loaded: &load::Loaded, laws: &[Strategy], observer: Observer<'_>) -> Result<Vec<Score>, Failure> {
-    let load::Loaded { scenario, robot } = loaded;
+    let load::Loaded { scenario, robot, .. } = loaded;
     on_all_cores(&scenario.name, laws, |law| score(robot, &under(scenario, *law)), observer)
         .into_iter()
         .map(|score| score.map_err(|error| Failure::Input(format!("{}: {error}", scenario.name))))

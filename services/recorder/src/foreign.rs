@@ -1,0 +1,114 @@
+//! Topics whose messages this program does not know: counted, hashed and kept as bytes, not drawn.
+
+use std::path::Path;
+
+use message_log::{RowWriter, Shape, TopicHash};
+use runtime::{ForeignCollector, ProcessError, Shell};
+use shared_types::layout::MessageLayout;
+use shared_types::wire::Stamps;
+
+use crate::checkpoint::Progress;
+use crate::kept::Kept;
+
+/// The end of one such topic: its fingerprint, and the file that keeps its messages where that is wanted.
+pub(crate) struct ForeignTap {
+    pub(crate) topic: String,
+    collector: ForeignCollector,
+    hash: TopicHash,
+    last: Option<Vec<u8>>,
+    keep: Option<RowWriter>,
+    kept: Kept,
+}
+
+/// The reproducible bytes of a message: all but the stamps at its beginning.
+fn content(message: &[u8]) -> &[u8] {
+    message.get(size_of::<Stamps>()..).unwrap_or_default()
+}
+
+/// The bytes of a message as 64-bit words.
+fn words(message: &[u8]) -> Vec<u64> {
+    bytemuck::pod_collect_to_vec(message)
+}
+
+impl ForeignTap {
+    /// A replacement goes on where its predecessor was killed, as for every other topic.
+    pub(crate) fn open(shell: &Shell, layout: &MessageLayout, messages: Option<&Path>, past: &Progress) -> Result<Self, ProcessError> {
+        let (topic, shape) = (layout.topic.clone(), Shape::from(layout));
+        let mut collector = shell.foreign_collector(&topic)?;
+        if shell.incarnation() == 1 {
+            let keep = messages.map(|folder| RowWriter::create(folder, &shape)).transpose().map_err(ProcessError::setup)?;
+            return Ok(Self { topic, collector, hash: TopicHash::default(), last: None, keep, kept: Kept::default() });
+        }
+        collector.resume(past.last, past.lost);
+        let (mut hash, mut last) = (past.hash, past.message.clone());
+        let mut kept = Kept { bytes: past.kept_bytes, error: past.kept_error.clone() };
+        let resumed = messages.filter(|_| kept.error.is_empty()).map(|folder| {
+            RowWriter::resume(folder, &shape, past.kept_bytes, |row| {
+                let message: Vec<u8> = bytemuck::cast_slice(&row).to_vec();
+                hash.add_content(content(&message));
+                collector.recount(&message);
+                last = Some(message);
+            })
+        });
+        let keep = resumed.transpose().unwrap_or_else(|error| {
+            eprintln!("{error}");
+            kept.error = error.to_string();
+            None
+        });
+        collector.recall(last.as_deref())?;
+        Ok(Self { topic, collector, hash, last, keep, kept })
+    }
+
+    pub(crate) fn drain(&mut self) -> Result<(), ProcessError> {
+        let Self { collector, hash, last, keep, kept, .. } = self;
+        collector.collect(|message| {
+            hash.add_content(content(message));
+            *last = Some(message.to_vec());
+            if let Some(keeping) = keep
+                && let Err(error) = keeping.add(&words(message))
+            {
+                eprintln!("{error}");
+                *kept = Kept { bytes: keeping.bytes(), error: error.to_string() };
+                *keep = None;
+            }
+        })?;
+        Ok(())
+    }
+
+    pub(crate) fn flush(&mut self) {
+        if let Some(keep) = &mut self.keep
+            && let Err(error) = keep.flush()
+        {
+            eprintln!("{error}");
+            self.kept = Kept { bytes: keep.bytes(), error: error.to_string() };
+            self.keep = None;
+        }
+    }
+
+    pub(crate) fn has_failed(&self) -> bool {
+        !self.kept.error.is_empty()
+    }
+
+    pub(crate) fn hash(&self) -> TopicHash {
+        self.hash
+    }
+
+    pub(crate) fn progress(&self) -> Progress {
+        Progress {
+            hash: self.hash,
+            last: self.collector.last(),
+            lost: self.collector.lost(),
+            message: self.last.clone(),
+            kept_bytes: self.keep.as_ref().map_or(self.kept.bytes, RowWriter::bytes),
+            kept_error: self.kept.error.clone(),
+        }
+    }
+
+    pub(crate) fn finish(&mut self) -> Kept {
+        match self.keep.take().map(|keep| (keep.bytes(), keep.finish())) {
+            None => self.kept.clone(),
+            Some((_, Ok(bytes))) => Kept { bytes, error: String::new() },
+            Some((bytes, Err(error))) => Kept { bytes, error: error.to_string() },
+        }
+    }
+}

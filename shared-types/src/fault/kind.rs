@@ -1,0 +1,222 @@
+//! The vocabulary of faults: kinds, the ways in which they come, and what each applies to.
+
+use serde::{Deserialize, Serialize};
+
+use crate::process::Role;
+
+/// Declares an enumeration of words: the variants, their spelling in files and their numbers in shared memory.
+macro_rules! words {
+    ($(#[$meta:meta])* $name:ident { $( #[doc = $doc:literal] $variant:ident $word:literal ),* $(,)? }) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+        pub enum $name { $( #[doc = $doc] #[serde(rename = $word)] $variant ),* }
+
+        impl $name {
+            /// All of them, in order: the place is the number in shared memory.
+            pub const ALL: &'static [Self] = &[$(Self::$variant),*];
+
+            /// As written in files.
+            #[must_use]
+            pub fn name(self) -> &'static str {
+                match self { $( Self::$variant => $word ),* }
+            }
+
+            /// One sentence.
+            #[must_use]
+            pub fn about(self) -> &'static str {
+                match self { $( Self::$variant => $doc.trim_ascii() ),* }
+            }
+
+            pub(super) fn of(number: u32) -> Option<Self> {
+                Self::ALL.get(number as usize).copied()
+            }
+        }
+
+        impl std::fmt::Display for $name {
+            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.write_str(self.name())
+            }
+        }
+
+        impl std::str::FromStr for $name {
+            type Err = String;
+            fn from_str(word: &str) -> Result<Self, String> {
+                let known = || Self::ALL.iter().map(|one| one.name()).collect::<Vec<_>>().join(", ");
+                Self::ALL.iter().find(|one| one.name() == word).copied().ok_or_else(|| format!("there is no `{word}`; there are {}", known()))
+            }
+        }
+    };
+}
+
+words! {
+    /// The kind of fault.
+    Kind {
+        /// The process ends itself by SIGKILL at the tick; its replacement answers after `for`.
+        Kill "kill",
+        /// It panics at the tick.
+        Crash "crash",
+        /// It is stopped (SIGSTOP) at the tick.
+        Hang "hang",
+        /// Its messages leave so many ticks late.
+        Delay "delay",
+        /// Its messages are lost.
+        Drop "drop",
+        /// Its messages are sent twice.
+        Duplicate "duplicate",
+        /// Its messages change places with the next.
+        Reorder "reorder",
+        /// Instead of a new message the last one from before the fault is sent again.
+        Stale "stale",
+        /// A field of its messages is corrupted on the way.
+        Corrupt "corrupt",
+        /// An encoder lies.
+        Sensor "sensor",
+        /// A joint's drive does not follow its command.
+        Drive "drive",
+        /// Its clock jumps or runs at another rate.
+        Clock "clock",
+        /// Somebody else is busy on its core.
+        Starve "starve",
+        /// The volume it writes to is full.
+        DiskFull "disk-full",
+        /// The volume it writes to is slow.
+        SlowDisk "slow-disk",
+    }
+}
+
+words! {
+    /// In which way a value is wrong, for the kinds that have several.
+    Way {
+        /// hang: continued (SIGCONT) after `for`.
+        Paused "paused",
+        /// hang: until the launcher detects the silence and replaces it; the replacement answers after `for`.
+        ForEver "for-ever",
+        /// corrupt: not a number.
+        Nan "nan",
+        /// corrupt: infinite.
+        Inf "inf",
+        /// corrupt: one bit flipped, another one in each message.
+        Flip "flip",
+        /// corrupt: far out of range, by the factor `amount` and at least by it.
+        Huge "huge",
+        /// sensor: off by `amount` rad.
+        Bias "bias",
+        /// sensor: off by `amount` rad/s times the time since the fault.
+        Drift "drift",
+        /// sensor: noise of standard deviation `amount` rad.
+        Noise "noise",
+        /// sensor: steps of `amount` rad.
+        Quantise "quantise",
+        /// sensor: the first value of the fault again and again; drive: likewise its torque.
+        Stuck "stuck",
+        /// drive: no torque.
+        Lost "lost",
+        /// drive: no more than the fraction `amount` of its limit.
+        Saturated "saturated",
+        /// drive: dry friction of the fraction `amount` of its limit.
+        Friction "friction",
+        /// clock: by `amount` ms at once.
+        Jump "jump",
+        /// clock: faster by the fraction `amount`.
+        Skew "skew",
+    }
+}
+
+/// The arguments of a kind of fault, and the processes that it applies to.
+pub(super) struct Rule {
+    pub(super) kind: Kind,
+    /// In which ways it comes; the first is the default.
+    pub(super) ways: &'static [(Way, f64)],
+    pub(super) roles: &'static [Role],
+    /// How long it lasts unless said otherwise; s. Infinite: to the end of the run.
+    pub(super) lasts_s: f64,
+    pub(super) has_probability: bool,
+}
+
+const SENDERS: &[Role] = &[Role::World, Role::Stage];
+const WORLD: &[Role] = &[Role::World];
+const OBSERVERS: &[Role] = &[Role::Observer];
+
+const fn rule(kind: Kind, roles: &'static [Role], lasts_s: f64) -> Rule {
+    Rule { kind, ways: &[], roles, lasts_s, has_probability: false }
+}
+
+/// The factor of a corruption `as = "huge"` without `amount`.
+const HUGE: f64 = 1e3;
+
+const RULES: [Rule; 15] = [
+    rule(Kind::Kill, &Role::ALL, 0.1),
+    rule(Kind::Crash, &Role::ALL, 0.1),
+    Rule { ways: &[(Way::Paused, 0.0), (Way::ForEver, 0.0)], ..rule(Kind::Hang, &Role::ALL, 0.1) },
+    rule(Kind::Delay, SENDERS, 0.1),
+    Rule { has_probability: true, ..rule(Kind::Drop, SENDERS, 0.1) },
+    Rule { has_probability: true, ..rule(Kind::Duplicate, SENDERS, 0.1) },
+    Rule { has_probability: true, ..rule(Kind::Reorder, SENDERS, 0.1) },
+    Rule { has_probability: true, ..rule(Kind::Stale, SENDERS, 0.1) },
+    Rule {
+        has_probability: true,
+        ways: &[(Way::Nan, 0.0), (Way::Inf, 0.0), (Way::Flip, 0.0), (Way::Huge, HUGE)],
+        ..rule(Kind::Corrupt, SENDERS, 0.1)
+    },
+    Rule {
+        ways: &[(Way::Bias, 0.01), (Way::Drift, 0.05), (Way::Noise, 0.001), (Way::Quantise, 0.005), (Way::Stuck, 0.0)],
+        ..rule(Kind::Sensor, WORLD, 0.5)
+    },
+    Rule { ways: &[(Way::Lost, 0.0), (Way::Stuck, 0.0), (Way::Saturated, 0.1), (Way::Friction, 0.05)], ..rule(Kind::Drive, WORLD, 0.5) },
+    Rule { ways: &[(Way::Jump, 5.0), (Way::Skew, 0.01)], ..rule(Kind::Clock, SENDERS, 0.5) },
+    rule(Kind::Starve, &Role::ALL, 0.2),
+    rule(Kind::DiskFull, OBSERVERS, f64::INFINITY),
+    rule(Kind::SlowDisk, OBSERVERS, 0.5),
+];
+
+/// Delay of a message unless said otherwise; ticks.
+pub(super) const DELAY_TICKS: u64 = 2;
+
+/// Longest delay with jitter: what the chain's buffers hold; ticks.
+pub const MOST_DELAY_TICKS: u64 = 50;
+
+/// Pause of a slow volume in each round unless said otherwise; ms.
+pub(super) const SLOW_MS: f64 = 20.0;
+
+impl Kind {
+    pub(super) fn rule(self) -> &'static Rule {
+        let rule = &RULES[self as usize];
+        debug_assert_eq!(rule.kind, self);
+        rule
+    }
+
+    /// The ways it comes in; empty where there is only one.
+    pub fn ways(self) -> impl Iterator<Item = Way> {
+        self.rule().ways.iter().map(|(way, _)| *way)
+    }
+
+    /// By how much it comes in a way, unless said otherwise; 0 where there is no amount.
+    #[must_use]
+    pub fn usual_amount(self, way: Way) -> f64 {
+        self.rule().ways.iter().find(|(one, _)| *one == way).map_or(0.0, |(_, amount)| *amount)
+    }
+
+    /// How long it lasts unless said otherwise, s; infinite: to the end of the run.
+    #[must_use]
+    pub fn usual_length_s(self) -> f64 {
+        self.rule().lasts_s
+    }
+
+    /// The roles of the processes that it applies to.
+    #[must_use]
+    pub fn roles(self) -> &'static [Role] {
+        self.rule().roles
+    }
+
+    /// Whether the process is dead or stands still meanwhile.
+    #[must_use]
+    pub fn takes_down(self) -> bool {
+        matches!(self, Self::Kill | Self::Crash | Self::Hang)
+    }
+
+    /// Whether several messages, or none, may leave in one tick.
+    #[must_use]
+    pub fn shapes_messages(self) -> bool {
+        matches!(self, Self::Delay | Self::Drop | Self::Duplicate | Self::Reorder | Self::Stale | Self::Corrupt)
+    }
+}

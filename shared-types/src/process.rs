@@ -1,0 +1,172 @@
+//! A process of a graph: its part in the run, the command that starts it, and the processes that this program contains.
+
+use serde::{Deserialize, Serialize};
+
+use crate::topics::TOPICS;
+
+/// Most processes a run may have.
+pub const MAX_PROCESSES: usize = 16;
+
+/// One operating-system process.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Process {
+    /// Its name; without a `command` also the subcommand of `armplane` that it runs.
+    pub name: String,
+    /// The program that it runs and its arguments, in the folder of the graph's file; empty: this program itself.
+    ///
+    /// The environment names the process and its run: `ARMPLANE_PROCESS` and `ARMPLANE_RUN`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub command: Vec<String>,
+    /// Topics it reads at the tick it works on; `"*"`: all that others write.
+    #[serde(default)]
+    pub reads: Vec<String>,
+    /// Topics it reads to get to the next tick.
+    #[serde(default)]
+    pub feedback: Vec<String>,
+    /// Topics it alone writes.
+    #[serde(default)]
+    pub writes: Vec<String>,
+    /// The core it is pinned to in real time; modulo the cores there are.
+    #[serde(default)]
+    pub core: usize,
+    /// SCHED_FIFO priority in real time, 1 to 99; 0: ordinary scheduling.
+    #[serde(default)]
+    pub priority: u32,
+    /// The launcher's response to its unrequested end.
+    #[serde(default)]
+    pub restart: Restart,
+}
+
+/// The launcher's response to the unrequested end of a process.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Restart {
+    /// Stop the whole graph.
+    #[default]
+    Never,
+    /// Start it again, within the budget.
+    Always,
+}
+
+/// The part of a process in its run, by its topics.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// It reads `feedback`, the topics that close the loop: it makes the ticks, and the run ends with it.
+    World,
+    /// It reads messages of a tick and writes others of the same tick.
+    Stage,
+    /// It writes nothing: in real time nobody waits for it, and it is stopped last.
+    Observer,
+}
+
+impl Role {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::World, Self::Stage, Self::Observer];
+
+    /// As in tables and JSON.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::World => "world",
+            Self::Stage => "stage",
+            Self::Observer => "observer",
+        }
+    }
+
+    /// In a sentence.
+    #[must_use]
+    pub fn about(self) -> &'static str {
+        match self {
+            Self::World => "the process that makes the ticks",
+            Self::Stage => "the processes that write messages",
+            Self::Observer => "the processes that only read",
+        }
+    }
+}
+
+impl Process {
+    /// Its part in the run.
+    #[must_use]
+    pub fn role(&self) -> Role {
+        match (self.feedback.is_empty(), self.writes.is_empty()) {
+            (false, _) => Role::World,
+            (true, false) => Role::Stage,
+            (true, true) => Role::Observer,
+        }
+    }
+
+    /// The program of ours that runs as the process; `None` for a command, or a name that it does not know.
+    #[must_use]
+    pub fn program(&self) -> Option<Program> {
+        if self.command.is_empty() { Program::named(&self.name) } else { None }
+    }
+}
+
+/// A process that this program contains.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Program {
+    /// The simulated arm: torques in; sensor samples and the simulator's truth out.
+    Plant,
+    /// Sensor samples in, estimates out.
+    Estimator,
+    /// Estimates in, singularity reports out.
+    Analyzer,
+    /// Estimates and singularity reports in, torques out.
+    Controller,
+    /// Records and judges.
+    Recorder,
+}
+
+impl Program {
+    /// All of them, in the order of the data.
+    pub const ALL: [Self; 5] = [Self::Plant, Self::Estimator, Self::Analyzer, Self::Controller, Self::Recorder];
+
+    /// The name of its process in a graph, and its subcommand.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Plant => "plant",
+            Self::Estimator => "estimator",
+            Self::Analyzer => "analyzer",
+            Self::Controller => "controller",
+            Self::Recorder => "recorder",
+        }
+    }
+
+    /// The one of that name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|program| program.name() == name)
+    }
+
+    /// Topics that it reads at the tick it works on.
+    #[must_use]
+    pub const fn reads(self) -> &'static [&'static str] {
+        match self {
+            Self::Plant => &[],
+            Self::Estimator => &["sensor"],
+            Self::Analyzer => &["estimate"],
+            Self::Controller => &["estimate", "singularity"],
+            Self::Recorder => &TOPICS,
+        }
+    }
+
+    /// Topics that it reads to get to the next tick.
+    #[must_use]
+    pub const fn feedback(self) -> &'static [&'static str] {
+        if matches!(self, Self::Plant) { &["torque"] } else { &[] }
+    }
+
+    /// Topics that it writes; the last of them closes the tick.
+    #[must_use]
+    pub const fn writes(self) -> &'static [&'static str] {
+        match self {
+            Self::Plant => &["sensor", "plant_state"],
+            Self::Estimator => &["estimate"],
+            Self::Analyzer => &["singularity"],
+            Self::Controller => &["control_state", "torque"],
+            Self::Recorder => &[],
+        }
+    }
+}
