@@ -58,10 +58,16 @@ fn view_opens_the_latest_run_and_another_layout() {
     let parts = ["run.rrd", "run-001.rrd", "run-002.rrd"].map(|name| format!("{folder}/{name}"));
     assert_eq!(seen.trim(), format!("{} --bind 127.0.0.1", parts.join(" ")));
     assert_eq!(desk.with_viewer(&viewer, &["view", "fig5-wrist-rotation-001", "--layout", "timing"]).code, 0);
-    let seen = desk.read("seen");
-    assert_eq!(seen.trim(), "runs/fig5-wrist-rotation-001/run.rrd runs/fig5-wrist-rotation-001/timing.rbl --bind 127.0.0.1");
     let layout = std::fs::read(desk.path().join("runs/fig5-wrist-rotation-001/timing.rbl")).expect("the layout");
     assert_eq!(&layout[..4], b"RRF2", "a Rerun blueprint");
+    // The viewer shows the layout it reads last: it gets the recording first, in one stream.
+    let reading = desk.viewer("reading.sh", "echo \"$@\" > seen; [ \"$1\" = - ] && cat > got; true");
+    assert_eq!(desk.with_viewer(&reading, &["view", "fig5-wrist-rotation-001", "--layout", "timing"]).code, 0);
+    assert_eq!(desk.read("seen").trim(), "- --bind 127.0.0.1");
+    let recording = std::fs::read(desk.path().join("runs/fig5-wrist-rotation-001/run.rrd")).expect("the recording");
+    let layout = std::fs::read(desk.path().join("runs/fig5-wrist-rotation-001/timing.rbl")).expect("the layout");
+    let got = std::fs::read(desk.path().join("got")).expect("what the viewer has read");
+    assert!(got.len() == recording.len() + layout.len() && got.starts_with(&recording) && got.ends_with(&layout));
     std::fs::copy(desk.path().join(folder).join("run.rrd"), desk.path().join("mine.rrd")).expect("a copy");
     assert_eq!(desk.with_viewer(&viewer, &["view", "mine.rrd"]).code, 0);
     assert_eq!(desk.read("seen").trim(), "mine.rrd --bind 127.0.0.1");

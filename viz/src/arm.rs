@@ -18,6 +18,10 @@ pub(crate) struct Figure {
     pub(crate) links: Vec<Mesh>,
     /// Where turning about each joint's axis is shown; none for a joint that slides.
     pub(crate) rings: Vec<Option<Ring>>,
+    /// Each joint's frame in the link before it, at zero.
+    pub(crate) joints: Vec<Placement>,
+    /// The end-effector in the last link's frame; m.
+    pub(crate) tip: Option<Vec3>,
     /// Sum of the links' lengths, for framing the view and scaling marks; m.
     pub(crate) reach: f32,
 }
@@ -64,7 +68,9 @@ impl Figure {
             Factors::Numeric => capsules(robot, reach),
         };
         let rings = robot.joints.iter().zip(&links).map(|(joint, mesh)| Ring::of(joint, mesh, 0.13 * reach)).collect();
-        Self { base, links, rings, reach }
+        let joints = robot.joints.iter().map(|joint| placement(&joint.X_PJ)).collect();
+        let tip = robot.frame(&robot.default_frame).map(|frame| vec3(&frame.X_LF.p));
+        Self { base, links, rings, joints, tip, reach }
     }
 }
 

@@ -2,8 +2,12 @@
 
 /// Numbers at the control rate.
 pub(crate) const SIGNALS: &str = "/signals";
+/// Numbers that are only drawn, at a lower rate.
+pub(crate) const DRAWN: &str = "/drawn";
 /// Constant lines that plots need: thresholds and limits.
 pub(crate) const GUIDES: &str = "/guides";
+/// Lines that hatch the band of a plot in which the arm is treated as singular.
+pub(crate) const BAND_LINES: usize = 32;
 /// Names of the singularities, in the order of their numbers: a static component of [`SIGNALS`].
 pub(crate) const SINGULARITY_NAMES: &str = "singularity:names";
 /// The state of the run, in words.
@@ -29,6 +33,9 @@ pub(crate) const MOBILITY: &str = "/world/manipulability/mobility";
 /// The ways of the joints in null-space motion.
 pub(crate) const TRAIL: &str = "/world/null_motion/trail";
 
+/// The way of the other law's hand, in a race.
+pub(crate) const RIVAL_PATH: &str = "/world/path/rival";
+
 /// How far the joints have turned in it.
 pub(crate) const TURNED: &str = "/world/null_motion/turned";
 
@@ -40,6 +47,11 @@ pub(crate) fn link(index: usize) -> String {
 /// Where a link has been in null-space motion.
 pub(crate) fn ghost(index: usize) -> String {
     format!("/world/null_motion/link{}", index + 1)
+}
+
+/// A link of the other law's arm, in a race.
+pub(crate) fn rival_link(index: usize) -> String {
+    format!("/world/rival/link{}", index + 1)
 }
 
 /// A singularity's frame.
@@ -57,9 +69,24 @@ pub(crate) fn edge(name: &str) -> String {
     format!("/world/singularity/{name}/edge")
 }
 
-/// Where ζ has been.
-pub(crate) fn fan(name: &str) -> String {
-    format!("/world/zeta/{name}")
+/// The sector that ζ has swept.
+pub(crate) fn sector(name: &str) -> String {
+    format!("/world/zeta/{name}/sector")
+}
+
+/// ζ as it was when the arm entered.
+pub(crate) fn entry(name: &str) -> String {
+    format!("/world/zeta/{name}/entry")
+}
+
+/// How far ζ has turned, in words.
+pub(crate) fn swept(name: &str) -> String {
+    format!("/world/zeta/{name}/words")
+}
+
+/// A line on a link that shows why the arm is singular.
+pub(crate) fn reason(name: &str, link: usize) -> String {
+    format!("/world/arm/link{}/why_{name}", link + 1)
 }
 
 /// The mark's words, above it.
@@ -67,10 +94,38 @@ pub(crate) fn label(name: &str) -> String {
     format!("/world/label/{name}")
 }
 
-/// Lanes of the state timeline.
-pub(crate) const STATE: &str = "/state";
+/// Between the time and the words of a line of the log.
+pub(crate) const AFTER_TIME: &str = " s\u{2003}";
 
-/// A lane of the state timeline.
+/// Processes that have a lane of the state timeline.
+pub(crate) const PROCESSES: [&str; 5] = ["plant", "estimator", "analyzer", "controller", "recorder"];
+/// The other lanes that are no singularity's.
+const LANES: [&str; 3] = ["drive", "phase", "fault"];
+
+/// A lane of the state timeline. The viewer names a lane by its path, so that is as short as can be: `/wrist` for `mode/wrist`, `/plant` for
+/// `process/plant`.
 pub(crate) fn state(lane: &str) -> String {
-    format!("{STATE}/{lane}")
+    format!("/{}", lane.rsplit('/').next().unwrap_or(lane))
+}
+
+/// The lane at a path.
+pub(crate) fn lane(path: &str) -> String {
+    let name = path.trim_start_matches('/');
+    match name {
+        name if PROCESSES.contains(&name) => format!("process/{name}"),
+        name if LANES.contains(&name) => name.to_owned(),
+        name => format!("mode/{name}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lane_is_known_by_its_path() {
+        for name in ["mode/wrist", "mode/s1", "process/plant", "process/recorder", "drive", "phase", "fault"] {
+            assert_eq!(lane(&state(name)), name);
+        }
+    }
 }

@@ -9,25 +9,26 @@ use shared_types::messages::SingularityState;
 use crate::signals::TickRow;
 use crate::solid::Rgba;
 
-/// A singularity's colour: by kind, which for a PUMA is by type too (elbow 1, wrist 2, overhead mixed).
-pub(crate) fn colour_of_kind(kind: u32, index: usize) -> Rgba {
-    const NUMERIC: [u32; 4] = [TYPE_1, TYPE_2, TYPE_MIXED, TYPE_UNKNOWN];
+/// A colour and its name.
+type Tint = (&'static str, Rgba);
+const ORANGE: Tint = ("orange", [255, 128, 24, 255]);
+const MAGENTA: Tint = ("magenta", [240, 70, 220, 255]);
+const YELLOW: Tint = ("yellow", [250, 214, 60, 255]);
+const BLUE: Tint = ("blue", [120, 190, 235, 255]);
+
+/// A singularity's colour, the same in marks, plots and words: by kind, for one found by number by its place.
+fn named_colour(kind: u32, index: usize) -> Tint {
     match kind {
-        KIND_ELBOW => colour_of_type(TYPE_1),
-        KIND_WRIST => colour_of_type(TYPE_2),
-        KIND_OVERHEAD => colour_of_type(TYPE_MIXED),
-        _ => colour_of_type(NUMERIC[index % NUMERIC.len()]),
+        KIND_ELBOW => ORANGE,
+        KIND_WRIST => MAGENTA,
+        KIND_OVERHEAD | KIND_SHOULDER => YELLOW,
+        _ => [ORANGE, MAGENTA, YELLOW, BLUE][index % 4],
     }
 }
 
-/// A type's colour: 1 orange, 2 magenta, mixed yellow.
-pub(crate) fn colour_of_type(class: u32) -> Rgba {
-    match class {
-        TYPE_1 => [255, 128, 24, 255],
-        TYPE_2 => [240, 70, 220, 255],
-        TYPE_MIXED => [250, 214, 60, 255],
-        _ => [150, 200, 215, 255],
-    }
+/// The colour alone.
+pub(crate) fn colour_of(kind: u32, index: usize) -> Rgba {
+    named_colour(kind, index).1
 }
 
 /// States with the colours of their lanes.
@@ -53,7 +54,11 @@ pub(crate) const DRIVE_STATES: States =
 pub(crate) const PHASE_STATES: States = &[("running", 0x3a6fb0ff), ("settling", 0x5a8fa0ff), ("done", 0x3f7f55ff), ("refused", 0xb03a3aff)];
 
 /// Lanes of the processes.
-pub(crate) const LIFE_STATES: States = &[("up", 0x3d5f4bff), ("silent", 0xb03a3aff), ("restarted", 0xb59a2fff)];
+pub(crate) const LIFE_STATES: States = &[("up", 0x3d5f4bff), ("silent", 0xb0602fff), ("waiting", 0x5a626cff), ("restarted", 0xb59a2fff)];
+
+/// Colours of the lane of faults: of one in force, and of none.
+pub(crate) const FAULT_COLOUR: u32 = 0xc03030ff;
+pub(crate) const NO_FAULT: (&str, u32) = ("none", 0x2a3038ff);
 
 /// The state that the words depend on: they are written again when it changes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -96,106 +101,120 @@ impl Situation {
         situation
     }
 
-    /// Markdown: the singularity that the arm is in, the motion that is lost there, and the arm's response.
-    pub(crate) fn markdown(&self) -> String {
+    /// Singularities that the arm is inside of.
+    fn inside(&self) -> impl Iterator<Item = (usize, &Singular)> {
+        self.singularities[..self.count].iter().enumerate().filter(|(_, one)| one.inside)
+    }
+
+    /// Markdown that says which singularity the arm is in, what it cannot do there, and what it does about it.
+    pub(crate) fn markdown(&self, run: &Run) -> String {
         let mut text = String::new();
-        if let Some(drive) = self.undriven {
-            let _ = writeln!(
-                text,
-                "## No command reaches the arm\n\nA process is silent (see its lane), so no new torque comes. The last one holds for a few ticks; \
-                 then the drives stop the arm by themselves, brake, and go on when fresh torque comes. Now they are **{}**.\n",
-                name_of(DRIVES, drive)
-            );
+        let drives = self.undriven.map(|drive| match drive {
+            DRIVE_HOLDING | DRIVE_ACTIVE => "the drives hold the last torque",
+            DRIVE_STOPPING => "the drives bring the arm to rest",
+            _ => "the drives have braked the arm",
+        });
+        if let Some(fault) = run.fault {
+            let _ = writeln!(text, "## {fault}: {}\n", drives.unwrap_or("the arm goes on"));
+        } else if let Some(drives) = drives {
+            let _ = writeln!(text, "## No torque comes: {drives}\n");
+        }
+        if drives.is_some() {
+            text.push_str("The drives do this by themselves until fresh torque comes. Grey lanes wait for the process that is silent.\n");
             return text;
         }
-        let inside: Vec<(usize, &Singular)> = self.singularities[..self.count].iter().enumerate().filter(|(_, one)| one.inside).collect();
-        if inside.is_empty() {
-            text.push_str("## Regular: the hand can move in every direction\n\n");
+        let mark = if run.fault.is_some() { "###" } else { "##" };
+        let locks = self.inside().count();
+        if locks == 0 {
+            let _ = writeln!(text, "{mark} Free: the hand can move in every direction\n\n*{}*\n", run.title);
             let near = self.singularities[..self.count].iter().enumerate().find(|(_, one)| one.mode != MODE_REGULAR);
             if let Some((i, one)) = near {
+                let _ = writeln!(text, "Near the **{}** singularity: {}.\n", singularity_name(one.kind, i), doing(one.mode));
+            }
+        } else {
+            let rank = format!("rank {} of {}", run.directions.saturating_sub(locks), run.directions);
+            let _ = match self.inside().next() {
+                Some((i, one)) if locks == 1 => {
+                    let name = capital(&singularity_name(one.kind, i));
+                    writeln!(text, "{mark} {name} lock: the hand cannot {} · {rank}\n", lost(one.angular))
+                }
+                _ => writeln!(text, "{mark} {locks} locks at once: {locks} directions lost · {rank}\n"),
+            };
+            text.push_str("| singularity | the hand cannot | the arm |\n|---|---|---|\n");
+            for (i, one) in self.inside() {
+                let (name, (colour, _)) = (singularity_name(one.kind, i), named_colour(one.kind, i));
                 let _ = writeln!(
                     text,
-                    "Near the **{}** singularity, *{}*: {}.\n",
-                    singularity_name(one.kind, i),
-                    name_of(MODES, one.mode),
-                    doing(one.mode, one.angular)
+                    "| **{name}** ({colour}, {}): {} | {} | {} |",
+                    name_of(TYPES, one.class),
+                    reason(one.kind, run.joints),
+                    lost(one.angular),
+                    doing(one.mode)
                 );
             }
-            text.push_str("A *singularity* is a posture where the hand loses a direction ζ: no joint speed moves it that way, and plain control would demand endless joint speed. It is near where a line s_i(q) comes to 0.\n");
-        }
-        for (i, one) in inside {
-            let name = singularity_name(one.kind, i);
-            let verb = if one.angular { "turn about" } else { "move along" };
-            let glyph = if one.angular { "arc" } else { "double arrow" };
-            let _ = writeln!(text, "## Inside the {} singularity ({})\n", name, name_of(TYPES, one.class));
-            let _ = writeln!(
-                text,
-                "{}: **the hand cannot {verb} ζ**, the {} {glyph}.{}\n",
-                reason(one.kind),
-                colour_name(one.class),
-                remedy(one.class)
-            );
-            let _ = writeln!(text, "Now **{}**: {}.\n", name_of(MODES, one.mode), doing(one.mode, one.angular));
         }
         if self.clipped {
-            text.push_str("The goal is beyond reach: the hand slides along the boundary.\n\n");
+            text.push_str("\nThe goal is beyond reach: the hand slides along the boundary.\n");
         }
         if self.phase == Some(PHASE_REFUSED) {
-            text.push_str("**The controller refused to go on** and brings the arm to rest.\n\n");
+            text.push_str("\n**The controller refused to go on** and brings the arm to rest.\n");
         }
         text.push_str(
-            "\n*Blue: the speeds the hand can reach; net: the accelerations a force gives it (Λ⁻¹): both flat along a lost direction. \
-             Rings: |s_i| = η_i. Green: desired; white: actual. Pale arms: null-space motion.*\n",
+            "\n*Green: desired; white: actual. Blue body: speeds the hand can reach, flat along ζ. Pale arms: null-space motion so far.*\n",
         );
         text
     }
 }
 
-/// The label at the mark, as short as can be.
+/// What the words need to know of their run.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Run<'a> {
+    /// The scenario's title.
+    pub(crate) title: &'a str,
+    pub(crate) joints: usize,
+    /// Directions of the task.
+    pub(crate) directions: usize,
+    /// The fault in force, in a few words.
+    pub(crate) fault: Option<&'a str>,
+}
+
+/// The label at the mark, as short as can be: of several marks each has one.
 pub(crate) fn label(one: &SingularityState, index: usize) -> String {
-    let verb = if one.angular == 1 { "cannot turn about ζ" } else { "cannot move along ζ" };
-    format!("{} ({}): {verb}", singularity_name(one.kind, index), name_of(TYPES, one.class))
+    let verb = if one.angular == 1 { "cannot turn" } else { "cannot move" };
+    format!("{}: {verb}", singularity_name(one.kind, index))
 }
 
-fn reason(kind: u32) -> &'static str {
-    match kind {
-        KIND_ELBOW => "The arm is stretched or folded",
-        KIND_WRIST => "Axes 4 and 6 are parallel",
-        KIND_OVERHEAD => "The wrist is above the waist's axis",
-        _ => "The joints' motions no longer span all directions",
+fn capital(name: &str) -> String {
+    let mut letters = name.chars();
+    letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
+}
+
+fn lost(angular: bool) -> &'static str {
+    if angular { "turn about ζ" } else { "move along ζ" }
+}
+
+fn reason(kind: u32, joints: usize) -> &'static str {
+    match (kind, joints) {
+        (KIND_ELBOW, _) => "upper arm and forearm in line",
+        (KIND_WRIST, 7) => "axes 5 and 7 parallel",
+        (KIND_WRIST, _) => "axes 4 and 6 parallel",
+        (KIND_OVERHEAD, _) => "wrist on the waist's axis",
+        (KIND_SHOULDER, _) => "axes 1 and 3 parallel",
+        _ => "joint motions that add up to nothing",
     }
 }
 
-fn remedy(class: u32) -> &'static str {
-    match class {
-        TYPE_1 => " Type 1: null-space motion of the joints moves the hand along ζ, the second-order way out.",
-        TYPE_2 => " Type 2: null-space motion of the joints turns ζ itself, until the wanted motion is free.",
-        TYPE_MIXED => " Mixed type: null-space motion both turns ζ and moves the hand along it.",
-        _ => "",
-    }
-}
-
-fn doing(mode: u32, angular: bool) -> &'static str {
-    match (mode, angular) {
-        (MODE_REGULAR, _) => "plain operational-space control",
-        (MODE_BLEND, _) => "control along ζ passes smoothly between hand and null space",
-        (MODE_TRACK, _) => "null-space motion follows the part of the path along ζ",
-        (MODE_PASS, _) => "passing through with ζ held away from the direction of travel",
-        (MODE_HOLD, _) => "ζ is held; the hand moves orthogonal to it only",
-        (MODE_REORIENT, true) => "null-space motion turns ζ while the hand stays",
-        (MODE_REORIENT, false) => "null-space motion swings ζ while the hand stays",
-        (MODE_SLIDE, _) => "the goal is beyond reach; the hand slides along the boundary",
-        (MODE_RECOVER, _) => "outside again, the rest of the auxiliary error is removed",
+fn doing(mode: u32) -> &'static str {
+    match mode {
+        MODE_REGULAR => "plain operational-space control",
+        MODE_BLEND => "control along ζ passes between hand and null space",
+        MODE_TRACK => "null-space motion follows the path along ζ",
+        MODE_PASS => "passes through, ζ held off the path",
+        MODE_HOLD => "holds ζ, moves orthogonal to it",
+        MODE_REORIENT => "joints turn ζ, the hand stays",
+        MODE_SLIDE => "goal out of reach: slides along the boundary",
+        MODE_RECOVER => "free again, removes what is left of the null-space error",
         _ => "in a mode this recording does not know",
-    }
-}
-
-fn colour_name(class: u32) -> &'static str {
-    match class {
-        TYPE_1 => "orange",
-        TYPE_2 => "magenta",
-        TYPE_MIXED => "yellow",
-        _ => "blue-grey",
     }
 }
 
@@ -205,6 +224,8 @@ mod tests {
     use shared_types::TorqueCommand;
     use shared_types::messages::{ControlState, SensorSample, SingularityReport};
     use shared_types::topics::ByTopic;
+
+    const RUN: Run = Run { title: "a title", joints: 6, directions: 6, fault: None };
 
     #[test]
     fn words_name_the_singularity_and_what_is_lost() {
@@ -218,21 +239,27 @@ mod tests {
             0,
             ByTopic { singularity: Some(&report), control_state: Some(&command), torque: Some(&torque), ..ByTopic::default() },
         );
-        let words = Situation::of(&row).markdown();
-        for expected in ["wrist singularity (type 2)", "cannot turn about ζ", "magenta arc", "**reorient**"] {
+        let words = Situation::of(&row).markdown(&RUN);
+        for expected in ["Wrist lock: the hand cannot turn about ζ · rank 5 of 6", "(magenta, type 2)", "axes 4 and 6", "joints turn ζ"]
+        {
             assert!(words.contains(expected), "{expected:?} is not in {words}");
         }
         assert!(!words.contains("elbow"), "the arm is not in the elbow singularity");
         assert_eq!(Situation::of(&row), Situation::of(&row));
+        report.singularities[0].inside = 1;
+        let row = TickRow::new(0, ByTopic { singularity: Some(&report), torque: Some(&torque), ..ByTopic::default() });
+        let words = Situation::of(&row).markdown(&Run { fault: Some("Analyzer hangs"), ..RUN });
+        assert!(words.contains("## Analyzer hangs: the arm goes on") && words.contains("2 locks at once"), "{words}");
+        assert!(words.contains("rank 4 of 6") && words.contains("| **elbow** (orange"), "{words}");
     }
 
     #[test]
     fn without_a_command_the_words_say_what_the_drive_does() {
         let report = SingularityReport { count: 1, ..SingularityReport::default() };
         let sensor = SensorSample { drive: DRIVE_BRAKED, ..SensorSample::default() };
-        let words =
-            Situation::of(&TickRow::new(0, ByTopic { singularity: Some(&report), sensor: Some(&sensor), ..ByTopic::default() })).markdown();
-        assert!(words.contains("No command reaches the arm") && words.contains("**braked**") && !words.contains("plain"), "{words}");
+        let words = Situation::of(&TickRow::new(0, ByTopic { singularity: Some(&report), sensor: Some(&sensor), ..ByTopic::default() }))
+            .markdown(&RUN);
+        assert!(words.contains("No torque comes: the drives have braked the arm") && !words.contains("Free"), "{words}");
     }
 
     #[test]

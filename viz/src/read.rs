@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use re_chunk::Chunk;
 use re_chunk::external::arrow::array::{Array, AsArray, ListArray};
@@ -9,7 +10,7 @@ use re_chunk::external::arrow::datatypes::{Float32Type, Float64Type};
 
 use crate::entity;
 use crate::frames::Frames;
-use crate::signals::{Signal, Width};
+use crate::signals::{Limits, Signal, Width, from_logarithm};
 
 /// Why a recording cannot be read back.
 #[derive(Debug, thiserror::Error)]
@@ -32,8 +33,8 @@ pub enum ReadError {
     },
 }
 
-/// The static description of a run in its recording.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// What a recording says of its run before the first number.
+#[derive(Clone, Debug, Default)]
 pub struct About {
     /// `scenario`, `robot`, `run`, `seed`, `rate_hz`, `armplane`.
     pub properties: BTreeMap<String, String>,
@@ -41,6 +42,7 @@ pub struct About {
     pub joints: usize,
     /// Names of the singularities, in order.
     pub singularities: Vec<String>,
+    limits: Arc<Limits>,
 }
 
 impl About {
@@ -101,27 +103,55 @@ pub struct Rows {
     /// Their ticks.
     pub ticks: Vec<u64>,
     columns: Vec<(Signal, ListArray)>,
+    /// Those of a lower rate.
+    slow: Arc<Slow>,
+    limits: Arc<Limits>,
+}
+
+/// Signals of a lower rate than the ticks'.
+#[derive(Debug, Default)]
+struct Slow {
+    ticks: Vec<u64>,
+    columns: Vec<(Signal, ListArray)>,
+}
+
+/// For how many ticks a signal of a lower rate holds at most.
+const HELD: u64 = 64;
+
+impl Slow {
+    /// The row that holds at a tick.
+    fn row(&self, tick: u64) -> Option<usize> {
+        let row = self.ticks.partition_point(|known| *known <= tick).checked_sub(1)?;
+        (tick - self.ticks[row] < HELD).then_some(row)
+    }
 }
 
 impl Rows {
     /// The values of a signal in a row, appended to `into`; nothing where its messages were missing.
     pub fn values(&self, signal: Signal, row: usize, into: &mut Vec<f64>) {
-        let Some((_, lists)) = self.columns.iter().find(|(known, _)| *known == signal) else { return };
+        if let Some((of, derive)) = self.limits.derive(signal) {
+            let first = into.len();
+            self.values(of, row, into);
+            into[first..].iter_mut().enumerate().for_each(|(i, value)| *value = derive(i, *value));
+            return;
+        }
+        let (columns, row) = match signal.width() {
+            Width::Slow => match self.ticks.get(row).and_then(|tick| self.slow.row(*tick)) {
+                Some(row) => (&self.slow.columns, row),
+                None => return,
+            },
+            _ => (&self.columns, row),
+        };
+        let Some((_, lists)) = columns.iter().find(|(known, _)| *known == signal) else { return };
         if !lists.is_valid(row) {
             return;
         }
-        let (from, to) = (lists.value_offsets()[row] as usize, lists.value_offsets()[row + 1] as usize);
-        match signal.width() {
-            Width::F64 => into.extend(
-                lists.values().as_primitive_opt::<Float64Type>().into_iter().flat_map(|all| all.values()[from..to].iter().copied()),
-            ),
-            Width::F32 | Width::Share => into.extend(
-                lists
-                    .values()
-                    .as_primitive_opt::<Float32Type>()
-                    .into_iter()
-                    .flat_map(|all| all.values()[from..to].iter().map(|x| f64::from(*x))),
-            ),
+        let range = lists.value_offsets()[row] as usize..lists.value_offsets()[row + 1] as usize;
+        if let Some(all) = lists.values().as_primitive_opt::<Float64Type>() {
+            into.extend_from_slice(&all.values()[range]);
+        } else if let Some(all) = lists.values().as_primitive_opt::<Float32Type>() {
+            let value = if signal.width() == Width::Log { from_logarithm } else { f64::from };
+            into.extend(all.values()[range].iter().map(|x| value(*x)));
         }
     }
 }
@@ -141,6 +171,7 @@ pub fn read<E: From<ReadError>>(parts: &[PathBuf], mut each: impl FnMut(Piece) -
 fn read_part<E: From<ReadError>>(path: &Path, about: &mut About, each: &mut impl FnMut(Piece) -> Result<(), E>) -> Result<(), E> {
     let mut frames = Frames::open(path).map_err(|source| ReadError::Open { path: path.to_owned(), source })?;
     let (mut introduced, mut any) = (false, false);
+    let mut slow = Arc::new(Slow::default());
     loop {
         let chunk = match frames.next_chunk() {
             Ok(Some(chunk)) => chunk,
@@ -157,20 +188,26 @@ fn read_part<E: From<ReadError>>(path: &Path, about: &mut About, each: &mut impl
             learn(&chunk, &at, about);
             continue;
         }
-        if at == entity::SIGNALS {
+        if at == entity::DRAWN {
+            slow = Arc::new(Slow { ticks: ticks(&chunk), columns: columns(&chunk) });
+        } else if at == entity::SIGNALS {
             if !introduced {
                 introduced = true;
                 each(Piece::About(about))?;
             }
-            each(Piece::Rows(&rows(&chunk)))?;
+            let (slow, limits) = (Arc::clone(&slow), Arc::clone(&about.limits));
+            each(Piece::Rows(&Rows { ticks: ticks(&chunk), columns: columns(&chunk), slow, limits }))?;
         } else if at == entity::LOG {
             let levels = texts(&chunk, "TextLog:level");
             for (i, (tick, text)) in ticks(&chunk).into_iter().zip(texts(&chunk, "TextLog:text")).enumerate() {
+                // The viewer's line begins with its time.
+                let text = text.split_once(entity::AFTER_TIME).map_or(text.as_str(), |(_, text)| text).to_owned();
                 each(Piece::Event { tick, level: levels.get(i).cloned().unwrap_or_default(), text })?;
             }
-        } else if let Some(lane) = at.strip_prefix(entity::STATE).and_then(|lane| lane.strip_prefix('/')) {
+        } else if chunk.components().contains_component("StateChange:state".into()) {
+            let lane = entity::lane(&at);
             for (tick, state) in ticks(&chunk).into_iter().zip(texts(&chunk, "StateChange:state")) {
-                each(Piece::State { tick, lane: lane.to_owned(), state })?;
+                each(Piece::State { tick, lane: lane.clone(), state })?;
             }
         }
     }
@@ -185,7 +222,13 @@ fn learn(chunk: &Chunk, at: &str, about: &mut About) {
     if at == entity::SIGNALS {
         for (name, column) in chunk.components().iter() {
             match name.as_str() {
-                "joint:torque_limit" => about.joints = column.list_array.values().len(),
+                "joint:torque_limit" => {
+                    about.joints = column.list_array.values().len();
+                    Arc::make_mut(&mut about.limits).torque = numbers(&column.list_array);
+                }
+                "joint:qdot_limit" => Arc::make_mut(&mut about.limits).speed = numbers(&column.list_array),
+                "joint:q_centre" => Arc::make_mut(&mut about.limits).centre = numbers(&column.list_array),
+                "joint:q_half_range" => Arc::make_mut(&mut about.limits).half_range = numbers(&column.list_array),
                 entity::SINGULARITY_NAMES => about.singularities = texts(chunk, entity::SINGULARITY_NAMES),
                 _ => {}
             }
@@ -205,12 +248,17 @@ fn ticks(chunk: &Chunk) -> Vec<u64> {
     chunk.timelines().get(&"tick".into()).map_or(Vec::new(), |times| times.times_raw().iter().map(|tick| (*tick).max(0) as u64).collect())
 }
 
+fn numbers(lists: &ListArray) -> Vec<f64> {
+    lists.values().as_primitive_opt::<Float64Type>().map_or(Vec::new(), |all| all.values().to_vec())
+}
+
 fn texts(chunk: &Chunk, component: &'static str) -> Vec<String> {
     let values = chunk.components().get(component.into()).and_then(|column| column.list_array.values().as_string_opt::<i32>().cloned());
     values.map_or(Vec::new(), |values| values.iter().map(|text| text.unwrap_or_default().to_owned()).collect())
 }
 
-fn rows(chunk: &Chunk) -> Rows {
-    let columns = Signal::ALL.iter().filter_map(|signal| Some((*signal, chunk.components().get(signal.name().into())?.list_array.clone())));
-    Rows { ticks: ticks(chunk), columns: columns.collect() }
+/// The signals that a chunk has.
+fn columns(chunk: &Chunk) -> Vec<(Signal, ListArray)> {
+    let column = |signal: &Signal| Some((*signal, chunk.components().get(signal.component().into())?.list_array.clone()));
+    Signal::ALL.iter().filter_map(column).collect()
 }

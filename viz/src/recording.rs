@@ -1,10 +1,14 @@
 //! A recording in the making.
 
 mod columns;
+mod ending;
 mod file;
+mod lanes;
+mod marks;
 mod parts;
 mod picture;
 mod pieces;
+mod rival;
 mod state;
 mod write;
 

@@ -3,10 +3,10 @@
 use glam::{Mat3, Quat, Vec3};
 use nalgebra::{Matrix3, Vector3, Vector6};
 use shared_types::MAX_DOF;
-use shared_types::codes::{MODE_TRACK, TYPE_1};
+use shared_types::codes::{KIND_ELBOW, KIND_OVERHEAD, KIND_SHOULDER, KIND_WRIST, MODE_TRACK, TYPE_1};
 use shared_types::messages::SingularityState;
 
-use crate::arm::{Ring, vec3};
+use crate::arm::{Figure, Ring, vec3};
 use crate::signals::TickRow;
 use crate::solid::{Mesh, Placement, Rgba, disc};
 
@@ -26,7 +26,6 @@ pub(crate) enum Presence {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Look {
     pub(crate) presence: Presence,
-    pub(crate) class: u32,
     pub(crate) angular: bool,
 }
 
@@ -57,7 +56,7 @@ impl Mark {
         };
         let size = |s: f64| 0.25 + 0.75 * ((near - s) / near.max(1e-9)).clamp(0.0, 1.0) as f32;
         Self {
-            look: Look { presence, class: one.class, angular: one.angular == 1 },
+            look: Look { presence, angular: one.angular == 1 },
             X_BS: Placement { R: Mat3::from_cols(zeta, y, zeta.cross(y)), p: vec3(&Vector3::from(p_BC)) },
             size: size(s),
             edge: size(one.eta_in),
@@ -101,13 +100,109 @@ pub(crate) fn glyph(angular: bool, colour: Rgba) -> Mesh {
     mesh
 }
 
+/// A dashed line: every other piece of `dashes`, which begin with `phase` 0 or 1.
+pub(crate) fn dashed(from: Vec3, to: Vec3, dashes: usize, phase: usize) -> Vec<[[f32; 3]; 2]> {
+    let at = |k: usize| from.lerp(to, k as f32 / dashes.max(1) as f32).to_array();
+    (phase..dashes).step_by(2).map(|k| [at(k), at(k + 1)]).collect()
+}
+
+/// Lines on a link: the link, their ends in its frame, and whether they are the second of two axes that become one.
+type Reason = (usize, Vec<[[f32; 3]; 2]>, bool);
+
+/// Lines that show why the arm is singular.
+pub(crate) fn reasons(kind: u32, figure: &Figure, dependent: &[usize]) -> Vec<Reason> {
+    let n = figure.links.len();
+    let half = 0.42 * figure.reach;
+    let axis = |link: usize, phase: usize| {
+        let axis = figure.rings.get(link).copied().flatten()?.axis;
+        Some((link, dashed(-half * axis, half * axis, 21, phase), phase == 1))
+    };
+    let bone = |link: usize, from: Vec3, to: Vec3| {
+        // Beyond its end it goes on dashed: whether the next one lies on it is seen.
+        let mut strips = vec![[from.to_array(), to.to_array()]];
+        strips.extend(dashed(to, to + (to - from), 14, 1));
+        (link, strips, false)
+    };
+    let origin = |joint: usize| figure.joints.get(joint).map(|X_PJ| X_PJ.p);
+    // The parent's origin, in the link's frame, where it lies on the joint's axis.
+    let back = |joint: usize| figure.joints.get(joint).map(|X_PJ| X_PJ.R.transpose() * -X_PJ.p);
+    match kind {
+        KIND_WRIST if n >= 6 => [axis(n - 3, 0), axis(n - 1, 1)].into_iter().flatten().collect(),
+        KIND_SHOULDER if n >= 3 => [axis(0, 0), axis(2, 1)].into_iter().flatten().collect(),
+        KIND_OVERHEAD => {
+            let axis = figure.rings.first().copied().flatten().map_or(Vec3::Z, |ring| ring.axis);
+            vec![(0, dashed(-0.3 * figure.reach * axis, 1.15 * figure.reach * axis, 31, 0), false)]
+        }
+        KIND_ELBOW if n == 7 => match (back(2), origin(3), back(4), origin(5)) {
+            (Some(shoulder), Some(elbow), Some(from), Some(wrist)) => {
+                vec![bone(2, shoulder, elbow), (4, vec![[from.to_array(), wrist.to_array()]], false)]
+            }
+            _ => Vec::new(),
+        },
+        KIND_ELBOW => {
+            let upper = if n >= 6 { 1 } else { 0 };
+            match (origin(upper + 1), origin(upper + 2).or(figure.tip)) {
+                (Some(elbow), Some(wrist)) => {
+                    vec![bone(upper, Vec3::ZERO, elbow), (upper + 1, vec![[[0.0; 3], wrist.to_array()]], false)]
+                }
+                _ => Vec::new(),
+            }
+        }
+        _ => dependent.iter().enumerate().filter_map(|(k, link)| axis(*link, k % 2)).collect(),
+    }
+}
+
+/// The joints whose motions together do not move the hand: those with a share in the null vector of J, of which `columns` are the joints'.
+pub(crate) fn dependent_joints(J: &nalgebra::SMatrix<f64, 6, MAX_DOF>, columns: usize, length_m: f64) -> Vec<usize> {
+    // Columns that are no joint's keep out of the way.
+    let gram = nalgebra::SMatrix::<f64, MAX_DOF, MAX_DOF>::from_fn(|i, k| {
+        let product = |rows: std::ops::Range<usize>| rows.map(|row| J[(row, i)] * J[(row, k)]).sum::<f64>();
+        let absent = if i == k && i >= columns { 1e6 } else { 0.0 };
+        product(0..3) / (length_m * length_m) + product(3..6) + absent
+    });
+    let eigen = nalgebra::SymmetricEigen::new(gram);
+    let least = eigen.eigenvalues.imin();
+    let vector = eigen.eigenvectors.column(least);
+    let most = vector.amax();
+    (0..columns).filter(|joint| vector[*joint].abs() > 0.3 * most).collect()
+}
+
+/// A filled sector about `centre`, through successive directions.
+pub(crate) fn sector(centre: Vec3, directions: &[Vec3], radius: f32) -> Mesh {
+    let mut mesh = Mesh { positions: vec![centre.to_array()], ..Mesh::default() };
+    mesh.positions.extend(directions.iter().map(|direction| (centre + *direction * radius).to_array()));
+    mesh.triangles.extend((1..directions.len() as u32).map(|k| [0, k, k + 1]));
+    mesh
+}
+
+/// On which side of its axis each label goes: as far from the labels before it as can be, else upwards.
+pub(crate) fn label_sides(marks: &[Mark]) -> Vec<f32> {
+    let mut taken: Vec<Vec3> = Vec::new();
+    let mut sides = Vec::new();
+    for mark in marks {
+        if mark.look.presence != Presence::Inside {
+            sides.push(1.0);
+            continue;
+        }
+        let room = |side: f32| {
+            let at = mark.X_BS.p + side * mark.zeta();
+            let nearest = taken.iter().map(|other| other.distance(at)).fold(4.0f32, f32::min);
+            nearest + 0.1 * (side * mark.zeta()).z
+        };
+        let side = if room(1.0) >= room(-1.0) { 1.0 } else { -1.0 };
+        taken.push(mark.X_BS.p + side * mark.zeta());
+        sides.push(side);
+    }
+    sides
+}
+
 /// The edge of the neighbourhood: two rings at ±`edge` on the axis, through which the mark's ends pass as the arm enters it.
 pub(crate) fn rings(edge: f32, size: f32, colour: Rgba) -> Mesh {
     let mut mesh = Mesh::default();
     for x in [-edge, edge] {
-        let ring: Vec<Vec3> = (0..=40)
+        let ring: Vec<Vec3> = (0..=28)
             .map(|k| {
-                let (sin, cos) = (std::f32::consts::TAU * k as f32 / 40.0).sin_cos();
+                let (sin, cos) = (std::f32::consts::TAU * k as f32 / 28.0).sin_cos();
                 size * Vec3::new(x, 0.19 * cos, 0.19 * sin)
             })
             .collect();
@@ -136,7 +231,7 @@ const GHOST_STEP: f64 = 0.3;
 /// Most ghosts at once.
 const GHOSTS: usize = 8;
 /// Joint motion that is worth drawing anew; rad.
-const TURN_STEP: f64 = 0.04;
+const TURN_STEP: f64 = 0.06;
 
 impl NullMotion {
     pub(crate) fn new(length_m: f64) -> Self {
@@ -255,6 +350,25 @@ mod tests {
             assert!((mark.zeta() - Vec3::new(0.0, 0.6, 0.8)).length() < 1e-6);
             assert!((mark.X_BS.R.determinant() - 1.0).abs() < 1e-5);
         }
+    }
+
+    #[test]
+    fn labels_of_marks_on_one_axis_go_to_both_sides() {
+        let marks = [wrist(0.0, 1), wrist(0.0, 1), wrist(0.5, 0)].map(|one| Mark::new(&one, [0.0; 3]));
+        let sides = label_sides(&marks);
+        assert_eq!(sides[0], 1.0, "the first upwards");
+        assert_eq!(sides[1], -1.0, "the second where the first is not");
+    }
+
+    #[test]
+    fn the_wrist_lock_shows_axes_4_and_6_that_become_one() {
+        let robot = model::Robot::builtin("puma560").expect("built in");
+        let lines = reasons(KIND_WRIST, &Figure::new(&robot, -0.6), &[]);
+        assert_eq!(lines.iter().map(|(link, _, second)| (*link, *second)).collect::<Vec<_>>(), [(3, false), (5, true)]);
+        let arm = model::Model::<MAX_DOF>::new(&robot, None).expect("fits");
+        let mut q = nalgebra::SVector::<f64, MAX_DOF>::zeros();
+        (q[1], q[2]) = (-1.0, 2.9);
+        assert_eq!(dependent_joints(&arm.jacobian(&q), 6, 0.43), [3, 5], "the numeric counterpart finds the same axes");
     }
 
     #[test]

@@ -63,17 +63,33 @@ impl TickRow<'_> {
     }
 }
 
-/// Element type of a signal.
+/// How a signal is recorded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Width {
+    /// With 64 bits.
     F64,
+    /// With 32 bits.
     F32,
-    /// 32 bits, in steps of 1 / [`SHARES`]: what is only drawn, and follows from other signals, repeats itself from tick to tick and packs well.
-    Share,
+    /// Its logarithm to base 10, with 32 bits: plots have no logarithmic axis of their own. What is not above [`LEAST`] counts as 0.
+    Log,
+    /// With 32 bits, at the lower rate of what is drawn; held between when it is read back.
+    Slow,
+    /// Not at all: computed when it is read back, from other signals and the limits.
+    Derived,
 }
 
-/// Steps of a [`Width::Share`] to one.
-pub(crate) const SHARES: f64 = 2048.0;
+/// The least value of a [`Width::Log`]; in the signal's unit.
+pub(crate) const LEAST: f64 = 1e-6;
+
+/// The logarithm that a [`Width::Log`] records.
+pub(crate) fn logarithm(value: f64) -> f32 {
+    value.max(LEAST).log10() as f32
+}
+
+/// The value of a recorded logarithm.
+pub(crate) fn from_logarithm(recorded: f32) -> f64 {
+    if recorded <= LEAST.log10() as f32 { 0.0 } else { 10f64.powf(f64::from(recorded)) }
+}
 
 macro_rules! signals {
     ($( $(#[doc = $doc:literal])* $name:ident = $text:literal $width:ident ),* $(,)?) => {
@@ -90,7 +106,17 @@ macro_rules! signals {
                 match self { $( Signal::$name => $text ),* }
             }
 
-            /// Its quantity and unit.
+            /// The name of what is recorded of it.
+            pub(crate) const fn component(self) -> &'static str {
+                match self {
+                    Signal::PositionError => "error:position_log10_mm",
+                    Signal::OrientationError => "error:orientation_log10_deg",
+                    Signal::Latency => "latency:log10_us",
+                    other => other.name(),
+                }
+            }
+
+            /// What it is, with its unit.
             pub const fn about(self) -> &'static str {
                 match self { $( Signal::$name => concat!($($doc),*) ),* }
             }
@@ -110,40 +136,40 @@ macro_rules! signals {
 signals! {
     /// Joint positions; rad.
     Position = "joint:q" F64,
-    /// Joint positions between their limits: −1 lower, 1 upper; q/π for a joint without limits; in steps of 1/2048.
-    PositionInRange = "joint:q_in_range" Share,
+    /// Joint positions between their limits: −1 lower, 1 upper; q/π for a joint without limits. Derived.
+    PositionInRange = "joint:q_in_range" Derived,
     /// Joint velocities; rad/s.
     Speed = "joint:qdot" F32,
-    /// Joint velocities over their limits; in steps of 1/2048.
-    SpeedRatio = "joint:qdot_ratio" Share,
+    /// Joint velocities over their limits. Derived.
+    SpeedRatio = "joint:qdot_ratio" Derived,
     /// Torques that act at the end-effector, J_rᵀF_r and compensation; N·m.
     TorqueTask = "torque:task" F32,
     /// Torques that act in the null space, N_T Γ₀; N·m.
     TorqueNull = "torque:null" F32,
-    /// Torques that act at the end-effector over the joints' limits; in steps of 1/2048.
-    TorqueTaskRatio = "torque:task_ratio" Share,
-    /// Torques that act in the null space over the joints' limits; in steps of 1/2048.
-    TorqueNullRatio = "torque:null_ratio" Share,
+    /// Torques that act at the end-effector over the joints' limits. Derived.
+    TorqueTaskRatio = "torque:task_ratio" Derived,
+    /// Torques that act in the null space over the joints' limits. Derived.
+    TorqueNullRatio = "torque:null_ratio" Derived,
     /// s_i(q) of each singularity; dimensionless.
     Measure = "singularity:s" F32,
     /// Auxiliary coordinate of each singularity; rad.
     Auxiliary = "singularity:aux" F32,
-    /// Reference of the auxiliary coordinate; rad.
-    AuxiliaryReference = "singularity:aux_d" F32,
-    /// β_i of each singularity: 1 full operational control, 0 null-space control.
-    Beta = "singularity:beta" F32,
-    /// Singular values of the unit-scaled Jacobian.
-    SingularValues = "jacobian:sigma" F32,
-    /// True position error [orthogonal to, along] the singular directions the arm is inside of; mm.
-    PositionError = "error:position_mm" F32,
-    /// True orientation error [orthogonal to, along] the singular directions the arm is inside of; degrees.
-    OrientationError = "error:orientation_deg" F32,
-    /// [time scale, task scale, null scale]: what governor and limits let through, 0 to 1.
-    Scale = "control:scale" F32,
+    /// Reference of the auxiliary coordinate; rad. Every 4 ms.
+    AuxiliaryReference = "singularity:aux_d" Slow,
+    /// β_i of each singularity: 1 full operational control, 0 null-space control. Every 4 ms.
+    Beta = "singularity:beta" Slow,
+    /// Singular values of the unit-scaled Jacobian. Every 4 ms.
+    SingularValues = "jacobian:sigma" Slow,
+    /// True position error [orthogonal to, along] the singular directions the arm is inside of; mm. Recorded as `error:position_log10_mm`.
+    PositionError = "error:position_mm" Log,
+    /// True orientation error [orthogonal to, along] the singular directions the arm is inside of; degrees. Recorded as `error:orientation_log10_deg`.
+    OrientationError = "error:orientation_deg" Log,
+    /// [time scale, task scale, null scale]: what governor and limits let through, 0 to 1. Every 4 ms.
+    Scale = "control:scale" Slow,
     /// Contact force on the arm; N.
     Contact = "world:contact_force_n" F32,
-    /// Time of each hop and of the whole chain, in the order of [`HOP_NAMES`]; µs.
-    Latency = "latency:us" F32,
+    /// Time of each hop and of the whole chain, in the order of [`HOP_NAMES`]; µs. Recorded as `latency:log10_us`.
+    Latency = "latency:us" Log,
 }
 
 impl Signal {
@@ -171,9 +197,16 @@ impl Signal {
     }
 }
 
-/// The parts of [`Signal::Latency`], by the programs that write the topics of the chain.
-pub const HOP_NAMES: [&str; 7] =
-    ["plant → estimator", "estimator", "estimator → analyzer", "analyzer", "analyzer → controller", "controller", "whole chain"];
+/// The parts of [`Signal::Latency`].
+pub const HOP_NAMES: [&str; 7] = [
+    "plant → estimator",
+    "estimator",
+    "estimator → analyzer",
+    "analyzer",
+    "analyzer → controller",
+    "controller",
+    "sensor sent → torque sent",
+];
 
 /// The places in the stamps of the writers of `sensor`, `estimate`, `singularity` and `torque`: the chain that [`HOP_NAMES`] describes.
 pub type ChainHops = [usize; 4];
@@ -187,10 +220,10 @@ pub fn chain_hops(graph: &Graph) -> Option<ChainHops> {
 }
 
 /// The limits that make ratios of joint quantities.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Limits {
-    centre: Vec<f64>,
-    half_range: Vec<f64>,
+    pub(crate) centre: Vec<f64>,
+    pub(crate) half_range: Vec<f64>,
     pub(crate) speed: Vec<f64>,
     pub(crate) torque: Vec<f64>,
 }
@@ -212,6 +245,75 @@ impl Limits {
     pub(crate) fn dof(&self) -> usize {
         self.speed.len()
     }
+
+    /// The signal that a derived one is computed from, and value and joint to the derived value.
+    pub(crate) fn derive(&self, signal: Signal) -> Option<(Signal, impl Fn(usize, f64) -> f64)> {
+        let (of, centre, scale) = match signal {
+            Signal::PositionInRange => (Signal::Position, Some(&self.centre), &self.half_range),
+            Signal::SpeedRatio => (Signal::Speed, None, &self.speed),
+            Signal::TorqueTaskRatio => (Signal::TorqueTask, None, &self.torque),
+            Signal::TorqueNullRatio => (Signal::TorqueNull, None, &self.torque),
+            _ => return None,
+        };
+        let at = |values: &[f64], i: usize| values.get(i).copied().unwrap_or(f64::NAN);
+        Some((of, move |i: usize, value: f64| (value - centre.map_or(0.0, |centre| at(centre, i))) / at(scale, i)))
+    }
+}
+
+/// What is only drawn, and follows from the signals: at a lower rate, in steps of 1 / [`SHARES`], which repeat themselves and pack well.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Drawn {
+    /// log₁₀(|s_i| / η_i): below 0 inside the neighbourhood.
+    Nearness,
+    /// Joint positions between their limits.
+    InRange,
+    /// Joint velocities over their limits; rad/s where a joint has none.
+    Speed,
+    /// Torques that act at the end-effector, without gravity's, over the limits; N·m where a joint has none.
+    Hand,
+    /// Torques that carry the arm's weight; the same.
+    Gravity,
+    /// Torques in the null space; the same.
+    Null,
+}
+
+/// Steps of what is drawn to one.
+pub(crate) const SHARES: f64 = 2048.0;
+/// The least [`Drawn::Nearness`]: what is exactly singular.
+const NEAREST: f64 = -3.0;
+
+impl Drawn {
+    pub(crate) const ALL: &[Self] = &[Self::Nearness, Self::InRange, Self::Speed, Self::Hand, Self::Gravity, Self::Null];
+
+    pub(crate) const fn component(self) -> &'static str {
+        match self {
+            Self::Nearness => "drawn:nearness",
+            Self::InRange => "drawn:q_in_range",
+            Self::Speed => "drawn:qdot_ratio",
+            Self::Hand => "drawn:torque_hand",
+            Self::Gravity => "drawn:torque_gravity",
+            Self::Null => "drawn:torque_null",
+        }
+    }
+}
+
+/// Gives what is drawn of a tick to `put`; `gravity` are the torques that carry the arm, N·m.
+pub(crate) fn draw(row: &TickRow, limits: &Limits, gravity: &[f64], mut put: impl FnMut(Drawn, &mut dyn Iterator<Item = f64>)) {
+    let n = limits.dof();
+    // One unit for all joints: shares of limits only where each has one.
+    let over = |limits: &[f64], i: usize| if limits.iter().all(|limit| limit.is_finite()) { limits[i] } else { 1.0 };
+    put(Drawn::Nearness, &mut row.singularities().iter().map(|one| (one.s.abs() / one.eta_in.max(1e-9)).max(1e-9).log10().max(NEAREST)));
+    if let Some(q) = row.q() {
+        put(Drawn::InRange, &mut (0..n).map(|i| (q[i] - limits.centre[i]) / limits.half_range[i]));
+    }
+    if let Some(qdot) = row.qdot() {
+        put(Drawn::Speed, &mut (0..n).map(|i| qdot[i] / over(&limits.speed, i)));
+    }
+    if let Some(command) = row.control_state {
+        put(Drawn::Hand, &mut (0..n).map(|i| (command.tau_task[i] - gravity[i]) / over(&limits.torque, i)));
+        put(Drawn::Gravity, &mut (0..n).map(|i| gravity[i] / over(&limits.torque, i)));
+        put(Drawn::Null, &mut (0..n).map(|i| command.tau_null[i] / over(&limits.torque, i)));
+    }
 }
 
 /// Gives each signal's values at a tick to `put`; a signal whose messages are missing is not given.
@@ -219,17 +321,13 @@ pub(crate) fn sample(row: &TickRow, limits: &Limits, hops: Option<ChainHops>, mu
     let n = limits.dof();
     if let Some(q) = row.q() {
         put(Signal::Position, &mut q[..n].iter().copied());
-        put(Signal::PositionInRange, &mut (0..n).map(|i| (q[i] - limits.centre[i]) / limits.half_range[i]));
     }
     if let Some(qdot) = row.qdot() {
         put(Signal::Speed, &mut qdot[..n].iter().copied());
-        put(Signal::SpeedRatio, &mut ratio(qdot, &limits.speed));
     }
     if let Some(command) = row.control_state {
         put(Signal::TorqueTask, &mut command.tau_task[..n].iter().copied());
         put(Signal::TorqueNull, &mut command.tau_null[..n].iter().copied());
-        put(Signal::TorqueTaskRatio, &mut ratio(&command.tau_task, &limits.torque));
-        put(Signal::TorqueNullRatio, &mut ratio(&command.tau_null, &limits.torque));
         put(Signal::Scale, &mut [command.time_scale, command.task_scale, command.null_scale].into_iter());
         let count = row.singularities().len();
         put(Signal::AuxiliaryReference, &mut command.aux_d[..count].iter().copied());
@@ -251,10 +349,6 @@ pub(crate) fn sample(row: &TickRow, limits: &Limits, hops: Option<ChainHops>, mu
     if let Some(hops) = row.stamps().zip(hops).and_then(|(stamps, hops)| hops_us(&stamps, hops)) {
         put(Signal::Latency, &mut hops.into_iter());
     }
-}
-
-fn ratio(values: &[f64], limits: &[f64]) -> impl Iterator<Item = f64> {
-    values.iter().zip(limits).map(|(value, limit)| value / limit)
 }
 
 /// Task error, desired against true pose, split at the singular directions the arm is inside of: `[orthogonal, along]`.
@@ -370,7 +464,7 @@ mod tests {
         sample(&TickRow::new(0, ByTopic { estimate: Some(&estimate), ..ByTopic::default() }), &limits, None, |signal, values| {
             seen.push((signal, values.count()))
         });
-        assert_eq!(seen, [(Signal::Position, 6), (Signal::PositionInRange, 6), (Signal::Speed, 6), (Signal::SpeedRatio, 6)]);
+        assert_eq!(seen, [(Signal::Position, 6), (Signal::Speed, 6)]);
     }
 
     #[test]
@@ -382,14 +476,36 @@ mod tests {
             state.q[i] = if i % 2 == 0 { joint.upper } else { joint.lower };
             state.qdot[i] = joint.velocity;
         }
-        sample(&TickRow::new(0, ByTopic { plant_state: Some(&state), ..ByTopic::default() }), &limits, None, |signal, values| {
-            for (i, value) in values.enumerate() {
-                match signal {
-                    Signal::PositionInRange => assert!((value - if i % 2 == 0 { 1.0 } else { -1.0 }).abs() < 1e-12),
-                    Signal::SpeedRatio => assert!((value - 1.0).abs() < 1e-12),
-                    _ => {}
-                }
+        for (signal, values) in [(Signal::PositionInRange, state.q), (Signal::SpeedRatio, state.qdot)] {
+            let (_, derive) = limits.derive(signal).expect("derived");
+            for (i, value) in values.into_iter().take(6).enumerate() {
+                let expected = if signal == Signal::PositionInRange && i % 2 == 1 { -1.0 } else { 1.0 };
+                assert!((derive(i, value) - expected).abs() < 1e-12, "{signal:?} of joint {}", i + 1);
             }
+        }
+    }
+
+    #[test]
+    fn a_logarithm_reads_back_as_its_value() {
+        for value in [2e-6, 0.034, 1.0, 8.5, 741.25] {
+            assert!((from_logarithm(logarithm(value)) / value - 1.0).abs() < 5e-6, "{value}");
+        }
+        assert_eq!(from_logarithm(logarithm(0.0)), 0.0);
+    }
+
+    #[test]
+    fn the_edge_of_a_neighbourhood_is_drawn_at_nought() {
+        let limits = Limits::new(&Robot::builtin("puma560").expect("built in"));
+        let mut report = shared_types::messages::SingularityReport { count: 3, ..Default::default() };
+        for (one, s) in report.singularities.iter_mut().zip([0.1, -0.01, 0.0]) {
+            (one.s, one.eta_in) = (s, 0.1);
+        }
+        let row = TickRow::new(0, ByTopic { singularity: Some(&report), ..ByTopic::default() });
+        let mut nearness = Vec::new();
+        draw(&row, &limits, &[0.0; 6], |drawn, values| {
+            assert_eq!(drawn, Drawn::Nearness);
+            nearness.extend(values);
         });
+        assert!(nearness[0].abs() < 1e-12 && (nearness[1] + 1.0).abs() < 1e-12 && nearness[2] == NEAREST, "{nearness:?}");
     }
 }

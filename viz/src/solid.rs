@@ -18,7 +18,7 @@ pub(crate) const fn disc(x: f32, y: f32, radius: f32) -> Disc {
 }
 
 /// Where a mesh stands in the frame it is drawn in: `p ↦ R·p + p`.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Placement {
     pub(crate) R: Mat3,
     pub(crate) p: Vec3,
@@ -45,7 +45,7 @@ pub(crate) struct Mesh {
 }
 
 /// Facets of a full turn.
-const FACETS: usize = 40;
+const FACETS: usize = 28;
 
 impl Mesh {
     /// The convex hull of discs, extruded from `z0` to `z1` with edges rounded by `bevel`: a cylinder, a slab, a tapered arm.
@@ -95,7 +95,7 @@ impl Mesh {
 
     /// A tube along a polyline, open at its ends.
     pub(crate) fn add_tube(&mut self, path: &[Vec3], radius: f32, colour: Rgba) {
-        const AROUND: usize = 12;
+        const AROUND: usize = 8;
         let first = self.positions.len() as u32;
         let Some(mut side) = path.get(1).map(|next| (*next - path[0]).normalize_or(Vec3::X).any_orthonormal_vector()) else { return };
         for (i, p) in path.iter().enumerate() {

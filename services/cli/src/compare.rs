@@ -51,6 +51,9 @@ pub(crate) struct CompareArgs {
     /// With --robot: lines through two singularities at once, COUNT for each pair.
     #[arg(long, requires = "robot")]
     pairs: bool,
+    /// Record one scenario under two laws, its own solid and another one translucent (--law; damped-least-squares by default).
+    #[arg(long, conflicts_with_all = ["tune", "robot"])]
+    race: bool,
     /// Search the baselines' parameters for the most lines of the sweep, on a seed of its own.
     #[arg(long)]
     tune: bool,
@@ -60,6 +63,9 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
     let laws = compare::laws(&args.law)?;
     if !(args.speed.is_finite() && args.speed > 0.0) {
         return Err(Failure::Input(format!("--speed is {}: it must be a positive number of m/s", args.speed)));
+    }
+    if args.race {
+        return race(args, as_json);
     }
     if let Some(robot) = &args.robot {
         if args.scenarios != [SWEEP] {
@@ -118,6 +124,38 @@ fn print_compared(compared: &Compared) {
             print_sweep(sweep);
         }
     }
+}
+
+/// Two laws in one recording.
+fn race(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Failure> {
+    let ([scenario], [] | [_]) = (&args.scenarios[..], &args.law[..]) else {
+        return Err(Failure::Input("--race takes one scenario and at most one --law".to_owned()));
+    };
+    if scenario == SWEEP {
+        return Err(Failure::Input("--race takes a scenario with one path, not the sweep".to_owned()));
+    }
+    let rival = match compare::laws(&args.law)?[..] {
+        [rival] => rival,
+        _ => Strategy::DampedLeastSquares,
+    };
+    let terminal = Terminal::default();
+    let race = compare::race(scenario, &args.set, args.seed, rival, args.out.as_deref(), &|progress| terminal.show(progress))?;
+    if as_json {
+        say!("{}", serde_json::to_string_pretty(&race).map_err(Failure::work)?);
+        return Ok(ExitCode::SUCCESS);
+    }
+    say!("{}: the same plant, seed {} and task under two laws", race.scenario, race.seed);
+    let mut rows = table(&["law", "hand off its reference, mm", "°", "joint speed"]);
+    for (law, racer) in [&race.law, &race.rival] {
+        rows.add_row([
+            law.clone().into(),
+            number(digits(racer.position_max_mm)),
+            number(digits(racer.orientation_max_deg)),
+            number(percent(racer.speed_max_ratio)),
+        ]);
+    }
+    say!("{rows}\n{}\n  run.rrd  both arms; open it with: armplane view {}", race.folder.display(), race.folder.display());
+    Ok(ExitCode::SUCCESS)
 }
 
 /// Searches each law's parameters and prints the best.

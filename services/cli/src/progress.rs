@@ -1,8 +1,9 @@
 //! The progress of long operations on a terminal: a bar on standard error, and lines above it; on a pipe only the lines.
 
+use std::fmt::Write;
 use std::sync::{Mutex, PoisonError};
 
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 use session::Progress;
 
 /// Shows what an operation tells.
@@ -18,7 +19,13 @@ impl Terminal {
         match (progress, &*bar) {
             (Progress::Begin { title, length, unit }, _) => *bar = Some(begin(title, length, unit)),
             (Progress::Title(title), Some(bar)) => bar.set_message(title.to_owned()),
-            (Progress::Position(position), Some(bar)) => bar.set_position(position),
+            (Progress::Position(position), Some(bar)) => {
+                // A run may take longer than its path: the governor slows the path's clock.
+                if bar.length().is_some_and(|length| position > length) {
+                    bar.set_length(position);
+                }
+                bar.set_position(position);
+            }
             (Progress::Step, Some(bar)) => bar.inc(1),
             (Progress::Line(line), Some(bar)) => bar.suspend(|| eprintln!("{line}")),
             (Progress::Line(line), None) => eprintln!("{line}"),
@@ -33,7 +40,14 @@ impl Terminal {
 }
 
 fn begin(title: &str, length: u64, unit: &str) -> ProgressBar {
-    let template = format!("{{msg}} {{wide_bar:.cyan/dim}} {{pos}}/{{len}} {unit}  {{per_sec}}  {{eta}}");
+    let template = format!("{{msg}} {{wide_bar:.cyan/dim}} {{pos}}/{{len}} {unit}  {{rate}}/s  {{eta}}");
     let bar = ProgressBar::new(length).with_message(title.to_owned());
-    ProgressStyle::with_template(&template).map_or(bar.clone(), |style| bar.with_style(style))
+    ProgressStyle::with_template(&template).map_or(bar.clone(), |style| bar.with_style(style.with_key("rate", rate)))
+}
+
+/// Steps per second, whole ones where there are ten or more.
+fn rate(state: &ProgressState, to: &mut dyn Write) {
+    let rate = state.per_sec();
+    // A progress line that cannot be written is no reason to stop.
+    let _ = if rate >= 10.0 { write!(to, "{rate:.0}") } else { write!(to, "{rate:.1}") };
 }

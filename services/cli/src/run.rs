@@ -155,12 +155,20 @@ fn print(summary: &Summary, folder: &Path) {
     }
     let percent = |ratio: f64| format!("{:.0} %", ratio * 100.0);
     let joints = &summary.joints;
-    say!(
-        "joints     torque {} of the limit, largest step in one tick {}; speed {} of the limit",
-        percent(joints.torque_max_ratio),
-        percent(joints.torque_step_max_ratio),
-        percent(joints.speed_max_ratio)
-    );
+    // An arm that moves has used some of each limit that it has.
+    let torque = match joints.torque_max_ratio > 0.0 {
+        true => format!(
+            "torque {} of the limit, largest step in one tick {}",
+            percent(joints.torque_max_ratio),
+            percent(joints.torque_step_max_ratio)
+        ),
+        false => "torque without a limit".to_owned(),
+    };
+    let speed = match joints.speed_max_ratio > 0.0 {
+        true => format!("speed {} of the limit", percent(joints.speed_max_ratio)),
+        false => "speed without a limit".to_owned(),
+    };
+    say!("joints     {torque}; {speed}");
     if joints.switches > 0 {
         say!("switches   {} changes of mode; mode switches injected {} mJ", joints.switches, digits(joints.switch_energy_j * 1e3));
     }
@@ -175,7 +183,13 @@ fn print(summary: &Summary, folder: &Path) {
         summary.mode
     );
     if let Some(chain) = summary.latency_us.get("chain") {
-        say!("latency    sensor to torque p50 {:.1} µs, p99 {:.1}, p99.9 {:.1}, max {:.1}", chain.p50, chain.p99, chain.p999, chain.max);
+        say!(
+            "latency    sensor sent to torque received: p50 {:.1} µs, p99 {:.1}, p99.9 {:.1}, max {:.1}",
+            chain.p50,
+            chain.p99,
+            chain.p999,
+            chain.max
+        );
     }
     if summary.deadlines.total > 0 {
         say!("deadlines  {} missed of {}", summary.deadlines.missed, summary.deadlines.total);

@@ -23,16 +23,16 @@ pub(crate) struct ViewArgs {
 
 pub(crate) fn view(args: &ViewArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let run = Run::find(args.run.as_deref())?;
-    let mut files = run.recording()?.to_vec();
-    if let Some(layout) = args.layout {
-        let path = run.folder.join(format!("{}.rbl", layout.name()));
-        save_blueprint(&run, layout, &path)?;
-        files.push(path);
+    let files = run.recording()?;
+    let layout = args.layout.map(|layout| (layout, run.folder.join(format!("{}.rbl", layout.name()))));
+    if let Some((layout, path)) = &layout {
+        save_blueprint(&run, *layout, path)?;
     }
+    let layout = layout.map(|(_, path)| path);
     if as_json {
-        say!("{}", serde_json::json!({"viewer": viewer_command(), "files": files}));
+        say!("{}", serde_json::json!({"viewer": viewer_command(), "files": files.iter().chain(&layout).collect::<Vec<_>>()}));
     }
     let terminal = Terminal::default();
-    show(&files, &|progress| terminal.show(progress))?;
+    show(files, layout.as_deref(), &|progress| terminal.show(progress))?;
     Ok(ExitCode::SUCCESS)
 }

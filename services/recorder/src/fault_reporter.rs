@@ -1,7 +1,7 @@
 //! Reports faults to the recording: when each was injected, detected, recovered.
 
 use runtime::{FaultRecord, Shell};
-use shared_types::graph::Graph;
+use shared_types::fault::{Fault, Kind};
 use viz::Level;
 
 use crate::tape::Tape;
@@ -9,6 +9,7 @@ use crate::tape::Tape;
 const INJECTED: u32 = 1;
 const DETECTED: u32 = 2;
 const RECOVERED: u32 = 4;
+const OVER: u32 = 8;
 
 /// The reported states of each entry of the fault table.
 #[derive(Debug, Default)]
@@ -41,17 +42,29 @@ impl FaultReporter {
             let fields = graph.target(process).map(|target| target.fields).unwrap_or_default();
             let Some(fault) = scheduled.fault(process, &fields) else { continue };
             let since_ms = |ns: u64| ns.saturating_sub(injected_ns) as f64 * 1e-6;
+            // A process that is gone has recovered when it works again; what happens to messages, sensors and drives ends with its ticks.
+            let is_over = match fault.kind {
+                Kind::Kill | Kind::Crash | Kind::Hang => recovered_ns != 0,
+                _ => tape.next_tick() >= scheduled.until,
+            };
             if injected_ns != 0 && *reported & INJECTED == 0 {
                 *reported |= INJECTED;
                 tape.event(scheduled.at, Level::Error, &format!("fault ({}): {fault}", origin.name()));
+                let (lane, headline) = words(&fault);
+                tape.fault_begins(scheduled.at, place, &lane, &headline);
             }
             if detected_ns != 0 && *reported & DETECTED == 0 {
                 *reported |= DETECTED;
                 tape.event(
                     scheduled.at,
                     Level::Warning,
-                    &format!("{} of the {process} noticed after {:.2} ms", fault.kind, since_ms(detected_ns)),
+                    &format!("{} of the {process} detected after {:.2} ms", fault.kind, since_ms(detected_ns)),
                 );
+            }
+            if is_over && *reported & INJECTED != 0 && *reported & OVER == 0 {
+                *reported |= OVER;
+                let until = if scheduled.until == u64::MAX { tape.next_tick() } else { scheduled.until };
+                tape.fault_ends(until.max(scheduled.at + 1), place);
             }
             if recovered_ns != 0 && *reported & RECOVERED == 0 {
                 *reported |= RECOVERED;
@@ -59,4 +72,24 @@ impl FaultReporter {
             }
         }
     }
+}
+
+/// A fault for the lane of faults, `controller kill`, and for the headline, `Controller killed`.
+fn words(fault: &Fault) -> (String, String) {
+    let way = fault.way.map_or(String::new(), |way| format!(" {way}"));
+    let joint = fault.joint.map_or(String::new(), |joint| format!(" of joint {joint}"));
+    let lane = format!("{} {}{way}", fault.process, fault.kind);
+    let mut process = fault.process.clone();
+    if let Some(first) = process.get_mut(..1) {
+        first.make_ascii_uppercase();
+    }
+    let headline = match fault.kind {
+        Kind::Kill => format!("{process} killed"),
+        Kind::Crash => format!("{process} crashed"),
+        Kind::Hang => format!("{process} hangs"),
+        Kind::Sensor => format!("Sensor{way}{joint}"),
+        Kind::Drive => format!("Drive{way}{joint}"),
+        kind => format!("{process}: {kind}{way}"),
+    };
+    (lane, headline)
 }

@@ -172,21 +172,39 @@ impl Judge {
     }
 }
 
+/// What no error of position or orientation exceeds: a goal that allows as much does not judge.
+const MOST_MM: f64 = 1000.0;
+const MOST_DEG: f64 = 180.0;
+
 /// Outcome and reason of a task that ran to its end.
 fn done(task: &TaskSummary, goal: &Goal, clipped: bool) -> (&'static str, String) {
-    let missed: Vec<String> = [
-        ("end position", task.final_position_mm, goal.position_mm, "mm"),
-        ("end orientation", task.final_orientation_deg, goal.orientation_deg, "°"),
-        ("position across the singular directions", task.orthogonal_max_mm, goal.orthogonal_mm, "mm"),
-        ("orientation across the singular directions", task.orthogonal_max_deg, goal.orthogonal_deg, "°"),
-    ]
-    .iter()
-    .filter(|(_, value, bound, _)| !within(*value, *bound))
-    .map(|(what, value, bound, unit)| format!("{what} off by {value:.3} {unit}, allowed {bound} {unit}"))
-    .collect();
+    let bounds = [
+        ("end position", task.final_position_mm, goal.position_mm, "mm", MOST_MM),
+        ("end orientation", task.final_orientation_deg, goal.orientation_deg, "°", MOST_DEG),
+        ("position orthogonal to the singular directions", task.orthogonal_max_mm, goal.orthogonal_mm, "mm", MOST_MM),
+        ("orientation orthogonal to the singular directions", task.orthogonal_max_deg, goal.orthogonal_deg, "°", MOST_DEG),
+    ];
+    let missed: Vec<String> = bounds
+        .iter()
+        .filter(|(_, value, bound, ..)| !within(*value, *bound))
+        .map(|(what, value, bound, unit, _)| format!("{what} off by {value:.3} {unit}, allowed {bound} {unit}"))
+        .collect();
     let clipped = if clipped { "; the goal was beyond reach and has been clipped to the boundary" } else { "" };
     if missed.is_empty() {
-        ("goal reached", format!("all errors within the goal{clipped}"))
+        // A bound that nothing can break judges nothing.
+        let judged = |(_, _, bound, _, most): &&(_, f64, f64, _, f64)| bound < most;
+        let told =
+            |(what, value, bound, unit, _): &(&str, f64, f64, &str, f64)| format!("{what} off by {value:.3} {unit} of {bound} {unit}");
+        let kept: Vec<String> = bounds[..2].iter().filter(judged).map(told).collect();
+        let reason = if bounds.iter().any(|bound| judged(&bound)) {
+            if kept.is_empty() { "all errors within the goal".to_owned() } else { kept.join("; ") }
+        } else {
+            format!(
+                "the path was followed to its end; its errors, up to {:.3} mm and {:.3}°, are not judged",
+                task.position_max_mm, task.orientation_max_deg
+            )
+        };
+        ("goal reached", format!("{reason}{clipped}"))
     } else {
         ("goal missed", format!("{}{clipped}", missed.join("; ")))
     }

@@ -113,6 +113,8 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
     let mut topics = Topics::open(shell, &job.graph, job.messages.then_some(folder.as_path()), &progress, &mut assembler)?;
     while shell.poll(pause(shell.mode()))? {
         topics.drain(&mut assembler)?;
+        // Before the ticks in which it shows: their words name it.
+        fault_reporter.report(shell, &mut tape);
         while let Some(row) = assembler.pop(shell.ticks_begun(), false) {
             take(row, &mut judge, &mut tape);
         }
@@ -120,7 +122,6 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
         if !tape.result.error.is_empty() || topics.has_failed() {
             shell.mark_detected();
         }
-        fault_reporter.report(shell, &job.graph, &mut tape);
         if shell.is_about_to_go_down() || memory.is_due(assembler.next_tick()) {
             tape.flush();
             topics.flush();

@@ -16,7 +16,10 @@ pub struct Tape {
     recording: Option<Recording>,
     folder: PathBuf,
     limits: PartLimits,
-    /// Its entry in the summary.
+    /// Whether it takes up where a recorder before it ended, and has not yet said so.
+    is_replacement: bool,
+    next_tick: u64,
+    /// What the summary reports of it.
     pub(crate) result: RecorderSummary,
 }
 
@@ -28,6 +31,7 @@ fn chunks(job: &Job) -> viz::Options {
     viz::Options {
         signal_chunk_s: if is_followed { often.signal_chunk_s } else { 1.0 },
         picture_chunk_s: if job.live { often.signal_chunk_s } else { 10.0 },
+        is_live: job.live,
         ..often
     }
 }
@@ -52,8 +56,14 @@ impl Tape {
     /// # Errors
     /// When the file cannot be made.
     pub fn start(robot: &Robot, job: &Job, incarnation: u32) -> Result<Self, ProcessError> {
-        let tape =
-            Self { recording: None, folder: job.out.clone(), limits: PartLimits::new(&job.scenario), result: RecorderSummary::default() };
+        let tape = Self {
+            recording: None,
+            folder: job.out.clone(),
+            limits: PartLimits::new(&job.scenario),
+            is_replacement: false,
+            next_tick: 0,
+            result: RecorderSummary::default(),
+        };
         if !job.record {
             return Ok(tape);
         }
@@ -70,7 +80,7 @@ impl Tape {
             // A further file of the same recording: what the predecessor wrote stays as it is.
             let part = viz::parts_in(&job.out).len() as u32;
             return Ok(match Recording::create_part(&job.out, part, &info, chunks(job)) {
-                Ok(recording) => Self { recording: Some(recording), result: first, ..tape },
+                Ok(recording) => Self { recording: Some(recording), result: first, is_replacement: true, ..tape },
                 // A volume that has filled up meanwhile ends the recording, not the run.
                 Err(error) => Self { result: RecorderSummary { error: error.to_string(), ..first }, ..tape },
             });
@@ -86,7 +96,11 @@ impl Tape {
     /// Adds a tick; what is missing of it is left out.
     pub fn tick(&mut self, row: &Row) {
         let Some(recording) = &mut self.recording else { return };
+        self.next_tick = row.tick + 1;
         let row = TickRow::new(row.tick, row.messages().lent());
+        if std::mem::take(&mut self.is_replacement) {
+            recording.recorder_restarted(row.tick);
+        }
         let full = recording.part_ticks() >= self.limits.ticks || recording.part_bytes() >= self.limits.bytes;
         let turned = if full { recording.next_part(&self.folder) } else { Ok(()) };
         if full {
@@ -101,6 +115,24 @@ impl Tape {
     pub(crate) fn event(&mut self, tick: u64, level: Level, text: &str) {
         if let Some(recording) = &mut self.recording {
             recording.event(tick, level, text);
+        }
+    }
+
+    /// The tick after the last one.
+    pub(crate) fn next_tick(&self) -> u64 {
+        self.next_tick
+    }
+
+    /// A fault takes effect; its words for the lane and for the headline.
+    pub(crate) fn fault_begins(&mut self, tick: u64, number: usize, lane: &str, headline: &str) {
+        if let Some(recording) = &mut self.recording {
+            recording.fault_begins(tick, number, lane, headline);
+        }
+    }
+
+    pub(crate) fn fault_ends(&mut self, tick: u64, number: usize) {
+        if let Some(recording) = &mut self.recording {
+            recording.fault_ends(tick, number);
         }
     }
 

@@ -22,12 +22,30 @@ const VIEWER_PORT: u16 = 9876;
 /// The oldest viewer that shows everything: whose format and blueprints the recordings are in.
 const VIEWER_VERSION: (u32, u32) = (0, 36);
 
-/// Opens files in the viewer, or hands them to the one that is running, and waits until it has ended.
+/// Opens the files of a recording in the viewer, or hands them to the one that is running, and waits until it has ended; `layout`, a `.rbl`,
+/// replaces the layout in the recording.
+///
+/// The viewer shows the layout that it reads last, and reads files at once, each at its own speed. With a layout everything therefore goes
+/// through the viewer's input, the layout at the end.
 ///
 /// # Errors
-/// [`Failure::Work`] where there is no viewer, none that can be shown, or it ends with an error.
-pub fn show(files: &[PathBuf], observer: Observer<'_>) -> Result<(), Failure> {
-    let mut child = start(files, Stdio::inherit(), Stdio::inherit, observer)?;
+/// [`Failure::Work`] where a file cannot be read, there is no viewer, none that can be shown, or it ends with an error.
+pub fn show(files: &[PathBuf], layout: Option<&Path>, observer: Observer<'_>) -> Result<(), Failure> {
+    let mut child = match layout {
+        None => start(files, Stdio::inherit(), Stdio::inherit, observer)?,
+        Some(layout) => {
+            let mut child = start(&["-"], Stdio::piped(), Stdio::inherit, observer)?;
+            let input = child.stdin.take();
+            let all = files.iter().map(PathBuf::as_path).chain([layout]);
+            match input.map_or(Ok(()), |mut input| all.into_iter().try_for_each(|path| send(path, &mut input))) {
+                // A viewer that is closed meanwhile says by its status how it ended.
+                Err(error) if error.kind() != ErrorKind::BrokenPipe => {
+                    return Err(Failure::Work(format!("the viewer did not get the whole recording: {error}")));
+                }
+                _ => child,
+            }
+        }
+    };
     // The viewer's own window is the user's: it may outlive this command, whose end it is when the viewer ends first.
     let status = child.wait().map_err(|error| Failure::Work(format!("the viewer was lost: {error}")))?;
     if status.success() {
@@ -35,6 +53,10 @@ pub fn show(files: &[PathBuf], observer: Observer<'_>) -> Result<(), Failure> {
     } else {
         Err(Failure::Work(format!("the viewer `{}` ended with {status}; what it said is above", viewer_command())))
     }
+}
+
+fn send(path: &Path, viewer: &mut ChildStdin) -> std::io::Result<()> {
+    std::io::copy(&mut File::open(path)?, viewer).map(drop)
 }
 
 fn named_viewer_command() -> Option<String> {

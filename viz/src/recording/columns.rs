@@ -10,47 +10,76 @@ use re_sdk_types::datatypes::Quaternion;
 
 use super::pieces::custom;
 use crate::scene::{Mark, Presence, rotation};
-use crate::signals::{SHARES, Signal, Width};
+use crate::signals::{Drawn, SHARES, Signal, Width, logarithm};
 use crate::solid::Placement;
 
-/// Rows of signals, gathered.
-#[derive(Default)]
-pub(super) struct Table {
-    pub(super) ticks: Vec<u64>,
-    pub(super) columns: Vec<Column>,
+/// How a column's values are kept.
+#[derive(Clone, Copy)]
+pub(super) enum Kept {
+    F64,
+    F32,
+    Log,
+    /// In steps of 1 / [`SHARES`].
+    Share,
 }
 
-/// One signal's rows: values end to end, and where each row ends. A row without its message is an empty list, not a null: no plot draws a
+/// Rows of numbers, gathered.
+pub(super) struct Table {
+    pub(super) ticks: Vec<u64>,
+    /// `None` for what is not recorded.
+    columns: Vec<Option<Column>>,
+}
+
+/// One column's rows: values end to end, and where each row ends. A row without its message is an empty list, not a null: no plot draws a
 /// line across it then.
-pub(super) struct Column {
-    pub(super) signal: Signal,
-    pub(super) wide: Vec<f64>,
-    pub(super) narrow: Vec<f32>,
-    pub(super) ends: Vec<i32>,
+struct Column {
+    name: &'static str,
+    kept: Kept,
+    wide: Vec<f64>,
+    narrow: Vec<f32>,
+    ends: Vec<i32>,
     /// Whether there has been a value, in this chunk or before.
-    pub(super) seen: bool,
+    seen: bool,
 }
 
 impl Table {
+    /// A column for each signal that is recorded.
+    pub(super) fn of_signals() -> Self {
+        let kept = |signal: &Signal| match signal.width() {
+            Width::F64 => Some(Kept::F64),
+            Width::F32 => Some(Kept::F32),
+            Width::Log => Some(Kept::Log),
+            Width::Slow | Width::Derived => None,
+        };
+        let columns = Signal::ALL.iter().map(|signal| kept(signal).map(|kept| Column::new(signal.component(), kept)));
+        Self { ticks: Vec::new(), columns: columns.collect() }
+    }
+
+    /// A column for each thing that is only drawn, then for each signal at the same rate, by its place behind them.
+    pub(super) fn of_drawn() -> Self {
+        let slow = |signal: &Signal| (signal.width() == Width::Slow).then(|| Column::new(signal.component(), Kept::F32));
+        let columns = Drawn::ALL.iter().map(|drawn| Some(Column::new(drawn.component(), Kept::Share))).chain(Signal::ALL.iter().map(slow));
+        Self { ticks: Vec::new(), columns: columns.collect() }
+    }
+
     pub(super) fn rows(&self) -> usize {
         self.ticks.len()
     }
 
-    pub(super) fn push(&mut self, tick: u64, fill: impl FnOnce(&mut dyn FnMut(Signal, &mut dyn Iterator<Item = f64>))) {
-        if self.columns.is_empty() {
-            self.columns = Signal::ALL.iter().map(|signal| Column::new(*signal)).collect();
-        }
+    /// Adds a row; `fill` gives the values of a column by its place.
+    pub(super) fn push(&mut self, tick: u64, fill: impl FnOnce(&mut dyn FnMut(usize, &mut dyn Iterator<Item = f64>))) {
         self.ticks.push(tick);
         let columns = &mut self.columns;
-        fill(&mut |signal, values| {
-            let column = &mut columns[signal as usize];
-            match signal.width() {
-                Width::F64 => column.wide.extend(values),
-                Width::F32 => column.narrow.extend(values.map(|value| value as f32)),
-                Width::Share => column.narrow.extend(values.map(|value| (value * SHARES).round() as f32 / SHARES as f32)),
+        fill(&mut |place, values| {
+            let Some(column) = &mut columns[place] else { return };
+            match column.kept {
+                Kept::F64 => column.wide.extend(values),
+                Kept::F32 => column.narrow.extend(values.map(|value| value as f32)),
+                Kept::Log => column.narrow.extend(values.map(logarithm)),
+                Kept::Share => column.narrow.extend(values.map(|value| (value * SHARES).round() as f32 / SHARES as f32)),
             }
         });
-        for column in columns {
+        for column in columns.iter_mut().flatten() {
             let (end, before) = ((column.wide.len() + column.narrow.len()) as i32, column.ends.last().copied().unwrap_or(0));
             column.seen |= end > before;
             column.ends.push(end);
@@ -63,8 +92,8 @@ impl Table {
             return None;
         }
         let ticks = std::mem::take(&mut self.ticks);
-        let columns = self.columns.iter_mut().filter_map(|column| {
-            let next = Column { seen: column.seen, ..Column::new(column.signal) };
+        let columns = self.columns.iter_mut().flatten().filter_map(|column| {
+            let next = Column { seen: column.seen, ..Column::new(column.name, column.kept) };
             std::mem::replace(column, next).build()
         });
         Some((ticks, columns.collect()))
@@ -72,21 +101,21 @@ impl Table {
 }
 
 impl Column {
-    pub(super) fn new(signal: Signal) -> Self {
-        Self { signal, wide: Vec::new(), narrow: Vec::new(), ends: vec![0], seen: false }
+    fn new(name: &'static str, kept: Kept) -> Self {
+        Self { name, kept, wide: Vec::new(), narrow: Vec::new(), ends: vec![0], seen: false }
     }
 
-    pub(super) fn build(self) -> Option<SerializedComponentColumn> {
+    fn build(self) -> Option<SerializedComponentColumn> {
         if !self.seen {
             return None;
         }
-        let values: ArrayRef = match self.signal.width() {
-            Width::F64 => std::sync::Arc::new(Float64Array::from(self.wide)),
-            Width::F32 | Width::Share => std::sync::Arc::new(Float32Array::from(self.narrow)),
+        let values: ArrayRef = match self.kept {
+            Kept::F64 => std::sync::Arc::new(Float64Array::from(self.wide)),
+            Kept::F32 | Kept::Log | Kept::Share => std::sync::Arc::new(Float32Array::from(self.narrow)),
         };
         let field = std::sync::Arc::new(Field::new_list_field(values.data_type().clone(), true));
         let list = ListArray::new(field, OffsetBuffer::new(ScalarBuffer::from(self.ends)), values, None);
-        Some(SerializedComponentColumn::new(list, custom(self.signal.name(), None)))
+        Some(SerializedComponentColumn::new(list, custom(self.name, None)))
     }
 }
 
@@ -148,36 +177,38 @@ impl Picture {
         self.hand.ticks.len()
     }
 
-    /// `unit`: the size of the mark of a singularity the arm is in; m.
+    /// `unit`: the size of the mark of a singularity the arm is in; m. `sides`: on which side of its axis each label is.
     pub(super) fn push(
         &mut self,
         tick: u64,
         links: &[Placement],
-        hand: &Placement,
-        desired: Option<&Placement>,
+        [hand, desired]: [Option<&Placement>; 2],
         marks: &[Mark],
         unit: f32,
+        sides: &[f32],
     ) {
         self.links.resize_with(links.len(), Track::default);
         for (track, at) in self.links.iter_mut().zip(links) {
             track.push(tick, at);
         }
-        self.hand.push(tick, hand);
-        self.actual.push((tick, hand.p));
+        if let Some(hand) = hand {
+            self.hand.push(tick, hand);
+            self.actual.push((tick, hand.p));
+        }
         if let Some(desired) = desired {
             self.target.push(tick, desired);
             self.desired.push((tick, desired.p));
         }
         self.marks.resize_with(self.marks.len().max(marks.len()), Default::default);
-        for (tracks, mark) in self.marks.iter_mut().zip(marks) {
-            // Hidden entities need no pose.
+        for ((tracks, mark), side) in self.marks.iter_mut().zip(marks).zip(sides) {
+            // What is hidden need not be anywhere.
             if mark.look.presence != Presence::Hidden {
                 tracks.frame.push(tick, &mark.X_BS);
                 tracks.size.ticks.push(tick);
                 tracks.size.sizes.push([unit * mark.size; 3]);
             }
             if mark.look.presence == Presence::Inside {
-                tracks.label.push(tick, &Placement { p: mark.X_BS.p + Vec3::Z * (1.25 * unit), ..Placement::IDENTITY });
+                tracks.label.push(tick, &Placement { p: mark.X_BS.p + mark.zeta() * (side * 1.3 * unit), ..Placement::IDENTITY });
             }
         }
     }

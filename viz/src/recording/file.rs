@@ -5,8 +5,8 @@ use nalgebra::SVector;
 use re_log_types::StoreId;
 use re_sdk_types::archetypes::TextLog;
 use re_sdk_types::components::TextLogLevel;
-use shared_types::MAX_DOF;
 use shared_types::scenario::Layout;
+use shared_types::{MAX_DOF, MAX_SINGULARITIES};
 use std::path::Path;
 
 use super::columns::{Picture, Table};
@@ -16,7 +16,7 @@ use super::state::{Lanes, Level, Options, Recording, RunInfo, Title, Written};
 use crate::arm::{Figure, placement};
 use crate::blueprint::Subject;
 use crate::scene::NullMotion;
-use crate::signals::{Limits, TickRow, sample};
+use crate::signals::{Drawn, Limits, TickRow, draw, sample};
 use crate::sink::{FileInfo, RecordError, Sink, Storage};
 use crate::{blueprint, entity};
 
@@ -56,6 +56,9 @@ pub fn save_blueprint(path: &Path, run: &RunInfo, first: &TickRow, layout: Layou
     recording.tick(first)?;
     recording.save_blueprint(path, layout)
 }
+
+/// Rate of what is only drawn.
+const DRAWN_HZ: f64 = 250.0;
 
 /// Takes everything, keeps nothing.
 struct Nowhere;
@@ -98,9 +101,11 @@ impl Recording {
         let rate = f64::from(scenario.rate_hz);
         let every = |seconds: f64| (seconds * rate).round().max(1.0);
         let unlimited = |limits: fn(&model::Joint) -> f64| robot.joints.iter().any(|joint| !limits(joint).is_finite());
+        let judged = |bound: f64, most: f64| Some(bound).filter(|bound| *bound < most);
         let subject = Subject {
             joints: robot.joints.len(),
             floor_m,
+            goal: [judged(scenario.goal.position_mm, 1000.0), judged(scenario.goal.orientation_deg, 180.0)],
             unlimited_torque: unlimited(|joint| joint.effort),
             unlimited_speed: unlimited(|joint| joint.velocity),
             ..Subject::default()
@@ -113,6 +118,7 @@ impl Recording {
             part_ticks: 0,
             arm,
             figure,
+            directions: robot.task.0.iter().filter(|served| **served).count().min(robot.joints.len()),
             planar: !robot.task.0[2],
             limits: Limits::new(robot),
             subject,
@@ -121,19 +127,36 @@ impl Recording {
             blueprint_sent: false,
             last: None,
             written: Written::default(),
-            signals: Table::default(),
+            changes_next: 0,
+            pending: Default::default(),
+            rival: None,
+            signals: Table::of_signals(),
+            drawn_table: Table::of_drawn(),
+            drawn_every: every(1.0 / DRAWN_HZ) as u64,
             signal_rows: every(options.signal_chunk_s) as usize,
             picture: Picture::default(),
             picture_every: every(1.0 / options.picture_hz) as u64,
             picture_rows: (options.picture_chunk_s * options.picture_hz).round().max(1.0) as usize,
-            thresholds: Vec::new(),
+            is_live: options.is_live,
+            wanted_turns: scenario
+                .segment
+                .iter()
+                .map(|one| one.reorient.as_ref().map(|turn| (turn.singularity.clone(), turn.by_deg)))
+                .collect(),
+            wanted_rotations: scenario.segment.iter().map(|one| one.turn.as_ref().map(|turn| turn.by_deg)).collect(),
+            stretches: Default::default(),
             guides_due: 0,
             marks: Default::default(),
             drawn: Default::default(),
-            fans: Default::default(),
+            sides: [1.0; MAX_SINGULARITIES],
+            swept: Default::default(),
+            why: Default::default(),
             motion: NullMotion::new(robot.length_m),
             ghosts: [0; MAX_DOF],
+            ghost_drawn: [false; MAX_DOF],
             situation: None,
+            faults: Vec::new(),
+            fault_states: Vec::new(),
             unheard: 0,
             lanes: Lanes::default(),
             incarnations: Default::default(),
@@ -176,7 +199,9 @@ impl Recording {
         self.guides_due = 0;
         self.marks = Default::default();
         self.drawn = Default::default();
-        self.fans = Default::default();
+        self.swept = Default::default();
+        self.why = Default::default();
+        self.ghost_drawn = Default::default();
         self.situation = None;
         self.lanes = Lanes::default();
         self.open()
@@ -204,14 +229,23 @@ impl Recording {
         }
         // Content of an earlier part is not written again.
         if row.tick >= self.written.signals {
-            self.signals.push(row.tick, |put| sample(row, &self.limits, self.hops, put));
+            self.signals.push(row.tick, |put| sample(row, &self.limits, |signal, values| put(signal as usize, values)));
+            if row.tick.is_multiple_of(self.drawn_every) {
+                let gravity = row.q().map(|q| self.arm.gravity(&SVector::from_column_slice(q))).unwrap_or_default();
+                let limits = &self.limits;
+                self.drawn_table.push(row.tick, |put| {
+                    draw(row, limits, gravity.as_slice(), |drawn, values| put(drawn as usize, values));
+                    sample(row, limits, |signal, values| put(Drawn::ALL.len() + signal as usize, values));
+                });
+            }
         }
         if self.signals.rows() >= self.signal_rows {
             self.write_signals();
+            self.write_pending(false);
         }
-        if row.tick >= self.written.changes {
+        if row.tick >= self.changes_next {
             self.write_changes(row);
-            self.written.changes = row.tick + 1;
+            self.changes_next = row.tick + 1;
         }
         if row.tick.is_multiple_of(self.picture_every) && row.tick >= self.written.picture {
             self.see(row);
@@ -220,7 +254,7 @@ impl Recording {
             }
         }
         if row.tick >= self.guides_due {
-            self.guides_due = row.tick + 2 * u64::from(self.rate_hz);
+            self.guides_due = row.tick + 5 * u64::from(self.rate_hz);
             self.write_guides(row.tick);
         }
         self.sink.check()
@@ -234,6 +268,7 @@ impl Recording {
     /// Goes on where an earlier part had come to, which a recorder that was killed has left: ticks that come again are not written again.
     pub fn go_on_after(&mut self, written: Written) {
         self.written = written;
+        self.changes_next = written.changes;
     }
 
     /// Notes an event.
@@ -243,12 +278,15 @@ impl Recording {
             Level::Warning => TextLogLevel::WARN,
             Level::Error => TextLogLevel::ERROR,
         };
+        // The viewer's column of times cuts them: the line has its own.
+        let text = format!("{:.3}{}{text}", self.nanoseconds(tick) as f64 * 1e-9, entity::AFTER_TIME);
         self.log(tick, entity::LOG, &TextLog::new(text).with_level(level));
     }
 
     /// Writes out what is being gathered.
     pub fn flush(&mut self) {
         self.write_signals();
+        self.write_pending(false);
         self.write_picture();
     }
 
@@ -283,6 +321,7 @@ impl Recording {
         self.flush();
         if let Some(last) = self.last {
             self.write_guides(last);
+            self.write_ending(last);
         }
         let (before, chunks) = (self.before, self.before.chunks + self.sink.chunks());
         let ticks = before.ticks + self.part_ticks;

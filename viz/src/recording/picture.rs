@@ -1,92 +1,22 @@
-//! The picture of a tick: marks, ghosts, paths.
+//! What the picture shows of a tick: ghosts, paths, and where everything is.
 
 use glam::Vec3;
 use nalgebra::SVector;
 use re_chunk::{Chunk, RowId};
-use re_sdk_types::archetypes::{Arrows3D, Clear, InstancePoses3D, LineStrips3D, Points3D, Transform3D};
-use re_sdk_types::components::{Color, Radius};
+use re_sdk_types::archetypes::{InstancePoses3D, LineStrips3D};
+use re_sdk_types::components::Color;
 use shared_types::MAX_DOF;
-use shared_types::messages::SingularityState;
 
 use super::columns::{MarkTracks, Track};
-use super::pieces::{mesh3d, quaternion, tinted};
+use super::marks::UNSEEN;
+use super::pieces::{ghost3d, quaternion};
 use super::state::Recording;
 use crate::arm::placement;
-use crate::scene::{Mark, Presence, differs, glyph};
+use crate::scene::differs;
 use crate::solid::{Placement, Rgba};
-use crate::{blueprint, entity, narration, scene};
-
-/// A size that cannot be seen. Nothing else hides a mesh that is to come back: none would be its own size, and a cleared one had to be
-/// written again.
-pub(super) const UNSEEN: f32 = 1e-6;
+use crate::{blueprint, entity, scene};
 
 impl Recording {
-    /// Marks change their looks rarely; their places go with the picture.
-    pub(super) fn write_marks(&mut self, tick: u64, singularities: &[SingularityState], marks: &[Mark]) {
-        for (i, (one, mark)) in singularities.iter().zip(marks).enumerate() {
-            let Some((name, _)) = self.subject.singularities.get(i) else { return };
-            let (name, fan) = (name.clone(), entity::fan(name));
-            if self.marks[i] != mark.look {
-                self.marks[i] = mark.look;
-                self.write_look(tick, &name, i, mark, &narration::label(one, i));
-            }
-            let inside = mark.look.presence == Presence::Inside;
-            let zeta = mark.zeta();
-            // Where ζ was on entry, then every 6°: null-space motion that turns it sweeps a fan, and what stays has none.
-            let turned = self.fans[i].is_some_and(|last| last.dot(zeta).abs() < 0.9945);
-            if !inside {
-                self.fans[i] = None;
-            } else if self.fans[i].is_none() {
-                self.fans[i] = Some(zeta);
-            } else if turned {
-                let last = self.fans[i].replace(zeta).unwrap_or(zeta);
-                let reach = last * (0.9 * self.mark_size());
-                let (from, to) = (mark.X_BS.p - reach, mark.X_BS.p + reach);
-                let [r, g, b, _] = narration::colour_of_type(mark.look.class);
-                let line = LineStrips3D::new([[from.to_array(), to.to_array()]])
-                    .with_colors([Color::from_unmultiplied_rgba(r, g, b, 110)])
-                    .with_radii([0.0014 * self.figure.reach]);
-                self.log(tick, fan, &line);
-            }
-        }
-    }
-
-    /// The mark's solid, the rings where it is entered and, inside, the other axes of the singular frame and the words.
-    pub(super) fn write_look(&mut self, tick: u64, name: &str, i: usize, mark: &Mark, words: &str) {
-        let path = entity::singularity(name);
-        let [solid, rings, axes, label] = [entity::glyph(name), entity::edge(name), format!("{path}/axes"), entity::label(name)];
-        let [r, g, b, _] = narration::colour_of_type(mark.look.class);
-        let unit = self.mark_size();
-        // Meshes are large: they are written once, later changes are their tint and their size.
-        let shape = (mark.look.class, mark.look.angular);
-        if self.drawn[i] != Some(shape) && mark.look.presence != Presence::Hidden {
-            self.drawn[i] = Some(shape);
-            self.log(tick, &*solid, &mesh3d(&glyph(mark.look.angular, [r, g, b, 255]), None));
-            self.log(tick, &*rings, &mesh3d(&scene::rings(mark.edge, unit, [255; 4]), None));
-        }
-        let is_inside = mark.look.presence == Presence::Inside;
-        if mark.look.presence == Presence::Hidden {
-            for path in [solid, rings] {
-                self.log(tick, path, &Transform3D::update_fields().with_scale(UNSEEN));
-            }
-        } else {
-            let opacity = if is_inside { 255 } else { 70 };
-            let rim = if is_inside { [255, 110, 110, 255] } else { [190, 195, 205, 255] };
-            self.log(tick, solid, &tinted([255, 255, 255, opacity]));
-            self.log(tick, &*rings, &tinted(rim));
-            self.log(tick, rings, &Transform3D::update_fields().with_scale(1.0));
-        }
-        if is_inside {
-            let frame = Arrows3D::from_vectors([[0.0, 0.5 * unit, 0.0], [0.0, 0.0, 0.5 * unit]]);
-            self.log(tick, axes, &frame.with_colors([0xc8d0dcff_u32]).with_radii([0.012 * unit]));
-            let point = Points3D::new([[0.0; 3]]).with_radii([Radius::new_ui_points(0.5)]).with_colors([Color::from_rgb(r, g, b)]);
-            self.log(tick, label, &point.with_labels([words]).with_show_labels(true));
-        } else {
-            self.log(tick, axes, &Clear::flat());
-            self.log(tick, label, &Clear::flat());
-        }
-    }
-
     /// Where the arm has been in the present null-space motion.
     pub(super) fn write_ghosts(&mut self, tick: u64, all: bool) {
         let postures: Vec<[Placement; MAX_DOF]> =
@@ -99,6 +29,14 @@ impl Recording {
             let places: Vec<&Placement> =
                 before.iter().map(|links| &links[i]).filter(|link| now.is_some_and(|now| differs(link, &now[i]))).collect();
             let none_before = std::mem::replace(&mut self.ghosts[i], places.len()) == 0;
+            // A mesh is large: a link that has no ghosts needs none.
+            if places.is_empty() && !self.ghost_drawn[i] {
+                continue;
+            }
+            if !std::mem::replace(&mut self.ghost_drawn[i], true) {
+                let pale = ghost3d(&self.figure.links[i], [150, 205, 255, 110]);
+                self.log(tick, entity::ghost(i), &pale);
+            }
             let poses = InstancePoses3D::new();
             let poses = match places.is_empty() {
                 true if none_before && !all => continue,
@@ -145,6 +83,7 @@ impl Recording {
     }
 
     pub(super) fn write_picture(&mut self) {
+        self.write_pending(true);
         let Some(picture) = self.picture.take() else { return };
         self.written.picture = picture.hand.ticks.last().map_or(self.written.picture, |last| last + 1);
         let mut tracks: Vec<(String, Track)> = Vec::new();
@@ -155,11 +94,20 @@ impl Recording {
         for ((name, _), MarkTracks { frame, size, label }) in self.subject.singularities.iter().zip(picture.marks) {
             tracks.extend([(entity::singularity(name), frame), (entity::glyph(name), size), (entity::label(name), label)]);
         }
+        if let Some(rival) = &mut self.rival {
+            tracks.extend(rival.links.iter_mut().map(std::mem::take).enumerate().map(|(i, track)| (entity::rival_link(i), track)));
+        }
         for (path, track) in tracks {
             if !track.ticks.is_empty() {
                 let ticks = track.ticks.clone();
                 let chunk = self.chunk_of(&path, &ticks, track.columns());
                 self.sink.chunk(&self.store, chunk);
+            }
+        }
+        if let Some(path) = self.rival.as_mut().map(|rival| std::mem::take(&mut rival.path)) {
+            self.write_path(entity::RIVAL_PATH, &path, [255, 90, 80, 255], 0.0045);
+            if let Some(rival) = &mut self.rival {
+                rival.path.extend(path.last());
             }
         }
         self.write_path(entity::PATH_ACTUAL, &picture.actual, [240, 240, 245, 255], 0.0035);
@@ -187,9 +135,5 @@ impl Recording {
         if any {
             self.sink.chunk(&self.store, chunk.build());
         }
-    }
-
-    pub(super) fn mark_size(&self) -> f32 {
-        0.2 * self.figure.reach
     }
 }

@@ -44,6 +44,14 @@ pub(super) fn mesh3d(mesh: &Mesh, tint: Option<Rgba>) -> Mesh3D {
     }
 }
 
+/// A mesh of one colour that lets through what is behind it.
+pub(super) fn ghost3d(mesh: &Mesh, tint: Rgba) -> Mesh3D {
+    Mesh3D::new(mesh.positions.iter().copied())
+        .with_vertex_normals(mesh.normals.iter().copied())
+        .with_triangle_indices(mesh.triangles.iter().copied())
+        .with_albedo_factor(albedo(tint))
+}
+
 /// Another tint for a mesh that has been written.
 pub(super) fn tinted(tint: Rgba) -> Mesh3D {
     Mesh3D::update_fields().with_albedo_factor(albedo(tint))

@@ -1,9 +1,11 @@
 //! The state of a recording in the making, and how a piece of it becomes a chunk.
 
+use std::collections::BTreeMap;
+
 use glam::Vec3;
 use model::{Model, Robot};
 use re_chunk::external::arrow::buffer::ScalarBuffer;
-use re_chunk::{Chunk, ChunkComponents, ChunkId, EntityPath, RowId, TimeColumn, TimePoint, Timeline};
+use re_chunk::{Chunk, ChunkBuilder, ChunkComponents, ChunkId, EntityPath, RowId, TimeColumn, TimePoint, Timeline};
 use re_log_types::{StoreId, TimeCell};
 use re_sdk_types::{AsComponents, SerializedComponentColumn};
 use shared_types::process::Program;
@@ -11,8 +13,11 @@ use shared_types::scenario::{Layout, Scenario};
 use shared_types::{MAX_DOF, MAX_SINGULARITIES};
 
 use super::columns::{Picture, Table};
+use super::ending::Stretches;
+use super::rival::Rival;
 use crate::arm::Figure;
 use crate::blueprint::Subject;
+use crate::entity;
 use crate::narration::Situation;
 use crate::scene::{Look, NullMotion};
 use crate::signals::{ChainHops, Limits};
@@ -44,11 +49,13 @@ pub struct Options {
     pub picture_chunk_s: f64,
     /// Pictures per second.
     pub picture_hz: f64,
+    /// Whether somebody watches as it is made: the viewer follows the end then, and plays nothing again.
+    pub is_live: bool,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { signal_chunk_s: 0.25, picture_chunk_s: 1.0, picture_hz: 50.0 }
+        Self { signal_chunk_s: 0.25, picture_chunk_s: 1.0, picture_hz: 50.0, is_live: false }
     }
 }
 
@@ -94,6 +101,8 @@ pub struct Recording {
     pub(super) part_ticks: u64,
     pub(super) arm: Model<MAX_DOF>,
     pub(super) figure: Figure,
+    /// Directions that the task has.
+    pub(super) directions: usize,
     /// Whether the arm moves in the base's plane only.
     pub(super) planar: bool,
     pub(super) limits: Limits,
@@ -104,22 +113,46 @@ pub struct Recording {
     pub(super) blueprint_sent: bool,
     pub(super) last: Option<u64>,
     pub(super) written: Written,
+    /// The first tick whose modes, states and words are not yet taken in.
+    pub(super) changes_next: u64,
+    /// Rows of each place that wait to be written.
+    pub(super) pending: BTreeMap<EntityPath, ChunkBuilder>,
+    /// Another law's run, in a race.
+    pub(super) rival: Option<Rival>,
     pub(super) signals: Table,
+    /// What is only drawn, every so many ticks.
+    pub(super) drawn_table: Table,
+    pub(super) drawn_every: u64,
     pub(super) signal_rows: usize,
     pub(super) picture: Picture,
     pub(super) picture_every: u64,
     pub(super) picture_rows: usize,
-    pub(super) thresholds: Vec<(f64, f64)>,
+    pub(super) is_live: bool,
+    /// Which segments turn which singularity's ζ, and by how much; degrees.
+    pub(super) wanted_turns: Vec<Option<(String, f64)>>,
+    /// Which segments rotate the hand, and by how much; degrees.
+    pub(super) wanted_rotations: Vec<Option<f64>>,
+    pub(super) stretches: Stretches,
     pub(super) guides_due: u64,
     pub(super) marks: [Look; MAX_SINGULARITIES],
-    /// Class of each singularity whose mark's meshes this part has, and whether it turns.
-    pub(super) drawn: [Option<(u32, bool)>; MAX_SINGULARITIES],
-    /// ζ and C of each singularity as last drawn into its fan.
-    pub(super) fans: [Option<Vec3>; MAX_SINGULARITIES],
+    /// Whether each singularity's ζ turns, of those whose mark's meshes this part has.
+    pub(super) drawn: [Option<bool>; MAX_SINGULARITIES],
+    /// On which side of its axis each label is.
+    pub(super) sides: [f32; MAX_SINGULARITIES],
+    /// What ζ of each singularity has swept since the arm entered.
+    pub(super) swept: [Option<Swept>; MAX_SINGULARITIES],
+    /// The links that show why, of each singularity that they are drawn for.
+    pub(super) why: [Vec<usize>; MAX_SINGULARITIES],
     pub(super) motion: NullMotion,
     /// How many ghosts each link has.
     pub(super) ghosts: [usize; MAX_DOF],
+    /// Whether this part has the mesh of each link's ghosts.
+    pub(super) ghost_drawn: [bool; MAX_DOF],
     pub(super) situation: Option<Situation>,
+    /// Faults in force.
+    pub(super) faults: Vec<Fault>,
+    /// All that the lane of faults has said.
+    pub(super) fault_states: Vec<String>,
     /// Ticks since the last command.
     pub(super) unheard: u64,
     pub(super) lanes: Lanes,
@@ -133,9 +166,29 @@ pub(super) struct Title {
     pub(super) properties: [(&'static str, String); 6],
 }
 
-/// The programs that write the topics of the chain: a lane of the state timeline each.
-pub(super) const PROCESSES: [&str; 4] =
-    [Program::Plant.name(), Program::Estimator.name(), Program::Analyzer.name(), Program::Controller.name()];
+/// A fault in force: its number, its words for the lane and for the headline, and when it is over, as soon as that is known.
+pub(super) struct Fault {
+    pub(super) number: usize,
+    pub(super) lane: String,
+    pub(super) headline: String,
+    pub(super) until: Option<u64>,
+}
+
+/// What ζ has swept.
+#[derive(Clone, Debug)]
+pub(super) struct Swept {
+    /// ζ at successive steps, from entry on.
+    pub(super) directions: Vec<Vec3>,
+    /// The hand when ζ had been turned.
+    pub(super) freed: Option<glam::Mat3>,
+    /// Degrees of the rotation about the old ζ when last told.
+    pub(super) told_deg: f32,
+    /// Whether the arm has left the singularity behind.
+    pub(super) is_over: bool,
+}
+
+/// Writers of the messages.
+pub(super) const PROCESSES: [&str; 4] = ["plant", "estimator", "analyzer", "controller"];
 
 /// The text of each lane of the state timeline.
 #[derive(Debug, Default)]
@@ -144,6 +197,12 @@ pub(super) struct Lanes {
     pub(super) drive: Option<u32>,
     pub(super) phase: Option<u32>,
     pub(super) life: [Option<&'static str>; PROCESSES.len()],
+    /// Ticks for which each writer's message has been missing.
+    pub(super) missing: [u64; PROCESSES.len()],
+    /// Until when each writer, and the recorder, counts as restarted.
+    pub(super) fresh_until: [u64; PROCESSES.len() + 1],
+    pub(super) recorder: Option<&'static str>,
+    pub(super) fault: Option<String>,
 }
 
 impl Recording {
@@ -156,9 +215,27 @@ impl Recording {
         (u128::from(tick) * 1_000_000_000 / u128::from(self.rate_hz)) as i64
     }
 
+    /// Adds a row that is written with others of its place: a chunk costs more than a thousand bytes, whatever it holds.
     pub(super) fn log(&mut self, tick: u64, path: impl Into<EntityPath>, archetype: &dyn AsComponents) {
-        let chunk = Chunk::builder(path).with_archetype(RowId::new(), self.at(tick), archetype).build();
-        self.sink.chunk(&self.store, chunk);
+        let (path, at) = (path.into(), self.at(tick));
+        let rows = self.pending.remove(&path).unwrap_or_else(|| Chunk::builder(path.clone()));
+        self.pending.insert(path, rows.with_archetype(RowId::new(), at, archetype));
+    }
+
+    /// Writes the rows that wait: those of the picture, or all others, too.
+    pub(super) fn write_pending(&mut self, is_picture: bool) {
+        let world = EntityPath::from(entity::WORLD);
+        let all = std::mem::take(&mut self.pending);
+        for (path, rows) in all {
+            if path.starts_with(&world) == is_picture {
+                self.sink.chunk(&self.store, rows.build());
+            } else {
+                self.pending.insert(path, rows);
+            }
+        }
+        if !is_picture {
+            self.written.changes = self.changes_next;
+        }
     }
 
     pub(super) fn log_static(&mut self, path: impl Into<EntityPath>, archetype: &dyn AsComponents) {

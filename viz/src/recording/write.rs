@@ -5,19 +5,19 @@ use nalgebra::SVector;
 use re_chunk::external::arrow::array::{ArrayRef, Float64Array};
 use re_chunk::{Chunk, EntityPath, RowId, TimePoint};
 use re_log_types::{StoreId, StoreKind};
-use re_sdk_types::archetypes::{Arrows3D, LineStrips3D, RecordingInfo, StateChange, StateConfiguration, TextDocument};
+use re_sdk_types::archetypes::{Arrows3D, LineStrips3D, RecordingInfo, StateConfiguration, TextDocument};
 use re_sdk_types::components::{Color, Radius, Timestamp};
-use shared_types::codes::{DRIVES, MODES, PHASES, name_of};
 use shared_types::messages::SingularityState;
-use shared_types::{MAX_SINGULARITIES, Message};
+use shared_types::scenario::Layout;
 
+use super::ending::close_up;
 use super::pieces::{custom, eye, mesh3d, pose};
-use super::state::{Level, PROCESSES, Recording};
+use super::state::Recording;
 use crate::arm::{placement, vec3};
+use crate::blueprint::Ending;
 use crate::manipulability::{Ellipsoid, Half, at_point};
-use crate::narration::{Situation, States};
 use crate::scene::{Mark, Presence};
-use crate::signals::{Signal, TickRow};
+use crate::signals::{Signal, TickRow, Width};
 use crate::solid::{Mesh, Placement};
 use crate::{blueprint, entity, narration};
 
@@ -34,9 +34,15 @@ impl Recording {
         });
         let chunk = Chunk::builder(EntityPath::properties().join(&"run".into())).with_row(RowId::new(), TimePoint::default(), columns);
         self.sink.chunk(&self.store, chunk.build());
-        let about: Vec<String> = Signal::ALL.iter().map(|signal| format!("`{}`: {}", signal.name(), signal.about().trim())).collect();
+        let recorded = Signal::ALL.iter().filter(|signal| signal.width() != Width::Derived);
+        let about: Vec<String> = recorded.map(|signal| format!("`{}`: {}", signal.component(), signal.about().trim())).collect();
         self.log_static("/signals/about", &TextDocument::from_markdown(about.join("\n\n")));
-        let limits = [("joint:qdot_limit", &self.limits.speed), ("joint:torque_limit", &self.limits.torque)];
+        let limits = [
+            ("joint:qdot_limit", &self.limits.speed),
+            ("joint:torque_limit", &self.limits.torque),
+            ("joint:q_centre", &self.limits.centre),
+            ("joint:q_half_range", &self.limits.half_range),
+        ];
         let columns =
             limits.map(|(name, values)| (custom(name, None), std::sync::Arc::new(Float64Array::from(values.clone())) as ArrayRef));
         let chunk = Chunk::builder(entity::SIGNALS).with_row(RowId::new(), TimePoint::default(), columns);
@@ -46,9 +52,8 @@ impl Recording {
     pub(super) fn write_figure(&mut self) {
         self.log_static(entity::BASE, &mesh3d(&self.figure.base, None));
         for i in 0..self.figure.links.len() {
-            let (solid, pale) = (mesh3d(&self.figure.links[i], None), mesh3d(&self.figure.links[i], Some([150, 205, 255, 70])));
+            let solid = mesh3d(&self.figure.links[i], None);
             self.log_static(entity::link(i), &solid);
-            self.log_static(entity::ghost(i), &pale);
         }
         let triad = |length: f32, radius: f32, colours: [u32; 3]| {
             Arrows3D::from_vectors([[length, 0.0, 0.0], [0.0, length, 0.0], [0.0, 0.0, length]]).with_colors(colours).with_radii([radius])
@@ -69,15 +74,10 @@ impl Recording {
         let net = LineStrips3D::new([circle(Vec3::X, Vec3::Y), circle(Vec3::Y, Vec3::Z), circle(Vec3::Z, Vec3::X)]);
         let net = net.with_colors([Color::from_unmultiplied_rgba(150, 235, 225, 255)]).with_radii([Radius::new_ui_points(1.0)]);
         self.log_static(entity::MOBILITY, &net);
-        for (lane, states) in [("drive", narration::DRIVE_STATES), ("phase", narration::PHASE_STATES)] {
-            self.style(entity::state(lane), states);
-        }
-        for process in PROCESSES {
-            self.style(entity::state(&format!("process/{process}")), narration::LIFE_STATES);
-        }
+        self.style_lanes();
     }
 
-    pub(super) fn style(&mut self, path: String, states: States) {
+    pub(super) fn style(&mut self, path: String, states: &[(&str, u32)]) {
         let names = || states.iter().map(|(name, _)| *name);
         self.log_static(
             path,
@@ -106,16 +106,37 @@ impl Recording {
     pub(super) fn meet(&mut self, row: &TickRow) {
         for (i, one) in row.singularities().iter().enumerate() {
             let name = shared_types::codes::singularity_name(one.kind, i);
-            self.subject.singularities.push((name, narration::colour_of_kind(one.kind, i)));
-            if !self.thresholds.contains(&(one.eta_in, one.eta_out)) {
-                self.thresholds.push((one.eta_in, one.eta_out));
+            self.subject.singularities.push((name, narration::colour_of(one.kind, i)));
+            let outer = one.eta_out / one.eta_in.max(1e-9);
+            if !self.subject.outer.contains(&outer) {
+                self.subject.outer.push(outer);
             }
         }
-        self.subject.bands = self.thresholds.len();
-        self.subject.widest = self.thresholds.iter().map(|(_, eta_out)| *eta_out).fold(0.0, f64::max);
         let places = row.q().map(|q| self.arm.link_poses(&SVector::from_column_slice(q)).map(|X| vec3(&X.p)));
         self.subject.eye =
             eye(places.as_ref().map_or(&[Vec3::X], |places| &places[..self.subject.joints]), self.mark_size(), &self.subject, self.planar);
+        let near = row.singularities().iter().zip(row.singularity.map(|report| report.p_BC));
+        let near = near.min_by(|(a, _), (b, _)| (a.s.abs() / a.eta_in).total_cmp(&(b.s.abs() / b.eta_in)));
+        let main = self.subject.eye;
+        self.subject.close_up = near.map_or(main, |(one, p_BC)| {
+            let mark = Mark::new(one, p_BC);
+            close_up(mark.X_BS.p, [mark.zeta(); 2], Vec3::ZERO, self.mark_size(), &main)
+        });
+    }
+
+    /// What is known at the end: what to play again, and from where to look at it. A viewer that follows a live run must not loop.
+    pub(super) fn write_ending(&mut self, last: u64) {
+        if self.is_live {
+            return;
+        }
+        let unit = self.mark_size();
+        let whole = Ending { loop_ns: (0, self.nanoseconds(last)), close_up: self.subject.close_up };
+        let ending = match self.layout {
+            Layout::Control => self.stretches.ending(|tick| self.nanoseconds(tick), last, unit, &self.subject.eye),
+            Layout::Timing | Layout::Faults => None,
+        };
+        let store = self.blueprint();
+        blueprint::send_ending(&mut self.sink, &store, &self.subject, self.layout, &ending.unwrap_or(whole));
     }
 
     /// The blueprint's own store: one per recording, the same in every part.
@@ -126,6 +147,11 @@ impl Recording {
     // Numbers.
 
     pub(super) fn write_signals(&mut self) {
+        // What is held between its rows comes first: whoever reads the signals back has it then.
+        if let Some((ticks, components)) = self.drawn_table.take() {
+            let chunk = self.chunk_of(entity::DRAWN, &ticks, components);
+            self.sink.chunk(&self.store, chunk);
+        }
         if let Some((ticks, components)) = self.signals.take() {
             let chunk = self.chunk_of(entity::SIGNALS, &ticks, components);
             self.sink.chunk(&self.store, chunk);
@@ -135,82 +161,17 @@ impl Recording {
 
     /// Lines that never move, as often as a plot needs to draw them.
     pub(super) fn write_guides(&mut self, tick: u64) {
-        let both = |values: Vec<f64>| -> ArrayRef {
-            std::sync::Arc::new(Float64Array::from(values.iter().flat_map(|value| [*value, -value]).collect::<Vec<_>>()))
-        };
+        let column = |values: Vec<f64>| -> ArrayRef { std::sync::Arc::new(Float64Array::from(values)) };
+        let band = |k: usize| -3.1 * k as f64 / entity::BAND_LINES as f64;
+        let goal = |i: usize| column(self.subject.goal[i].map(f64::log10).into_iter().collect());
         let columns = [
-            (custom("guide:eta_in", None), both(self.thresholds.iter().map(|(eta_in, _)| *eta_in).collect())),
-            (custom("guide:eta_out", None), both(self.thresholds.iter().map(|(_, eta_out)| *eta_out).collect())),
+            (custom("guide:band", None), column((0..entity::BAND_LINES).map(band).collect())),
+            (custom("guide:edge", None), column(self.subject.outer.iter().map(|ratio| ratio.log10()).collect())),
+            (custom("guide:goal_position", None), goal(0)),
+            (custom("guide:goal_orientation", None), goal(1)),
         ];
         let chunk = Chunk::builder(entity::GUIDES).with_row(RowId::new(), self.at(tick), columns).build();
         self.sink.chunk(&self.store, chunk);
-    }
-
-    // Modes, states and words, as they change.
-
-    pub(super) fn write_changes(&mut self, row: &TickRow) {
-        let life = |header: Option<&shared_types::Header>| header.map_or(0, |header| header.incarnation);
-        let plant = row.sensor.map(Message::header).or(row.plant_state.map(Message::header));
-        let now = [
-            life(plant),
-            life(row.estimate.map(Message::header)),
-            life(row.singularity.map(Message::header)),
-            life(row.torque.map(Message::header)),
-        ];
-        for (i, incarnation) in now.into_iter().enumerate() {
-            let text = match incarnation {
-                0 => "silent",
-                1 => "up",
-                _ => "restarted",
-            };
-            if incarnation > self.incarnations[i] {
-                if self.incarnations[i] > 0 {
-                    self.event(row.tick, Level::Warning, &format!("{} is back as incarnation {incarnation}", PROCESSES[i]));
-                }
-                self.incarnations[i] = incarnation;
-            }
-            if self.lanes.life[i] != Some(text) {
-                self.lanes.life[i] = Some(text);
-                self.lane(row.tick, &format!("process/{}", PROCESSES[i]), text);
-            }
-        }
-        if let Some(sensor) = row.sensor
-            && self.lanes.drive != Some(sensor.drive)
-        {
-            self.lanes.drive = Some(sensor.drive);
-            self.lane(row.tick, "drive", name_of(DRIVES, sensor.drive));
-        }
-        if let Some(torque) = row.torque
-            && self.lanes.phase != Some(torque.phase)
-        {
-            self.lanes.phase = Some(torque.phase);
-            self.lane(row.tick, "phase", name_of(PHASES, torque.phase));
-        }
-        if let Some(command) = row.control_state {
-            for i in 0..self.subject.singularities.len().min(MAX_SINGULARITIES) {
-                let mode = command.mode[i];
-                if self.lanes.modes[i] != Some(mode) {
-                    let before = self.lanes.modes[i].replace(mode);
-                    let name = self.subject.singularities[i].0.clone();
-                    self.lane(row.tick, &format!("mode/{name}"), name_of(MODES, mode));
-                    if let Some(before) = before {
-                        self.event(row.tick, Level::Info, &format!("{name}: {} → {}", name_of(MODES, before), name_of(MODES, mode)));
-                    }
-                }
-            }
-        }
-        // A tick or two without a command is not worth a line.
-        self.unheard = if row.torque.is_some() { 0 } else { self.unheard + 1 };
-        let situation = Situation::of(row);
-        let told = row.torque.is_some() && row.singularity.is_some() || self.unheard >= 5;
-        if told && self.situation != Some(situation) {
-            self.situation = Some(situation);
-            self.log(row.tick, entity::NOW, &TextDocument::from_markdown(situation.markdown()));
-        }
-    }
-
-    pub(super) fn lane(&mut self, tick: u64, lane: &str, state: &str) {
-        self.log(tick, entity::state(lane), &StateChange::single(state));
     }
 
     // The picture.
@@ -225,7 +186,7 @@ impl Recording {
             .unwrap_or_else(|| placement(&self.arm.forward_kinematics(&SVector::from_column_slice(q))));
         let marks: Vec<Mark> =
             row.singularity.map_or(Vec::new(), |report| row.singularities().iter().map(|one| Mark::new(one, report.p_BC)).collect());
-        self.write_marks(row.tick, row.singularities(), &marks);
+        self.write_marks(row, q, &marks, &hand);
         if self.motion.update(row) {
             self.write_ghosts(row.tick, false);
         }
@@ -233,7 +194,8 @@ impl Recording {
             self.write_turned(row.tick, &links, &turned);
         }
         let unit = self.mark_size();
-        self.picture.push(row.tick, &links, &hand, desired.as_ref(), &marks, unit);
+        self.stretches.push(row.tick, row.singularities(), &marks, &hand);
+        self.picture.push(row.tick, &links, [Some(&hand), desired.as_ref()], &marks, unit, &self.sides);
         if let Some(report) = row.singularity {
             self.see_manipulability(row.tick, q, report.p_BC, row.singularities(), &marks);
         }

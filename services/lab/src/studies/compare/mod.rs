@@ -3,6 +3,7 @@
 mod arm_sweep;
 mod law;
 mod picture;
+mod race;
 mod scenarios;
 mod score;
 mod sweep;
@@ -10,6 +11,7 @@ mod tune;
 
 pub use arm_sweep::{ArmLines, ArmSweep, Line, Outcome};
 pub use law::{laws, name_of};
+pub use race::{Race, Racer, race};
 pub use scenarios::{Compared, Request, compare};
 pub use score::Score;
 pub use sweep::{KINDS, SWEEP, Sweep, SweepSize, missed, quantile};

@@ -1,0 +1,104 @@
+#!/usr/bin/env python3
+"""Makes the pictures of README and docs again, each from a run made just before, as the Rerun viewer shows it at 1280 × 720.
+
+    docs/pictures/make.py [--armplane target/release/armplane] [--only NAME,…]
+
+Needs `cargo build --release`, what viewer.py names, and Pillow (`pip install pillow`).
+"""
+
+import argparse
+import io
+import pathlib
+import subprocess
+import sys
+import tempfile
+
+from PIL import Image
+
+from viewer import Viewer
+
+HERE = pathlib.Path(__file__).resolve().parent
+DOCS = HERE.parent
+FAULTS = HERE / "faults.toml"
+
+# Picture: what is run, when it is seen (s), and the layout where it is not the scenario's.
+PICTURES = {
+    "control": (["run", "fig5-wrist-rotation"], 1.0, None),
+    "free": (["run", "fig5-wrist-rotation"], 3.4, None),
+    "overhead": (["run", "overhead-pass"], 1.6, None),
+    "straight-up": (["run", "straight-up"], 0.15, None),
+    "elbow": (["run", "elbow-in-and-out"], None, None),
+    "arms": (["run", "ur5-wrist"], 1.0, None),
+    "faults": (["run", str(FAULTS)], 2.66, None),
+    "timing": (["run", "fig5-wrist-rotation"], 1.0, "timing"),
+}
+
+# The race: frames per second, its part of the window (left, top, right, bottom), width of a frame.
+RACE = ["compare", "fig5-wrist-rotation", "--race"]
+RATE, PART, WIDTH = 10, (0, 54, 676, 690), 560
+COLOURS = 64
+
+
+def armplane(command, arguments, folder):
+    done = subprocess.run([command, *arguments, "--out", str(folder)], capture_output=True, text=True, check=False)
+    if not (folder / "run.rrd").exists():
+        sys.exit(f"armplane {' '.join(arguments)} left no recording: {done.stderr.strip()}")
+
+
+def blueprint(command, folder, layout):
+    path = folder / f"{layout}.rbl"
+    subprocess.run([command, "export", str(folder), "--format", "rbl", "--layout", layout, "--out", str(folder)], capture_output=True, check=True)
+    return path
+
+
+def small(png):
+    """A picture of few colours, which is as good to the eye and a third of the size."""
+    return Image.open(io.BytesIO(png)).convert("RGB").quantize(255, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+
+
+def picture(command, name, scratch):
+    arguments, seconds, layout = PICTURES[name]
+    folder = scratch / name
+    armplane(command, arguments, folder)
+    files = [folder / "run.rrd"] + ([blueprint(command, folder, layout)] if layout else [])
+    with Viewer(files, piped=layout is not None) as viewer:
+        if seconds is not None:
+            viewer.at(seconds)
+        small(viewer.picture()).save(DOCS / f"{name}.png", optimize=True)
+
+
+def race(command, scratch):
+    folder = scratch / "race"
+    armplane(command, RACE, folder)
+    frames = []
+    with Viewer([folder / "run.rrd"]) as viewer:
+        for k in range(int(4.4 * RATE)):
+            viewer.at(k / RATE)
+            frame = Image.open(io.BytesIO(viewer.picture())).convert("RGB").crop(PART)
+            frames.append(frame.resize((WIDTH, WIDTH * frame.height // frame.width), Image.Resampling.LANCZOS))
+    # One palette for all: the background stays as it is from frame to frame and packs well.
+    palette = frames[len(frames) // 2].quantize(COLOURS, dither=Image.Dither.NONE)
+    frames = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    path = DOCS / "race.gif"
+    hold = [1000 // RATE] * (len(frames) - 1) + [1500]
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=hold, loop=0, optimize=True)
+    if path.stat().st_size > 3_000_000:
+        sys.exit(f"{path} has {path.stat().st_size} bytes; 3 MB are the most")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--armplane", default=str(DOCS.parent / "target/release/armplane"))
+    parser.add_argument("--only", default=",".join([*PICTURES, "race"]), help="names, separated by commas")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        for name in arguments.only.split(","):
+            if name == "race":
+                race(arguments.armplane, pathlib.Path(scratch))
+            else:
+                picture(arguments.armplane, name, pathlib.Path(scratch))
+            print(name, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,118 @@
+"""The Rerun viewer without a window: opens recordings and saves what it shows.
+
+Needs the viewer (`pip install rerun-sdk==0.36.3`, or its path in ARMPLANE_RERUN) and a Vulkan driver; Mesa's software driver is enough
+(Debian: mesa-vulkan-drivers libvulkan1 libxkbcommon-x11-0 libegl1 libxcursor1 libxrandr2 libxi6 libx11-xcb1).
+"""
+
+import base64
+import json
+import os
+import pathlib
+import socket
+import subprocess
+import tempfile
+import time
+
+COMMAND = os.environ.get("ARMPLANE_RERUN") or "rerun"
+SOFTWARE_DRIVER = pathlib.Path("/usr/share/vulkan/icd.d/lvp_icd.x86_64.json")
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+class Viewer:
+    """A headless viewer; `files` are opened in order, or sent one after the other through its input with `piped`."""
+
+    def __init__(self, files, size="1280x720", piped=False):
+        self.folder = tempfile.TemporaryDirectory()
+        environment = dict(os.environ, XDG_RUNTIME_DIR=self.folder.name, XDG_DATA_HOME=self.folder.name)
+        if SOFTWARE_DRIVER.exists():
+            environment.setdefault("VK_ICD_FILENAMES", str(SOFTWARE_DRIVER))
+        port = free_port()
+        quiet = subprocess.DEVNULL
+        arguments = ["-"] if piped else [str(file) for file in files]
+        self.viewer = subprocess.Popen(
+            [COMMAND, *arguments, "--headless", "--bind", "127.0.0.1", "--port", str(port), "--window-size", size],
+            env=environment, stdin=subprocess.PIPE if piped else quiet, stdout=quiet, stderr=quiet,
+        )
+        if piped:
+            for file in files:
+                self.viewer.stdin.write(pathlib.Path(file).read_bytes())
+            self.viewer.stdin.close()
+        self.control = subprocess.Popen(
+            [COMMAND, "viewer-mcp"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=quiet, text=True, bufsize=1
+        )
+        self.number = 0
+        hello = {"protocolVersion": "2024-11-05", "capabilities": {}, "clientInfo": {"name": "armplane-pictures", "version": "1"}}
+        self.request("initialize", hello)
+        self.send({"jsonrpc": "2.0", "method": "notifications/initialized"})
+        self.connect(port)
+        self.settle()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        for process in (self.control, self.viewer):
+            process.terminate()
+            try:
+                process.wait(10)
+            except subprocess.TimeoutExpired:
+                process.kill()
+        self.folder.cleanup()
+
+    def send(self, message):
+        self.control.stdin.write(json.dumps(message) + "\n")
+        self.control.stdin.flush()
+
+    def request(self, method, parameters):
+        self.number += 1
+        self.send({"jsonrpc": "2.0", "id": self.number, "method": method, "params": parameters})
+        for line in self.control.stdout:
+            answer = json.loads(line)
+            if answer.get("id") == self.number:
+                if "error" in answer:
+                    raise RuntimeError(answer["error"])
+                return answer["result"]
+        raise RuntimeError("the viewer's control channel closed")
+
+    def call(self, tool, **arguments):
+        """The answer's texts and images."""
+        result = self.request("tools/call", {"name": tool, "arguments": arguments})
+        content = result.get("content", [])
+        texts = "\n".join(part["text"] for part in content if part["type"] == "text")
+        images = [base64.b64decode(part["data"]) for part in content if part["type"] == "image"]
+        return not result.get("isError"), texts, images
+
+    def connect(self, port):
+        for _ in range(90):
+            if self.viewer.poll() is not None:
+                raise RuntimeError(f"the viewer `{COMMAND}` ended with {self.viewer.returncode}")
+            if self.call("connect", endpoint=f"http://127.0.0.1:{port}")[0]:
+                return
+            time.sleep(0.5)
+        raise RuntimeError("the viewer does not answer")
+
+    def settle(self):
+        """Waits until the recordings are loaded: until the viewer reports the same state twice."""
+        before = None
+        for _ in range(60):
+            _, state, _ = self.call("viewer_state")
+            if state == before and "timelines" in state:
+                return
+            before = state
+            time.sleep(1.0)
+
+    def at(self, seconds, timeline="t"):
+        self.call("set_time", time=int(seconds * 1e9), timeline=timeline)
+        self.call("wait_for", min_steps=4, timeout_secs=20)
+
+    def picture(self):
+        """What the window shows, as PNG."""
+        _, text, images = self.call("screenshot", pixels_per_point=1.0)
+        if not images:
+            raise RuntimeError(f"no picture: {text}")
+        return images[0]

@@ -1,0 +1,201 @@
+//! The panes that layouts are made of, and how each layout arranges them.
+
+use re_chunk::EntityPath;
+use re_sdk_types::blueprint::components::Corner2D;
+use shared_types::scenario::Layout;
+
+use super::sheet::{Lines, Sheet};
+use super::{JOINTS, Subject};
+use crate::entity;
+use crate::signals::{Drawn, HOP_NAMES, Signal};
+use crate::solid::Rgba;
+
+const ACROSS: Rgba = [110, 215, 150, 255];
+const ALONG: Rgba = [250, 150, 210, 255];
+const TOLERANCE: Rgba = [255, 64, 84, 255];
+const LIMITS: Option<[f64; 2]> = Some([-1.1, 1.1]);
+/// Name of the view from near by.
+pub(super) const CLOSE_UP: &str = "Close-up, across ζ";
+/// Powers of ten of errors, mm and degrees, and of latencies, µs.
+const ERRORS: Option<[f64; 2]> = Some([-4.3, 2.3]);
+const LATENCIES: Option<[f64; 2]> = Some([-0.6, 4.3]);
+
+/// The panes of one layout.
+pub(super) struct Desk<'a> {
+    sheet: &'a mut Sheet,
+    subject: &'a Subject,
+}
+
+impl<'a> Desk<'a> {
+    pub(super) fn new(sheet: &'a mut Sheet, subject: &'a Subject) -> Self {
+        Self { sheet, subject }
+    }
+
+    pub(super) fn arrange(&mut self, layout: Layout) {
+        match layout {
+            Layout::Control => {
+                let views = vec![(1.55, self.world()), (1.0, self.close_up())];
+                let left = [(2.75, self.sheet.row("", views)), (1.0, self.now())];
+                let torques = self.torques();
+                let more = [
+                    self.errors(),
+                    self.joints(),
+                    self.gravity(),
+                    self.governor(),
+                    self.auxiliary(),
+                    self.singular_values(),
+                    self.latency(),
+                ];
+                let more = self.sheet.tabs(more.into());
+                let modes = [self.modes(), self.log()];
+                let modes = self.sheet.tabs(modes.into());
+                let right = [(1.3, self.measure()), (1.05, torques), (1.15, more), (1.3, modes)];
+                let cells = vec![(1.12, self.sheet.column(left.into())), (1.0, self.sheet.column(right.into()))];
+                self.sheet.row("", cells);
+            }
+            Layout::Timing => {
+                let upper = [(2.2, self.latency()), (1.0, self.world())];
+                let middle = [(1.0, self.lives()), (1.0, self.modes()), (1.0, self.log())];
+                let lower = [(1.0, self.errors()), (1.0, self.governor())];
+                let rows = [(2.0, upper.to_vec()), (1.3, middle.to_vec()), (1.0, lower.to_vec())];
+                let cells = rows.map(|(share, row)| (share, self.sheet.row("", row)));
+                self.sheet.column(cells.into());
+            }
+            Layout::Faults => {
+                let left = [(1.5, self.world()), (0.75, self.now()), (1.1, self.log())];
+                let more = [self.errors(), self.torques(), self.joints(), self.measure(), self.governor(), self.latency()];
+                let more = self.sheet.tabs(more.into());
+                let right = [(2.25, self.lives()), (1.2, more), (1.15, self.modes())];
+                let cells = vec![(1.0, self.sheet.column(left.into())), (1.2, self.sheet.column(right.into()))];
+                self.sheet.row("", cells);
+            }
+        }
+    }
+
+    fn joint_names(&self) -> Vec<String> {
+        (1..=self.subject.joints).map(|i| format!("q{i}")).collect()
+    }
+
+    fn per_joint(&self, drawn: Drawn) -> Vec<Lines> {
+        vec![Lines::drawn(drawn, self.joint_names(), JOINTS)]
+    }
+
+    fn singularity_names(&self, prefix: &str) -> Vec<String> {
+        self.subject.singularities.iter().map(|(name, _)| format!("{prefix}{name}")).collect()
+    }
+
+    fn per_singularity(&self, signal: Signal, prefix: &str) -> Lines {
+        Lines::of(signal, self.singularity_names(prefix), self.colours())
+    }
+
+    fn colours(&self) -> Vec<Rgba> {
+        self.subject.singularities.iter().map(|(_, colour)| *colour).collect()
+    }
+
+    fn world(&mut self) -> EntityPath {
+        self.sheet.world("Arm: the coloured mark is the lost direction ζ", self.subject, &self.subject.eye)
+    }
+
+    fn close_up(&mut self) -> EntityPath {
+        self.sheet.world(CLOSE_UP, self.subject, &self.subject.close_up)
+    }
+
+    fn now(&mut self) -> EntityPath {
+        self.sheet.text("TextDocument", "What is happening", entity::NOW)
+    }
+
+    fn log(&mut self) -> EntityPath {
+        self.sheet.text("TextLog", "Log", entity::LOG)
+    }
+
+    fn modes(&mut self) -> EntityPath {
+        let lanes = self.singularity_names("mode/");
+        self.sheet.states("What control does at each singularity", lanes.into_iter())
+    }
+
+    fn lives(&mut self) -> EntityPath {
+        let processes = entity::PROCESSES.iter().map(|process| format!("process/{process}"));
+        let lanes: Vec<String> = ["fault", "drive"].map(str::to_owned).into_iter().chain(processes).collect();
+        self.sheet.states("Fault, processes, drive", lanes.into_iter())
+    }
+
+    /// log₁₀(|s_i| / η_i), the band below 1 hatched.
+    fn measure(&mut self) -> EntityPath {
+        let band = Lines::guide("guide:band", "treated as singular", entity::BAND_LINES, [255, 64, 84, 30], 5.0);
+        let edges = Lines::guide("guide:edge", "left at", self.subject.outer.len(), [190, 195, 205, 150], 1.0);
+        let mut nearness = Lines::drawn(Drawn::Nearness, self.singularity_names(""), self.colours());
+        nearness.width = 2.5;
+        self.sheet.plot(
+            "How near: |s|/η in powers of ten. Below 0: treated as singular",
+            vec![band, edges, nearness],
+            Some([-3.1, 1.4]),
+            Some(Corner2D::RightBottom),
+        )
+    }
+
+    /// The errors, each with what the goal allows, in powers of ten.
+    fn errors(&mut self) -> EntityPath {
+        let goal = self.subject.goal;
+        let pane = |sheet: &mut Sheet, name: &str, signal, guide, goal: Option<f64>, legend| {
+            let names = ["orthogonal to ζ", "along ζ"].map(str::to_owned).to_vec();
+            let mut lines = vec![Lines::of(signal, names, [ACROSS, ALONG])];
+            lines.extend(goal.map(|_| Lines::guide(guide, "goal", 1, TOLERANCE, 1.0)));
+            sheet.plot(name, lines, ERRORS, legend)
+        };
+        let position = pane(self.sheet, "Position error, 10^y mm", Signal::PositionError, "guide:goal_position", goal[0], None);
+        let (name, legend) = ("Orientation error, 10^y °", Some(Corner2D::RightTop));
+        let orientation = pane(self.sheet, name, Signal::OrientationError, "guide:goal_orientation", goal[1], legend);
+        self.sheet.row("Task errors", vec![(1.0, position), (1.0, orientation)])
+    }
+
+    fn torque_unit(&self) -> &'static str {
+        if self.subject.unlimited_torque { ", N·m" } else { " / limit" }
+    }
+
+    fn torques(&mut self) -> EntityPath {
+        let of = self.torque_unit();
+        let hand = self.per_joint(Drawn::Hand);
+        let hand = self.sheet.plot(&format!("Hand torque, no gravity{of}"), hand, None, Some(Corner2D::LeftBottom));
+        let null = self.sheet.plot(&format!("Null-space torque{of}"), self.per_joint(Drawn::Null), None, None);
+        self.sheet.row("Torques", vec![(1.0, hand), (1.0, null)])
+    }
+
+    fn gravity(&mut self) -> EntityPath {
+        let name = format!("Gravity torque{}", self.torque_unit());
+        self.sheet.plot(&name, self.per_joint(Drawn::Gravity), None, Some(Corner2D::LeftBottom))
+    }
+
+    fn joints(&mut self) -> EntityPath {
+        let range = self.per_joint(Drawn::InRange);
+        let range = self.sheet.plot("Joints between limits ±1", range, LIMITS, Some(Corner2D::LeftBottom));
+        let of = if self.subject.unlimited_speed { ", rad/s" } else { " / limit" };
+        let speed = self.per_joint(Drawn::Speed);
+        let speed = self.sheet.plot(&format!("Joint speeds{of}"), speed, None, None);
+        self.sheet.row("Joints", vec![(1.0, range), (1.0, speed)])
+    }
+
+    /// The share of each torque, and the speed of the path's clock.
+    fn governor(&mut self) -> EntityPath {
+        let names = ["time", "task torque", "null torque"].map(str::to_owned).to_vec();
+        let scales = Lines::of(Signal::Scale, names, [[120, 190, 250, 255], [110, 215, 150, 255], [200, 200, 120, 255]]);
+        let beta = self.per_singularity(Signal::Beta, "β ");
+        self.sheet.plot("β (1 hand, 0 null space), governor", vec![scales, beta], Some([-0.05, 1.05]), Some(Corner2D::RightBottom))
+    }
+
+    fn auxiliary(&mut self) -> EntityPath {
+        let mut reference = self.per_singularity(Signal::AuxiliaryReference, "reference ");
+        reference.colours.iter_mut().for_each(|colour| colour[3] = 120);
+        let actual = self.per_singularity(Signal::Auxiliary, "");
+        self.sheet.plot("Auxiliary coordinates, rad", vec![reference, actual], None, Some(Corner2D::RightTop))
+    }
+
+    fn singular_values(&mut self) -> EntityPath {
+        let names = (1..=self.subject.joints.min(6)).map(|i| format!("σ{i}")).collect();
+        self.sheet.plot("Singular values", vec![Lines::of(Signal::SingularValues, names, JOINTS)], None, Some(Corner2D::RightTop))
+    }
+
+    fn latency(&mut self) -> EntityPath {
+        let hops = Lines::of(Signal::Latency, HOP_NAMES.map(str::to_owned).to_vec(), JOINTS);
+        self.sheet.plot("Latency per hop, 10^y µs", vec![hops], LATENCIES, Some(Corner2D::RightTop))
+    }
+}

@@ -1,0 +1,236 @@
+//! The views of a layout, as Rerun blueprint chunks.
+
+use re_chunk::{Chunk, ChunkResult, EntityPath, RowId, Timeline};
+use re_sdk_types::AsComponents;
+use re_sdk_types::archetypes::SeriesLines;
+use re_sdk_types::blueprint::archetypes::{
+    ActiveVisualizers, Background, ContainerBlueprint, EyeControls3D, LineGrid3D, PlotLegend, ScalarAxis, TextLogColumns, TimeAxis,
+    ViewBlueprint, ViewContents, VisibleTimeRanges, VisualizerInstruction,
+};
+use re_sdk_types::blueprint::components::{
+    ActiveTab, BackgroundKind, ColumnShare, ContainerKind, Corner2D, IncludedContent, LinkAxis, LockRangeDuringZoom, RowShare,
+    TextLogColumn, TimelineColumn, VisibleTimeRange, VisualizerComponentMapping, VisualizerInstructionId,
+};
+use re_sdk_types::blueprint::datatypes::{
+    ComponentSourceKind, TextLogColumnKind, TimelineColumn as ColumnOfTimeline, VisualizerComponentMapping as Mapping,
+};
+use re_sdk_types::components::{Color, Name, Plane3D, Range1D, StrokeWidth, Visible};
+use re_sdk_types::datatypes::{TimeRange, TimeRangeBoundary, VisibleTimeRange as Span};
+use re_sdk_types::external::uuid::Uuid;
+use shared_types::scenario::Layout;
+
+use super::{Eye, Subject};
+use crate::entity;
+use crate::signals::{Drawn, Signal, Width};
+use crate::solid::Rgba;
+
+/// Lines of a plot: one signal's elements, with names and colours; its source entity.
+pub(super) struct Lines {
+    entity: &'static str,
+    component: &'static str,
+    names: Vec<String>,
+    pub(super) colours: Vec<Rgba>,
+    pub(super) width: f32,
+}
+
+impl Lines {
+    pub(super) fn of(signal: Signal, names: Vec<String>, colours: impl IntoIterator<Item = Rgba>) -> Self {
+        let entity = if signal.width() == Width::Slow { entity::DRAWN } else { entity::SIGNALS };
+        Self::new(entity, signal.component(), names, colours)
+    }
+
+    pub(super) fn drawn(drawn: Drawn, names: Vec<String>, colours: impl IntoIterator<Item = Rgba>) -> Self {
+        Self::new(entity::DRAWN, drawn.component(), names, colours)
+    }
+
+    /// Lines that never move; `name` is that of the first, the others are not in the legend.
+    pub(super) fn guide(component: &'static str, name: &str, count: usize, colour: Rgba, width: f32) -> Self {
+        let names = vec![name.to_owned(); count];
+        Self { width, ..Self::new(entity::GUIDES, component, names, vec![colour; count]) }
+    }
+
+    fn new(entity: &'static str, component: &'static str, names: Vec<String>, colours: impl IntoIterator<Item = Rgba>) -> Self {
+        Self { entity, component, colours: colours.into_iter().take(names.len()).collect(), names, width: 1.5 }
+    }
+}
+
+/// Ids are made of what they are of: a layout is the same bytes in every file, and no view has the id of one of another class, be it in
+/// another layout or in one of an earlier version. The viewer keeps layouts from one opening to the next, and what it knows of a view by its id.
+const ID_BASE: u128 = 0xa6b1_0000_0000_4000_8000_0000_0000_0000;
+
+/// A place in a layout with its share of the room.
+pub(super) type Cell = (f32, EntityPath);
+
+/// The chunks of one blueprint store.
+pub(super) struct Sheet {
+    layout: Layout,
+    pub(super) chunks: Vec<ChunkResult<Chunk>>,
+    ids: u64,
+    /// Views by name.
+    views: Vec<(String, EntityPath)>,
+    /// The last container made: in the end the outermost.
+    pub(super) root: Uuid,
+}
+
+impl Sheet {
+    pub(super) fn new(layout: Layout) -> Self {
+        Self { layout, chunks: Vec::new(), ids: 0, views: Vec::new(), root: Uuid::nil() }
+    }
+
+    pub(super) fn log(&mut self, path: impl Into<EntityPath>, archetype: &dyn AsComponents) {
+        let at = [(Timeline::new_sequence("blueprint"), 0)];
+        self.chunks.push(Chunk::builder(path).with_archetype(RowId::new(), at, archetype).build());
+    }
+
+    /// Two archetypes of one place, in one chunk: each chunk costs a thousand bytes.
+    fn log_both(&mut self, path: impl Into<EntityPath>, one: &dyn AsComponents, other: &dyn AsComponents) {
+        let at = [(Timeline::new_sequence("blueprint"), 0)];
+        let components = one.as_serialized_batches().into_iter().chain(other.as_serialized_batches());
+        self.chunks.push(Chunk::builder(path).with_serialized_batches(RowId::new(), at, components).build());
+    }
+
+    /// The next id, of something of that class and name.
+    fn id(&mut self, class: &str, name: &str) -> Uuid {
+        self.ids += 1;
+        let of = format!("{}/{class}/{name}/{}", self.layout.name(), self.ids);
+        // FNV-1a, without the bits that say which kind of id it is.
+        let hash = of.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3));
+        Uuid::from_u128(ID_BASE | u128::from(hash >> 4))
+    }
+
+    /// A view of `contents`; its path is what containers hold.
+    fn view(&mut self, class: &str, name: &str, origin: &str, contents: &[String]) -> (Uuid, EntityPath) {
+        let id = self.id(class, name);
+        let path = EntityPath::from(format!("view/{id}"));
+        self.log(path.join(&"ViewContents".into()), &ViewContents::new(contents.iter().map(|query| query.as_str())));
+        self.log(path.clone(), &ViewBlueprint::new(class).with_display_name(Name(name.into())).with_space_origin(origin));
+        self.views.push((name.to_owned(), path.clone()));
+        (id, path)
+    }
+
+    /// The path of the view of that name.
+    pub(super) fn view_named(&self, name: &str) -> Option<EntityPath> {
+        self.views.iter().find(|(known, _)| known == name).map(|(_, path)| path.clone())
+    }
+
+    /// `name` is what its tab says, where it is in one.
+    fn container(&mut self, kind: ContainerKind, name: &str, cells: Vec<Cell>) -> EntityPath {
+        self.root = self.id("container", name);
+        let path = EntityPath::from(format!("container/{}", self.root));
+        let shares: Vec<f32> = cells.iter().map(|(share, _)| *share).collect();
+        let mut container =
+            ContainerBlueprint::new(kind).with_contents(cells.iter().map(|(_, path)| IncludedContent(path.to_string().into())));
+        match kind {
+            ContainerKind::Horizontal => container = container.with_col_shares(shares.into_iter().map(|share| ColumnShare(share.into()))),
+            ContainerKind::Vertical => container = container.with_row_shares(shares.into_iter().map(|share| RowShare(share.into()))),
+            ContainerKind::Tabs => {
+                if let Some((_, first)) = cells.first() {
+                    container = container.with_active_tab(ActiveTab(first.to_string().as_str().into()));
+                }
+            }
+            ContainerKind::Grid => {}
+        }
+        if !name.is_empty() {
+            container = container.with_display_name(Name(name.into()));
+        }
+        self.log(path.clone(), &container);
+        path
+    }
+
+    pub(super) fn row(&mut self, name: &str, cells: Vec<Cell>) -> EntityPath {
+        self.container(ContainerKind::Horizontal, name, cells)
+    }
+
+    pub(super) fn column(&mut self, cells: Vec<Cell>) -> EntityPath {
+        self.container(ContainerKind::Vertical, "", cells)
+    }
+
+    pub(super) fn tabs(&mut self, paths: Vec<EntityPath>) -> EntityPath {
+        self.container(ContainerKind::Tabs, "", paths.into_iter().map(|path| (1.0, path)).collect())
+    }
+
+    /// A plot of lines over the shared time axis; `range`: fixed y range.
+    pub(super) fn plot(&mut self, name: &str, lines: Vec<Lines>, range: Option<[f64; 2]>, legend: Option<Corner2D>) -> EntityPath {
+        let mut entities: Vec<&str> = lines.iter().map(|lines| lines.entity).collect();
+        entities.sort_unstable();
+        entities.dedup();
+        let contents: Vec<String> = entities.iter().map(|entity| (*entity).to_owned()).collect();
+        let (id, path) = self.view("TimeSeries", name, "/", &contents);
+        for entity in entities {
+            let base = ViewContents::blueprint_base_visualizer_path_for_entity(id, &entity.into());
+            let mut instructions = Vec::new();
+            for lines in lines.iter().filter(|lines| lines.entity == entity) {
+                let instruction = self.id("lines", lines.component);
+                let at = base.join(&EntityPath::from_single_string(instruction.to_string()));
+                let mapping = VisualizerComponentMapping(Mapping {
+                    target: "Scalars:scalars".into(),
+                    source_kind: ComponentSourceKind::SourceComponent,
+                    source_component: Some(lines.component.into()),
+                    selector: None,
+                });
+                let instructed = VisualizerInstruction::new("SeriesLines").with_component_map([mapping]);
+                let style = SeriesLines::new()
+                    .with_names(lines.names.iter().map(|name| name.as_str()))
+                    .with_colors(lines.colours.iter().map(|[r, g, b, a]| Color::from_unmultiplied_rgba(*r, *g, *b, *a)))
+                    .with_widths(lines.names.iter().map(|_| StrokeWidth(lines.width.into())));
+                self.log_both(at, &instructed, &style);
+                instructions.push(VisualizerInstructionId(instruction.into()));
+            }
+            self.log(base, &ActiveVisualizers::new(instructions));
+        }
+        self.log(path.join(&"TimeAxis".into()), &TimeAxis::new().with_link(LinkAxis::LinkToGlobal));
+        if let Some(range) = range {
+            self.log(
+                path.join(&"ScalarAxis".into()),
+                &ScalarAxis::new().with_range(Range1D::new(range[0], range[1])).with_zoom_lock(LockRangeDuringZoom(true.into())),
+            );
+        }
+        let shown = PlotLegend::new().with_visible(Visible(legend.is_some().into()));
+        self.log(path.join(&"PlotLegend".into()), &legend.map_or(shown.clone(), |corner| shown.with_corner(corner)));
+        path
+    }
+
+    pub(super) fn text(&mut self, class: &str, name: &str, origin: &str) -> EntityPath {
+        let (_, path) = self.view(class, name, origin, &[format!("{origin}/**")]);
+        if class == "TextLog" {
+            let columns = [TextLogColumnKind::LogLevel, TextLogColumnKind::Body]
+                .map(|kind| TextLogColumn(re_sdk_types::blueprint::datatypes::TextLogColumn { kind, visible: true.into() }));
+            // A column of times is as narrow as its head, which cuts them: each line begins with its time instead.
+            let times = ["t", "tick"].map(|timeline| TimelineColumn(ColumnOfTimeline { timeline: timeline.into(), visible: false.into() }));
+            let columns = TextLogColumns::new().with_text_log_columns(columns).with_timeline_columns(times);
+            self.log(path.join(&"TextLogColumns".into()), &columns);
+        }
+        path
+    }
+
+    /// Lanes, in the viewer's own order.
+    pub(super) fn states(&mut self, name: &str, lanes: impl Iterator<Item = String>) -> EntityPath {
+        let contents: Vec<String> = lanes.map(|lane| entity::state(&lane)).collect();
+        let (_, path) = self.view("StateTimeline", name, "/", &contents);
+        self.log(path.join(&"TimeAxis".into()), &TimeAxis::new().with_link(LinkAxis::LinkToGlobal));
+        path
+    }
+
+    /// A view of the arm from `eye`.
+    pub(super) fn world(&mut self, name: &str, subject: &Subject, eye: &Eye) -> EntityPath {
+        let (id, path) = self.view("3D", name, entity::WORLD, &[format!("{}/**", entity::WORLD)]);
+        let Eye { position, look_at, up } = *eye;
+        let eye = EyeControls3D::new().with_position(position.to_array()).with_look_target(look_at.to_array()).with_eye_up(up.to_array());
+        self.log(path.join(&"EyeControls3D".into()), &eye);
+        let background = Background::new(BackgroundKind::SolidColor).with_color(Color::from_rgb(24, 28, 36));
+        self.log(path.join(&"Background".into()), &background);
+        let floor = Plane3D::new([0.0, 0.0, 1.0], subject.floor_m);
+        let grid = LineGrid3D::new().with_plane(floor).with_spacing(0.25).with_color(Color::from_unmultiplied_rgba(150, 165, 185, 45));
+        self.log(path.join(&"LineGrid3D".into()), &grid);
+        // Paths are drawn in short pieces: all up to the cursor are shown.
+        let start = TimeRangeBoundary::Infinite;
+        let range = |timeline: &str| {
+            VisibleTimeRange(Span { timeline: timeline.into(), range: TimeRange { start, end: TimeRangeBoundary::AT_CURSOR } })
+        };
+        for of in [entity::PATH_ACTUAL, entity::PATH_DESIRED, entity::RIVAL_PATH] {
+            let at = ViewContents::blueprint_base_visualizer_path_for_entity(id, &of.into());
+            self.log(at, &VisibleTimeRanges::new([range("t"), range("tick")]));
+        }
+        path
+    }
+}

@@ -1,0 +1,104 @@
+//! What is known of a run at its end only: when the arm was singular for longest, and from where that is best seen.
+
+use glam::Vec3;
+use shared_types::messages::SingularityState;
+
+use crate::blueprint::{Ending, Eye};
+use crate::scene::{Mark, Presence};
+use crate::solid::Placement;
+
+/// A stretch of time in which the arm was inside some neighbourhood throughout, or nearest to one.
+#[derive(Clone, Copy, Debug)]
+struct Stretch {
+    first: u64,
+    last: u64,
+    /// ζ at its beginning and now, of the singularity that the arm entered first.
+    zeta: [Vec3; 2],
+    /// Which.
+    which: usize,
+    centre: Vec3,
+    /// The hand at its beginning and now.
+    hand: [Vec3; 2],
+}
+
+/// The stretches of a run so far.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Stretches {
+    now: Option<Stretch>,
+    longest: Option<Stretch>,
+    /// Where |s|/η was least, and how small; for a run that is inside none.
+    nearest: Option<(f64, Stretch)>,
+}
+
+impl Stretches {
+    /// Takes a tick in.
+    pub(super) fn push(&mut self, tick: u64, singularities: &[SingularityState], marks: &[Mark], hand: &Placement) {
+        let inside = marks.iter().position(|mark| mark.look.presence == Presence::Inside);
+        let at = |which: usize, mark: &Mark| Stretch {
+            first: tick,
+            last: tick,
+            zeta: [mark.zeta(); 2],
+            which,
+            centre: mark.X_BS.p,
+            hand: [hand.p; 2],
+        };
+        if let Some(which) = inside {
+            let now = self.now.get_or_insert_with(|| at(which, &marks[which]));
+            (now.last, now.hand[1]) = (tick, hand.p);
+            if marks[now.which].look.presence == Presence::Inside {
+                now.zeta[1] = marks[now.which].zeta();
+            }
+            if self.longest.is_none_or(|longest| now.last - now.first >= longest.last - longest.first) {
+                self.longest = Some(*now);
+            }
+        } else {
+            self.now = None;
+        }
+        for (which, (one, mark)) in singularities.iter().zip(marks).enumerate() {
+            let nearness = one.s.abs() / one.eta_in.max(1e-9);
+            if self.nearest.is_none_or(|(least, _)| nearness < least) {
+                self.nearest = Some((nearness, at(which, mark)));
+            }
+        }
+    }
+
+    /// What to show again and again of a run whose ticks are `ns` apart and end with `last`: half a second before the arm entered to one after
+    /// it left. `None` for a run without singularities.
+    pub(super) fn ending(&self, ns: impl Fn(u64) -> i64, last: u64, unit: f32, main: &Eye) -> Option<Ending> {
+        let stretch = self.longest.or(self.nearest.map(|(_, stretch)| stretch))?;
+        let (before, after) = (500_000_000, 1_000_000_000);
+        let loop_ns = ((ns(stretch.first) - before).max(0), (ns(stretch.last) + after).min(ns(last)));
+        let way = stretch.hand[1] - stretch.hand[0];
+        Some(Ending { loop_ns, close_up: close_up(stretch.centre, stretch.zeta, way, unit, main) })
+    }
+}
+
+/// An eye near C that looks across ζ: onto the sector that ζ sweeps, else onto the plane of ζ and the hand's way; from the main eye's side.
+pub(super) fn close_up(centre: Vec3, zeta: [Vec3; 2], way: Vec3, unit: f32, main: &Eye) -> Eye {
+    let across = |other: Vec3| zeta[0].cross(other.normalize_or_zero());
+    let candidates = [across(zeta[1]), across(way), across(main.up), across(main.position - main.look_at)];
+    let aside = candidates.into_iter().find(|aside| aside.length() > 0.35).unwrap_or_else(|| zeta[0].any_orthonormal_vector());
+    let towards_main = (main.position - main.look_at).normalize_or(Vec3::X);
+    let mut aside = aside.normalize_or(Vec3::X);
+    if aside.dot(towards_main) < 0.0 {
+        aside = -aside;
+    }
+    // A little of the main view's direction: nothing is seen exactly edge-on.
+    let direction = (aside + 0.25 * towards_main + 0.12 * main.up).normalize_or(aside);
+    let up = if direction.dot(main.up).abs() > 0.93 { zeta[0].cross(direction).normalize_or(Vec3::X) } else { main.up };
+    Eye { position: centre + direction * (3.8 * unit), look_at: centre, up }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_close_up_looks_onto_the_plane_that_zeta_sweeps() {
+        let main = Eye { position: Vec3::new(2.0, -2.0, 1.0), look_at: Vec3::ZERO, up: Vec3::Z };
+        let eye = close_up(Vec3::ZERO, [Vec3::X, Vec3::Z], Vec3::ZERO, 0.2, &main);
+        let direction = eye.position.normalize();
+        assert!(direction.dot(-Vec3::Y) > 0.9, "{direction}: across x and z, from the main eye's side");
+        assert!((eye.position.length() - 3.8 * 0.2).abs() < 1e-5);
+    }
+}

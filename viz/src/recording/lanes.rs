@@ -1,0 +1,150 @@
+//! Modes, states, faults and words, as they change.
+
+use re_sdk_types::archetypes::{StateChange, TextDocument};
+use shared_types::codes::{DRIVES, MODES, PHASES, name_of};
+use shared_types::{MAX_SINGULARITIES, Message};
+
+use super::state::{Fault, Level, PROCESSES, Recording};
+use crate::narration::{FAULT_COLOUR, NO_FAULT, Run, Situation};
+use crate::signals::TickRow;
+use crate::{entity, narration};
+
+/// A message that is missing for so many ticks is late, not absent.
+const PATIENCE: u64 = 3;
+
+impl Recording {
+    /// A fault takes effect: its number, its words for the lane and for the headline.
+    pub fn fault_begins(&mut self, tick: u64, number: usize, lane: &str, headline: &str) {
+        self.faults.push(Fault { number, lane: lane.to_owned(), headline: headline.to_owned(), until: None });
+        self.write_fault_lane(tick);
+    }
+
+    /// A fault is over at a tick, be it past or still to come.
+    pub fn fault_ends(&mut self, tick: u64, number: usize) {
+        self.faults.iter_mut().filter(|fault| fault.number == number).for_each(|fault| fault.until = Some(tick));
+    }
+
+    fn write_fault_lane(&mut self, tick: u64) {
+        let text = self.faults.last().map_or(NO_FAULT.0, |fault| fault.lane.as_str()).to_owned();
+        if self.lanes.fault.as_deref() == Some(text.as_str()) {
+            return;
+        }
+        if text != NO_FAULT.0 && !self.fault_states.contains(&text) {
+            self.fault_states.push(text.clone());
+            let all = self.fault_states.clone();
+            let styles: Vec<(&str, u32)> = all.iter().map(|state| (state.as_str(), FAULT_COLOUR)).chain([NO_FAULT]).collect();
+            self.style(entity::state("fault"), &styles);
+        }
+        self.lane(tick, "fault", &text);
+        self.lanes.fault = Some(text);
+        self.situation = None;
+    }
+
+    pub(super) fn write_changes(&mut self, row: &TickRow) {
+        let before = self.faults.len();
+        self.faults.retain(|fault| fault.until.is_none_or(|until| row.tick < until));
+        if self.lanes.fault.is_none() || self.faults.len() < before {
+            self.write_fault_lane(row.tick);
+        }
+        self.write_lives(row);
+        if let Some(sensor) = row.sensor
+            && self.lanes.drive != Some(sensor.drive)
+        {
+            self.lanes.drive = Some(sensor.drive);
+            self.lane(row.tick, "drive", name_of(DRIVES, sensor.drive));
+        }
+        if let Some(torque) = row.torque
+            && self.lanes.phase != Some(torque.phase)
+        {
+            self.lanes.phase = Some(torque.phase);
+            self.lane(row.tick, "phase", name_of(PHASES, torque.phase));
+        }
+        if let Some(command) = row.control_state {
+            for i in 0..self.subject.singularities.len().min(MAX_SINGULARITIES) {
+                let mode = command.mode[i];
+                if self.lanes.modes[i] != Some(mode) {
+                    let before = self.lanes.modes[i].replace(mode);
+                    let name = self.subject.singularities[i].0.clone();
+                    self.lane(row.tick, &format!("mode/{name}"), name_of(MODES, mode));
+                    if let Some(before) = before {
+                        self.event(row.tick, Level::Info, &format!("{name}: {} → {}", name_of(MODES, before), name_of(MODES, mode)));
+                    }
+                }
+            }
+        }
+        // A tick or two without a command is not worth a line.
+        self.unheard = if row.torque.is_some() { 0 } else { self.unheard + 1 };
+        let situation = Situation::of(row);
+        let told = row.torque.is_some() && row.singularity.is_some() || self.unheard >= 5;
+        if told && self.situation != Some(situation) && self.rival.is_none() {
+            self.situation = Some(situation);
+            let run = Run {
+                title: &self.title.name,
+                joints: self.subject.joints,
+                directions: self.directions,
+                fault: self.faults.last().map(|fault| fault.headline.as_str()),
+            };
+            let words = situation.markdown(&run);
+            self.log(row.tick, entity::NOW, &TextDocument::from_markdown(words));
+        }
+    }
+
+    /// A writer whose own input is missing waits; one that has its input and writes nothing is silent.
+    fn write_lives(&mut self, row: &TickRow) {
+        let life = |header: Option<&shared_types::Header>| header.map_or(0, |header| header.incarnation);
+        let plant = row.sensor.map(Message::header).or(row.plant_state.map(Message::header));
+        let now = [
+            life(plant),
+            life(row.estimate.map(Message::header)),
+            life(row.singularity.map(Message::header)),
+            life(row.torque.map(Message::header)),
+        ];
+        let has_input = [true, row.sensor.is_some(), row.estimate.is_some(), row.estimate.is_some() && row.singularity.is_some()];
+        let freshness = u64::from(self.rate_hz) * 3 / 10;
+        for (i, incarnation) in now.into_iter().enumerate() {
+            if incarnation > self.incarnations[i] {
+                if self.incarnations[i] > 0 {
+                    self.event(row.tick, Level::Warning, &format!("{} is back as incarnation {incarnation}", PROCESSES[i]));
+                    self.lanes.fresh_until[i] = row.tick + freshness;
+                }
+                self.incarnations[i] = incarnation;
+            }
+            self.lanes.missing[i] = if incarnation == 0 { self.lanes.missing[i] + 1 } else { 0 };
+            let text = match incarnation {
+                0 if self.lanes.missing[i] < PATIENCE && self.lanes.life[i].is_some() => continue,
+                0 if has_input[i] => "silent",
+                0 => "waiting",
+                _ if row.tick < self.lanes.fresh_until[i] => "restarted",
+                _ => "up",
+            };
+            if self.lanes.life[i] != Some(text) {
+                self.lanes.life[i] = Some(text);
+                self.lane(row.tick, &format!("process/{}", PROCESSES[i]), text);
+            }
+        }
+        let text = if row.tick < self.lanes.fresh_until[PROCESSES.len()] { "restarted" } else { "up" };
+        if self.lanes.recorder != Some(text) {
+            self.lanes.recorder = Some(text);
+            self.lane(row.tick, "process/recorder", text);
+        }
+    }
+
+    /// The recorder that writes this part has taken up where one before it ended: its lane says so from tick `from` on.
+    pub fn recorder_restarted(&mut self, from: u64) {
+        self.lanes.fresh_until[PROCESSES.len()] = from + u64::from(self.rate_hz) * 3 / 10;
+    }
+
+    pub(super) fn lane(&mut self, tick: u64, lane: &str, state: &str) {
+        self.log(tick, entity::state(lane), &StateChange::single(state));
+    }
+
+    pub(super) fn style_lanes(&mut self) {
+        self.style(entity::state("fault"), &[NO_FAULT]);
+        for (lane, states) in [("drive", narration::DRIVE_STATES), ("phase", narration::PHASE_STATES)] {
+            self.style(entity::state(lane), states);
+        }
+        for process in entity::PROCESSES {
+            self.style(entity::state(&format!("process/{process}")), narration::LIFE_STATES);
+        }
+    }
+}
