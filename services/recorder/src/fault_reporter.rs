@@ -2,6 +2,7 @@
 
 use runtime::{FaultRecord, Shell};
 use shared_types::fault::{Fault, Kind};
+use shared_types::graph::Graph;
 use viz::Level;
 
 use crate::tape::Tape;
@@ -35,7 +36,8 @@ impl FaultReporter {
             let reported = &mut self.reported[place];
             let FaultRecord { scheduled, origin, injected_ns, detected_ns, recovered_ns } = account;
             let states = [(injected_ns, INJECTED), (detected_ns, DETECTED), (recovered_ns, RECOVERED)];
-            if states.iter().all(|(ns, state)| *ns == 0 || *reported & state != 0) {
+            let is_told = injected_ns == 0 || *reported & OVER != 0;
+            if is_told && states.iter().all(|(ns, state)| *ns == 0 || *reported & state != 0) {
                 continue;
             }
             let process = shell.manifest().processes.get(scheduled.process as usize).map_or("?", |process| process.name.as_str());

@@ -114,7 +114,7 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
     while shell.poll(pause(shell.mode()))? {
         topics.drain(&mut assembler)?;
         // Before the ticks in which it shows: their words name it.
-        fault_reporter.report(shell, &mut tape);
+        fault_reporter.report(shell, &job.graph, &mut tape);
         while let Some(row) = assembler.pop(shell.ticks_begun(), false) {
             take(row, &mut judge, &mut tape);
         }

@@ -229,13 +229,13 @@ impl Recording {
         }
         // Content of an earlier part is not written again.
         if row.tick >= self.written.signals {
-            self.signals.push(row.tick, |put| sample(row, &self.limits, |signal, values| put(signal as usize, values)));
+            self.signals.push(row.tick, |put| sample(row, &self.limits, self.hops, |signal, values| put(signal as usize, values)));
             if row.tick.is_multiple_of(self.drawn_every) {
                 let gravity = row.q().map(|q| self.arm.gravity(&SVector::from_column_slice(q))).unwrap_or_default();
-                let limits = &self.limits;
+                let (limits, hops) = (&self.limits, self.hops);
                 self.drawn_table.push(row.tick, |put| {
                     draw(row, limits, gravity.as_slice(), |drawn, values| put(drawn as usize, values));
-                    sample(row, limits, |signal, values| put(Drawn::ALL.len() + signal as usize, values));
+                    sample(row, limits, hops, |signal, values| put(Drawn::ALL.len() + signal as usize, values));
                 });
             }
         }

@@ -187,8 +187,9 @@ pub(super) struct Swept {
     pub(super) is_over: bool,
 }
 
-/// Writers of the messages.
-pub(super) const PROCESSES: [&str; 4] = ["plant", "estimator", "analyzer", "controller"];
+/// The programs that write the topics of the chain: a lane of the state timeline each.
+pub(super) const PROCESSES: [&str; 4] =
+    [Program::Plant.name(), Program::Estimator.name(), Program::Analyzer.name(), Program::Controller.name()];
 
 /// The text of each lane of the state timeline.
 #[derive(Debug, Default)]

@@ -76,7 +76,7 @@ pub fn race(
     out: Option<&Path>,
     observer: Observer<'_>,
 ) -> Result<Race, Failure> {
-    let load::Loaded { scenario, robot } = load::scenario(name, settings, seed)?;
+    let load::Loaded { scenario, robot, .. } = load::scenario(name, settings, seed)?;
     let scenario = chain::without_faults(&scenario);
     let law = scenario.control.strategy;
     if law == rival {
@@ -89,7 +89,8 @@ pub fn race(
     observer(Progress::Step);
 
     let run = format!("race-{}-{}", scenario.name, scenario.seed);
-    let info = RunInfo { scenario: &scenario, robot: &robot, run: &run, version: env!("CARGO_PKG_VERSION"), seed: scenario.seed };
+    let info =
+        RunInfo { scenario: &scenario, robot: &robot, run: &run, version: env!("CARGO_PKG_VERSION"), seed: scenario.seed, hops: None };
     let options = Options { signal_chunk_s: 1.0, picture_chunk_s: 10.0, ..Options::default() };
     let mut recording = Recording::create_part(&results.folder, 0, &info, options).map_err(Failure::work)?;
     let (mut racer, mut words, mut failed) = (Racer::default(), String::new(), None);
