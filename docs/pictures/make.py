@@ -27,7 +27,7 @@ PICTURES = {
     "free": (["run", "fig5-wrist-rotation"], 3.4, None),
     "overhead": (["run", "overhead-pass"], 1.6, None),
     "straight-up": (["run", "straight-up"], 0.15, None),
-    "elbow": (["run", "elbow-in-and-out"], None, None),
+    "race": (["compare", "fig5-wrist-rotation", "--race"], 2.6, None),
     "arms": (["run", "ur5-wrist"], 1.0, None),
     "faults": (["run", str(FAULTS)], 2.66, None),
     "timing": (["run", "fig5-wrist-rotation"], 1.0, "timing"),
@@ -68,7 +68,7 @@ def picture(command, name, scratch):
 
 
 def race(command, scratch):
-    folder = scratch / "race"
+    folder = scratch / "race.gif"
     armplane(command, RACE, folder)
     frames = []
     with Viewer([folder / "run.rrd"]) as viewer:
@@ -89,11 +89,11 @@ def race(command, scratch):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--armplane", default=str(DOCS.parent / "target/release/armplane"))
-    parser.add_argument("--only", default=",".join([*PICTURES, "race"]), help="names, separated by commas")
+    parser.add_argument("--only", default=",".join([*PICTURES, "race.gif"]), help="names, separated by commas")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         for name in arguments.only.split(","):
-            if name == "race":
+            if name == "race.gif":
                 race(arguments.armplane, pathlib.Path(scratch))
             else:
                 picture(arguments.armplane, name, pathlib.Path(scratch))
