@@ -168,7 +168,8 @@ pub fn limits(robot: &Robot) -> Limits {
     Limits {
         served: robot.task.0,
         names: robot.joints.iter().map(|joint| joint.name.clone()).collect(),
-        middle: of(|joint| 0.5 * (joint.lower + joint.upper)),
+        lower: of(|joint| joint.lower),
+        upper: of(|joint| joint.upper),
         effort: of(|joint| joint.effort),
         velocity: of(|joint| joint.velocity),
     }

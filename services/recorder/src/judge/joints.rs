@@ -3,6 +3,7 @@
 use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 use shared_types::bounds::{larger, share, within};
+use shared_types::codes::{PHASE_REFUSED, REFUSAL_LIMIT, REFUSAL_UNLISTED};
 use shared_types::summary::{JointSummary, LimitSummary};
 
 use super::histogram::{new, stored};
@@ -24,8 +25,10 @@ pub struct Limits {
     pub served: [bool; 6],
     /// Names.
     pub names: Vec<String>,
-    /// Half-way between the position limits, rad (m for a sliding joint).
-    pub middle: Vec<f64>,
+    /// Lower position limits, rad (m for a sliding joint).
+    pub lower: Vec<f64>,
+    /// Upper ones.
+    pub upper: Vec<f64>,
     /// N·m.
     pub effort: Vec<f64>,
     /// rad/s.
@@ -40,11 +43,13 @@ pub(super) struct JointMeter {
     #[serde(with = "stored")]
     torque_steps: Histogram<u64>,
     last_tau: Option<Vec<f64>>,
+    /// Where the arm was when the controller refused to go on.
+    refused: Option<String>,
 }
 
 impl JointMeter {
     pub(super) fn new(limits: Limits) -> Self {
-        Self { limits, summary: JointSummary::default(), torque_steps: new(), last_tau: None }
+        Self { limits, summary: JointSummary::default(), torque_steps: new(), last_tau: None, refused: None }
     }
 
     /// The task axes that the arm serves.
@@ -61,8 +66,38 @@ impl JointMeter {
     pub(super) fn tick(&mut self, tick: &Tick<'_>, switches: usize, mut events: impl FnMut(String)) {
         self.measure_switches(tick, switches);
         self.measure_loads(tick);
+        if tick.torque.phase == PHASE_REFUSED && self.refused.is_none() {
+            self.refused = self.place_of_refusal(tick);
+            self.refused.iter().for_each(|text| events(text.clone()));
+        }
         for i in 0..self.count() {
             self.watch_limits(tick, i, &mut events);
+        }
+    }
+
+    /// Numbers that belong to the reason of a refusal: the joint nearest to its limit on the way it moves, or the rank that is left.
+    fn place_of_refusal(&self, tick: &Tick<'_>) -> Option<String> {
+        let k = tick.truth.header.tick;
+        match tick.control.refusal {
+            REFUSAL_LIMIT => {
+                let room = |i: usize| {
+                    let (q, qdot) = (tick.truth.q[i], tick.truth.qdot[i]);
+                    if qdot > 0.0 {
+                        (self.limits.upper[i] - q, self.limits.upper[i])
+                    } else {
+                        (q - self.limits.lower[i], self.limits.lower[i])
+                    }
+                };
+                let joint = (0..self.count()).min_by(|a, b| room(*a).0.total_cmp(&room(*b).0))?;
+                let (left, limit) = room(joint);
+                let name = &self.limits.names[joint];
+                Some(format!("{name} was {:.2}° from its limit of {:.1}° at tick {k}", left.to_degrees(), limit.to_degrees()))
+            }
+            REFUSAL_UNLISTED => {
+                let listed = tick.report.singularities.iter().take(tick.report.count as usize).filter(|s| s.inside != 0).count();
+                Some(format!("at tick {k} the Jacobian had rank {} with {listed} singularities listed", tick.report.rank))
+            }
+            _ => None,
         }
     }
 
@@ -104,7 +139,8 @@ impl JointMeter {
 
     fn watch_limits(&mut self, tick: &Tick<'_>, i: usize, events: &mut impl FnMut(String)) {
         let bit = 1u32 << i;
-        let stop = if tick.truth.q[i] > self.limits.middle[i] { "upper stop" } else { "lower stop" };
+        let middle = 0.5 * (self.limits.lower[i] + self.limits.upper[i]);
+        let stop = if tick.truth.q[i] > middle { "upper stop" } else { "lower stop" };
         for (is_reached, limit) in [
             (tick.truth.limit_mask & bit != 0, stop),
             (!within(share(tick.truth.qdot[i], self.limits.velocity[i]), 1.0), "speed"),
@@ -135,7 +171,7 @@ impl JointMeter {
             .then(|| format!("torques waited for the rates that the drives accept, {rate_limited_ticks} ticks in all"));
         let doubts = (doubted_ticks > 0)
             .then(|| format!("the estimate was set aside for {doubted_ticks} ticks, because no torque within the limits moves the arm so"));
-        limits.chain(waits).chain(doubts)
+        self.refused.clone().into_iter().chain(limits).chain(waits).chain(doubts)
     }
 
     pub(super) fn finish(mut self) -> JointSummary {

@@ -11,7 +11,7 @@ const IDENTITY: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
 
 fn limits() -> Limits {
     let names = (1..=6).map(|i| format!("joint{i}")).collect();
-    Limits { served: [true; 6], names, middle: vec![0.0; 6], effort: vec![10.0; 6], velocity: vec![2.0; 6] }
+    Limits { served: [true; 6], names, lower: vec![-3.0; 6], upper: vec![3.0; 6], effort: vec![10.0; 6], velocity: vec![2.0; 6] }
 }
 
 fn judged(ticks: u64, shape: impl Fn(u64, &mut ByTopic<Whole>)) -> Verdict {
