@@ -157,6 +157,27 @@ fn no_process_outlives_a_killed_launcher_and_clean_removes_what_it_left() {
     until("the processes to go", || children_of_run(said.launcher).is_empty());
     assert!(!in_shared_memory(said.launcher).is_empty(), "a killed launcher cannot clean up");
     let doctor: Value = serde_json::from_str(&desk.armplane(&["doctor", "--json"]).out).unwrap();
+    let recovered = desk.armplane(&["recover", "results", "--json"]);
+    assert_eq!(recovered.code, 0, "{}", recovered.err);
+    let summary: Value = serde_json::from_str(&recovered.out).unwrap();
+    let ticks = summary["ticks"].as_u64().unwrap();
+    assert!(ticks > 100 && summary["topics"]["torque"]["count"].as_u64().unwrap().abs_diff(ticks) <= 512, "{summary}");
+    assert_eq!(summary["outcome"], "interrupted");
+    let mut rows = 0;
+    let count = |piece: viz::Piece| {
+        if let viz::Piece::Rows(read) = piece {
+            rows += read.ticks.len() as u64;
+        }
+        Ok::<(), viz::ReadError>(())
+    };
+    viz::read(&viz::parts_in(&desk.path().join("results")), count).unwrap();
+    assert_eq!(rows, ticks, "every tick once in the recording");
+    for command in [&["report", "results"][..], &["replay", "results"]] {
+        let said = desk.armplane(command);
+        assert_eq!(said.code, 0, "{command:?}: {}", said.err);
+    }
+    let again = desk.armplane(&["recover", "results"]);
+    assert!(again.code == 2 && again.err.contains("nothing to recover"), "{}", again.err);
     let ours = format!("-{}-", said.launcher);
     let found = doctor["runs"].as_array().unwrap().iter().any(|run| run["run"].as_str().unwrap().contains(&ours) && run["alive"] == false);
     assert!(found, "{doctor}");

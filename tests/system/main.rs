@@ -12,6 +12,7 @@ mod graph;
 mod hostile;
 mod inspect;
 mod life;
+mod neighbours;
 mod patience;
 mod properties;
 mod recording;

@@ -123,7 +123,7 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure
         job.and_then(|job| job.graph.target(process)).unwrap_or(Target { index: index as u32, role: Role::Stage, fields: Vec::new() });
     let scheduled = fault.schedule(&target, manifest.rate_hz, seed).map_err(|complaint| Failure::Input(complaint.to_string()))?;
     let Some(place) = control_page.fault_table().request(&scheduled) else {
-        return Err(Failure::Work(format!("the run {name} has had {} faults and has room for no more", runtime::MOST_FAULTS)));
+        return Err(Failure::Work(format!("the run {name} has had {} faults and has room for no more", runtime::MOST_WHEN_REQUESTED)));
     };
     let asked = Instant::now();
     while !control_page.fault_table().is_in_force(place) {

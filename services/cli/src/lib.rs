@@ -18,6 +18,7 @@ mod list;
 mod out;
 mod process;
 mod progress;
+mod recover;
 mod replay;
 mod report;
 mod run;
@@ -153,6 +154,13 @@ enum Command {
         after_help = "Examples:\n  armplane inspect --robot puma560 --q ready\n  armplane inspect --robot puma560 --q-deg=20,-60,170,0,0,0\n  armplane inspect --robot my.urdf --frame tool0 --q=0,0.1,0.2,0,0,0 --qdot=0,0,0,0,0,1 --json"
     )]
     Inspect(inspect::InspectArgs),
+    /// Make the recording and the summary of a run whose launcher was killed.
+    #[command(
+        long_about = "Makes run.rrd, summary.json and scenario.toml of a run whose launcher was killed, from job.json and the messages in its folder. Its \
+                      faults come from shared memory, as long as `armplane clean` has not removed what the run left there.",
+        after_help = "Example:\n  armplane recover runs/fig5-wrist-rotation-001"
+    )]
+    Recover(recover::RecoverArgs),
     /// Show which process reads and writes what.
     #[command(after_help = "Examples:\n  armplane graph\n  armplane graph --format dot | dot -Tsvg > graph.svg")]
     Graph(graph::GraphArgs),
@@ -172,6 +180,10 @@ enum Command {
 /// Parses the arguments of the process and executes the command; the exit code of the program.
 #[must_use]
 pub fn main() -> ExitCode {
+    launcher::with_room(work).unwrap_or_else(|error| failure::report(session::Failure::work(error)))
+}
+
+fn work() -> ExitCode {
     let cli = Cli::parse();
     let level = match cli.verbose {
         0 => "warn",
@@ -194,6 +206,7 @@ pub fn main() -> ExitCode {
         Command::View(args) => view::view(&args, json),
         Command::Report(args) => report::report(&args, json),
         Command::Export(args) => export::export(&args, json),
+        Command::Recover(args) => recover::recover(&args, json),
         Command::Fault(args) => fault::fault(&args, json),
         Command::List => list::list(json),
         Command::Inspect(args) => inspect::inspect(&args, json),

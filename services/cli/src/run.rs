@@ -115,7 +115,7 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
     Ok(if finished.summary.outcome == "goal reached" { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
-fn print(summary: &Summary, folder: &Path) {
+pub(crate) fn print(summary: &Summary, folder: &Path) {
     say!("{}: {} — {}\n", summary.scenario, summary.outcome, summary.reason);
     let mut rows = table(&["task", "largest", "orthogonal to ζ", "at the end"]);
     let task = &summary.task;

@@ -79,7 +79,12 @@ impl Child {
         match pidfd_open(pid_of(&process), PidfdFlags::empty()) {
             Ok(pidfd) => {
                 if let Some(stderr) = stderr {
-                    std::thread::spawn(move || forward(stderr, &sender));
+                    let read = move || forward(stderr, &sender);
+                    if let Err(error) = std::thread::Builder::new().name("stderr".into()).spawn(read) {
+                        let _ = process.kill();
+                        let _ = process.wait();
+                        return Err(error);
+                    }
                 }
                 Ok(Self { process, pidfd, lines, last_words: VecDeque::new() })
             }

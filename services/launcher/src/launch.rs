@@ -5,11 +5,17 @@ use std::time::{Duration, Instant};
 
 use runtime::{ControlPage, Hub, Manifest, Mode, Origin, Phase, RunDir, State};
 
+use crate::child::{Child, Exit};
 use crate::delay::Delay;
+use crate::limits;
 use crate::outcome::{End, Failure, LaunchError, Outcome};
 use crate::plan::{Commands, Event, Plan, Report};
 use crate::signals::{Interrupts, Urgency};
 use crate::spawn::{Slot, Slots, Supervised};
+
+/// In the run's directory: memory for the recorder's part of the summary, so that a memory file system that fills up does not cost it.
+pub(crate) const SUMMARY_ROOM: &str = "summary-room";
+const SUMMARY_BYTES: usize = 256 * 1024;
 
 /// A prepared run: its directory, control page and topics exist, and no process yet.
 ///
@@ -23,7 +29,10 @@ impl Launcher {
     /// # Errors
     /// When shared memory cannot be used or the graph contradicts itself; nothing is left then.
     pub fn prepare(plan: Plan) -> Result<Self, LaunchError> {
+        limits::raise_open_files()?;
+        RunDir::has_room()?;
         let run = RunDir::create()?;
+        std::fs::write(run.path().join(SUMMARY_ROOM), vec![0; SUMMARY_BYTES]).map_err(LaunchError::Reserve)?;
         let manifest = Manifest {
             mode: plan.mode,
             rate_hz: plan.rate_hz,
@@ -66,15 +75,13 @@ impl Supervised {
         for index in 0..self.plan.children.len() {
             self.start(index, commands)?;
         }
-        let until = self.plan.limits.start.map(|limit| Instant::now() + limit);
-        for (state, next) in [(State::Ready, Phase::Connect), (State::Connected, Phase::Work)] {
-            self.await_all(state, until, &mut signals, report)?;
-            // The keepers too have their connections before the first message.
-            self.hub.connect()?;
-            self.control_page.begin(next);
-        }
-        report(Event::Go);
-        let end = self.watch(commands, &mut signals, report);
+        let end = match self.await_beginning(commands, &mut signals, report)? {
+            Some(end) => end,
+            None => {
+                report(Event::Go);
+                self.watch(commands, &mut signals, report)
+            }
+        };
         report(Event::Stopping);
         let late_failure = self.stop(end == End::Completed, &mut signals, report);
         report(Event::Stopped);
@@ -86,28 +93,74 @@ impl Supervised {
         let outcome = Outcome { end, ticks: self.ticks(), processes: self.process_outcomes(), faults };
         let Self { slots, hub, control_page, run, .. } = self;
         drop((slots, hub, control_page));
-        run.remove().map_err(LaunchError::LeftBehind)?;
+        // The outcome stands, whatever is left.
+        if let Err(error) = run.remove() {
+            tracing::warn!("the run has ended but its files are left: {error}");
+        }
         Ok(outcome)
     }
 
-    fn await_all(&mut self, state: State, until: Option<Instant>, signals: &mut Interrupts, report: Report<'_>) -> Result<(), LaunchError> {
+    /// Until all processes have connected their ports; how the run ends where it does not come to that.
+    fn await_beginning(
+        &mut self,
+        commands: Commands<'_>,
+        signals: &mut Interrupts,
+        report: Report<'_>,
+    ) -> Result<Option<End>, LaunchError> {
+        let until = self.plan.limits.start.map(|limit| Instant::now() + limit);
+        for (state, next) in [(State::Ready, Phase::Connect), (State::Connected, Phase::Work)] {
+            if let Err(end) = self.await_all(state, until, commands, signals, report) {
+                return Ok(Some(end));
+            }
+            // The keepers too have their connections before the first message.
+            self.hub.connect()?;
+            if next == Phase::Work {
+                // Nothing is larger from here on but for replacements.
+                self.run.reserve()?;
+            }
+            self.control_page.begin(next);
+        }
+        Ok(None)
+    }
+
+    fn await_all(
+        &mut self,
+        state: State,
+        until: Option<Instant>,
+        commands: Commands<'_>,
+        signals: &mut Interrupts,
+        report: Report<'_>,
+    ) -> Result<(), End> {
         loop {
             self.rest(Duration::from_millis(2));
             self.pass_lines_on(report);
-            if let Some(&index) = self.take_in_exits(report).first() {
-                return Err(LaunchError::NotReady(self.died(index)));
+            for index in self.take_in_exits(report) {
+                // A process that was killed is replaced; one that has ended by itself says why it cannot begin.
+                let is_killed = matches!(self.slots.0[index].exit, Some(Exit::Signal(_)));
+                let planned = if is_killed { self.plan_restart(index) } else { Err(self.died(index)) };
+                planned.map_err(End::Failed)?;
+            }
+            if let Some(failure) = self.start_again(commands, report) {
+                return Err(End::Failed(failure));
             }
             if let Some(signal) = signals.pending() {
-                return Err(LaunchError::Interrupted { signal });
+                return Err(End::Interrupted { signal });
             }
-            let laggard = (0..self.plan.children.len()).find(|&index| self.control_page.process(index).state() != state);
+            let has_come = |index: usize| {
+                let found = self.control_page.process(index).state();
+                found == state || matches!(found, State::Connected | State::Running)
+            };
+            let laggard = (0..self.plan.children.len()).find(|&index| !has_come(index));
             match laggard {
                 None => return Ok(()),
                 Some(index) if until.is_some_and(|until| Instant::now() > until) => {
                     let limit = self.plan.limits.start.unwrap_or_default();
-                    return Err(LaunchError::NotReady(Failure::Slow { process: self.name(index).to_owned(), limit }));
+                    return Err(End::Failed(Failure::Slow { process: self.name(index).to_owned(), limit }));
                 }
-                Some(index) => self.note_delay(index, Some(Delay::NotReady), report),
+                Some(index) => {
+                    let halted = self.slots.0[index].child.as_ref().and_then(Child::halted);
+                    self.note_delay(index, Some(halted.unwrap_or(Delay::NotReady)), report);
+                }
             }
         }
     }

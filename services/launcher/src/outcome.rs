@@ -39,21 +39,20 @@ pub enum LaunchError {
         /// How many.
         count: usize,
     },
-    /// A process that died before the first tick.
-    #[error("{0}")]
-    NotReady(Failure),
-    /// Ctrl-C before the first tick.
-    #[error("stopped by {signal} before the first tick")]
-    Interrupted {
-        /// Which signal.
-        signal: &'static str,
-    },
     /// Signals cannot be caught.
     #[error("cannot catch SIGINT, SIGTERM and SIGHUP: {0}")]
     Signals(io::Error),
-    /// Its files cannot be removed.
-    #[error("the run has ended but its files are left: {0}")]
-    LeftBehind(RunDirError),
+    /// No memory for its summary.
+    #[error("cannot take the memory for the run's summary: {0}")]
+    Reserve(io::Error),
+    /// Too few open files allowed.
+    #[error("this shell allows a process {allowed} open files; a run needs {needed}: raise the limit with `ulimit -n {needed}`")]
+    OpenFiles {
+        /// By the hard limit.
+        allowed: u64,
+        /// For the default graph.
+        needed: u64,
+    },
 }
 
 /// The failure of a run.
@@ -76,6 +75,14 @@ pub enum Failure {
         suspect: Option<String>,
         /// The end of its standard error.
         last_words: Vec<String>,
+    },
+    /// A process died, and the other processes cannot be told.
+    #[error("{process} died at tick {tick}, and the fault table has room for no more than {MOST_FAULTS} faults: plan fewer")]
+    NoRoom {
+        /// Which.
+        process: String,
+        /// The first tick without its messages.
+        tick: u64,
     },
     /// A process did not get ready.
     #[error("{process} was not ready for the first tick within {limit:?}")]

@@ -285,7 +285,7 @@ fn a_process_that_hangs_is_named_by_who_waited_and_killed_in_the_end() {
 #[test]
 fn a_process_that_cannot_start_stops_everything_before_the_first_tick() {
     let ran = run(plan(Mode::Lockstep, Restart::Never), "controller-that-never-starts", u64::MAX, |_| {});
-    let Err(LaunchError::NotReady(Failure::Died { process, exit: Exit::Code(7), tick: 0, .. })) = &ran.outcome else {
+    let End::Failed(Failure::Died { process, exit: Exit::Code(7), tick: 0, .. }) = &ran.outcome.as_ref().unwrap().end else {
         panic!("{:?}", ran.outcome)
     };
     assert_eq!(process, "controller");

@@ -46,18 +46,12 @@ impl Supervised {
                 return End::Interrupted { signal };
             }
             for index in self.take_in_exits(report) {
-                let slot = &mut self.slots.0[index];
-                let (child, exit) = (&self.plan.children[index], slot.exit);
+                let (child, exit) = (&self.plan.children[index], self.slots.0[index].exit);
                 if child.ends_run && exit.is_some_and(Exit::is_success) {
                     return End::Completed;
                 }
-                match child.restart {
-                    Restart::Budget { times, back_off } if slot.restarts < times => {
-                        let pause = back_off * 2_u32.saturating_pow(slot.restarts);
-                        slot.due = Some(Instant::now() + pause);
-                        self.enter_death(index);
-                    }
-                    _ => return End::Failed(self.died(index)),
+                if let Err(failure) = self.plan_restart(index) {
+                    return End::Failed(failure);
                 }
             }
             self.continue_paused();
@@ -68,9 +62,21 @@ impl Supervised {
         }
     }
 
+    /// Plans the replacement of a process that has ended, as its budget allows.
+    pub(crate) fn plan_restart(&mut self, index: usize) -> Result<(), Failure> {
+        let slot = &mut self.slots.0[index];
+        match self.plan.children[index].restart {
+            Restart::Budget { times, back_off } if slot.restarts < times => {
+                slot.due = Some(Instant::now() + back_off * 2_u32.saturating_pow(slot.restarts));
+                self.enter_death(index)
+            }
+            _ => Err(self.died(index)),
+        }
+    }
+
     /// A death that a fault explains is detected; an unplanned one becomes a fault, so that no process waits for the dead one, and
     /// so that the run can be repeated.
-    fn enter_death(&self, index: usize) {
+    fn enter_death(&self, index: usize) -> Result<(), Failure> {
         let table = self.control_page.fault_table();
         // Each fault that ends its process has ended one incarnation. Where more have ended, the last one was killed by somebody else, perhaps
         // before it could take the place of one that a fault had ended.
@@ -80,13 +86,16 @@ impl Supervised {
         let explained = table.records().filter(|(_, account)| has_ended(account)).count();
         let is_known = explained >= self.control_page.process(index).incarnation() as usize;
         if !is_known {
-            let death = ScheduledFault::death(index as u32, self.first_tick_missed(index), self.plan.rate_hz);
-            if let Some(place) = table.enter(&death, Origin::Detected) {
-                table.mark_injected(place, now_ns());
-            }
+            let tick = self.first_tick_missed(index);
+            let death = ScheduledFault::death(index as u32, tick, self.plan.rate_hz);
+            let Some(place) = table.enter(&death, Origin::Detected) else {
+                return Err(Failure::NoRoom { process: self.name(index).to_owned(), tick });
+            };
+            table.mark_injected(place, now_ns());
         }
         table.mark_detected(index, self.ticks(), now_ns());
         self.control_page.ring_all();
+        Ok(())
     }
 
     /// The first tick of which nothing has come from a dead process. In lockstep everybody waits for it by now, so that its readers say how
@@ -200,7 +209,7 @@ impl Supervised {
     }
 
     /// Starts those again whose pause is over.
-    fn start_again(&mut self, commands: Commands<'_>, report: Report<'_>) -> Option<Failure> {
+    pub(crate) fn start_again(&mut self, commands: Commands<'_>, report: Report<'_>) -> Option<Failure> {
         for index in 0..self.plan.children.len() {
             let slot = &self.slots.0[index];
             let (Some(due), Some(exit)) = (slot.due, slot.exit) else { continue };

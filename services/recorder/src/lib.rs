@@ -7,6 +7,7 @@ mod fault_reporter;
 mod foreign;
 mod judge;
 mod kept;
+mod rebuild;
 mod tape;
 
 use std::collections::BTreeMap;
@@ -31,6 +32,7 @@ use kept::Kept;
 
 pub use assemble::{Assembler, Row, Set};
 pub use judge::{Judge, Limits, TaskError, Tick, Verdict};
+pub use rebuild::rebuild;
 pub use tape::Tape;
 
 /// Name of the recorder's part of the summary in the run's directory.
@@ -147,7 +149,8 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
     // Messages sent less messages received: a gap in the ticks may be a message that a fault kept from being sent.
     let refused = shell.count(Count::Refused) + shell.count(Count::Fenced);
     tape.lost = shell.sent_by_all().saturating_sub(topics.account().iter().map(|(_, hash)| hash.count()).sum::<u64>() + refused);
-    Ok(summary(robot, job, shell.mode(), judge.verdict(), &topics, tape))
+    tape.not_drawn = topics.foreign.iter().map(|tap| tap.topic.clone()).collect();
+    Ok(summary(robot, job, shell.mode(), judge.verdict(), &topics.account(), tape))
 }
 
 fn take(row: &Row, judge: &mut Judge, tape: &mut Tape) {
@@ -377,8 +380,7 @@ impl Topics {
 }
 
 /// The recorder's part of the summary; the launcher adds the processes.
-fn summary(robot: &Robot, job: &Job, mode: Mode, verdict: Verdict, topics: &Topics, tape: RecorderSummary) -> Summary {
-    let account = topics.account();
+fn summary(robot: &Robot, job: &Job, mode: Mode, verdict: Verdict, account: &[(&str, TopicHash)], tape: RecorderSummary) -> Summary {
     Summary {
         version: job.version.clone(),
         scenario: job.scenario.name.clone(),
@@ -405,11 +407,7 @@ fn summary(robot: &Robot, job: &Job, mode: Mode, verdict: Verdict, topics: &Topi
         faults: Vec::new(),
         deadlines: Default::default(),
         latency_us: verdict.latency_us,
-        recorder: RecorderSummary {
-            messages: account.iter().map(|(_, hash)| hash.count()).sum(),
-            not_drawn: topics.foreign.iter().map(|tap| tap.topic.clone()).collect(),
-            ..tape
-        },
+        recorder: RecorderSummary { messages: account.iter().map(|(_, hash)| hash.count()).sum(), ..tape },
         processes: Vec::new(),
         machine: Default::default(),
     }

@@ -49,7 +49,7 @@ pub use control_page::{ControlPage, ControlPageError, Count, Counts, Phase, Proc
 pub use doorbell::DoorbellPort;
 pub use environment::{PROCESS_VARIABLE, RUN_VARIABLE};
 pub use fault::message::apply_to_outgoing;
-pub use fault::table::{FaultRecord, FaultTable, MOST_FAULTS, Origin};
+pub use fault::table::{FaultRecord, FaultTable, MOST_FAULTS, MOST_WHEN_REQUESTED, Origin};
 pub use manifest::{Disturbance, ForeignMessage, Manifest, ManifestError, Mode, Process};
 pub use run_dir::{FoundRun, RunDir, RunDirError, SHM};
 pub use shared_types::process::MAX_PROCESSES;

@@ -10,15 +10,23 @@
 //! where process ids mean different things (containers that share `/dev/shm`).
 
 use std::fs;
+use std::hash::{BuildHasher, RandomState};
 use std::os::fd::OwnedFd;
-use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use rustix::fs::{FlockOperation, Mode, OFlags};
+use rustix::fs::{FallocateFlags, FileType, FlockOperation, Mode, OFlags, fallocate};
+use rustix::io::Errno;
 
 /// The memory file system that all runs share.
 pub const SHM: &str = "/dev/shm";
+
+/// Free shared memory without which no run begins; bytes. The default graph takes 38 MB.
+const LEAST_FREE: u64 = 40 << 20;
+
+/// How often a name is drawn that nobody has taken.
+const ATTEMPTS: u32 = 100;
 
 /// The directory of one run; its creator removes it, and everything of the run, when it drops it.
 #[derive(Debug)]
@@ -55,6 +63,14 @@ pub enum RunDirError {
         /// Why.
         source: std::io::Error,
     },
+    /// The memory file system is full.
+    #[error(
+        "{SHM} is too full for a run: {missing} bytes are missing (`armplane doctor` shows its size, `armplane clean` removes leftovers)"
+    )]
+    Full {
+        /// How many.
+        missing: u64,
+    },
     /// Its own process entry cannot be read.
     #[error("cannot read /proc/self/stat, which tells this process's start time: is /proc mounted?")]
     NoProc,
@@ -82,10 +98,18 @@ impl RunDir {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let pid = std::process::id();
         let start = start_time("self").ok_or(RunDirError::NoProc)?;
-        let n = COUNT.fetch_add(1, Ordering::Relaxed);
-        let path = Path::new(SHM).join(format!("{}{pid}-{start:x}-{n}", own_prefix()));
+        let mut path = PathBuf::new();
+        for attempt in 0..ATTEMPTS {
+            // A number that another user of the machine cannot know before the directory is there, to take the name away.
+            let n = RandomState::new().hash_one(COUNT.fetch_add(1, Ordering::Relaxed)) as u32;
+            path = Path::new(SHM).join(format!("{}{pid}-{start:x}-{n}", own_prefix()));
+            match fs::DirBuilder::new().mode(0o700).create(&path) {
+                Ok(()) => break,
+                Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists && attempt + 1 < ATTEMPTS => {}
+                Err(source) => return Err(RunDirError::Create { path, source }),
+            }
+        }
         let failed = |source| RunDirError::Create { path: path.clone(), source };
-        fs::DirBuilder::new().mode(0o700).create(&path).map_err(failed)?;
         let owner = rustix::fs::open(&path, OFlags::RDONLY | OFlags::DIRECTORY | OFlags::CLOEXEC, Mode::empty())
             .and_then(|fd| rustix::fs::flock(&fd, FlockOperation::NonBlockingLockExclusive).map(|()| fd))
             .map_err(|errno| failed(errno.into()))?;
@@ -150,8 +174,50 @@ impl RunDir {
 
     /// Takes the rights of others away from the run's files beside the directory: iceoryx2 makes its node counter writable for everybody.
     pub(crate) fn make_private(&self) -> std::io::Result<()> {
-        let beside = entries().into_iter().filter(|(name, path)| name == self.name() && path.is_file());
-        beside.map(|(_, path)| path).try_for_each(|path| fs::set_permissions(path, fs::Permissions::from_mode(0o600)))
+        for (_, path) in entries().into_iter().filter(|(name, _)| name == self.name()) {
+            if let Some(file) = own_file(&path)? {
+                rustix::fs::fchmod(&file, Mode::RUSR | Mode::WUSR)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes the memory for all files of the run that are there, to their whole length: a memory file system that somebody fills later ends no
+    /// process of this run with SIGBUS.
+    ///
+    /// # Errors
+    /// [`RunDirError::Full`] with the number of bytes that are missing.
+    pub fn reserve(&self) -> Result<(), RunDirError> {
+        let mut files: Vec<PathBuf> = entries().into_iter().filter(|(name, _)| name == self.name()).map(|(_, path)| path).collect();
+        let mut missing = 0;
+        while let Some(path) = files.pop() {
+            if path.is_dir() {
+                files.extend(fs::read_dir(&path).into_iter().flatten().flatten().map(|entry| entry.path()));
+                continue;
+            }
+            // A file of a passing moment may be gone.
+            let Ok(Some(file)) = own_file(&path) else { continue };
+            let Ok(stat) = rustix::fs::fstat(&file) else { continue };
+            let (size, allocated) = (stat.st_size as u64, stat.st_blocks as u64 * 512);
+            if size > allocated && fallocate(&file, FallocateFlags::empty(), 0, size).is_err() {
+                missing += size - allocated;
+            }
+        }
+        match missing {
+            0 => Ok(()),
+            _ => Err(RunDirError::Full { missing: missing.saturating_sub(free_bytes()).max(1) }),
+        }
+    }
+
+    /// Whether shared memory has room for a run now.
+    ///
+    /// # Errors
+    /// [`RunDirError::Full`] with the number of bytes that are missing.
+    pub fn has_room() -> Result<(), RunDirError> {
+        match LEAST_FREE.checked_sub(free_bytes()) {
+            None | Some(0) => Ok(()),
+            Some(missing) => Err(RunDirError::Full { missing }),
+        }
     }
 
     /// Removes the run and everything in it.
@@ -174,6 +240,24 @@ impl Drop for RunDir {
     }
 }
 
+/// Bytes free in shared memory; none where there is no such file system, which the first file says better.
+fn free_bytes() -> u64 {
+    rustix::fs::statvfs(SHM).map_or(u64::MAX, |space| space.f_bavail.saturating_mul(space.f_frsize))
+}
+
+/// A regular file of this user, opened without following a link; `None` where it is anything else.
+fn own_file(path: &Path) -> std::io::Result<Option<OwnedFd>> {
+    let flags = OFlags::RDWR | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
+    let file = match rustix::fs::open(path, flags, Mode::empty()) {
+        Ok(file) => file,
+        Err(Errno::LOOP | Errno::ISDIR | Errno::NOENT | Errno::ACCESS | Errno::NXIO) => return Ok(None),
+        Err(errno) => return Err(errno.into()),
+    };
+    let stat = rustix::fs::fstat(&file)?;
+    let is_own = stat.st_uid == rustix::process::geteuid().as_raw();
+    Ok((is_own && FileType::from_raw_mode(stat.st_mode) == FileType::RegularFile).then_some(file))
+}
+
 fn own_prefix() -> String {
     format!("armplane-{}-", rustix::process::geteuid().as_raw())
 }
@@ -186,7 +270,9 @@ fn entries() -> Vec<(String, PathBuf)> {
         .flatten()
         .filter_map(|entry| {
             let file_name = entry.file_name().into_string().ok()?;
-            file_name.starts_with(&prefix).then(|| {
+            // A file of another user is no part of a run of this one, whatever its name.
+            let is_own = fs::symlink_metadata(entry.path()).is_ok_and(|metadata| metadata.uid() == rustix::process::geteuid().as_raw());
+            (is_own && file_name.starts_with(&prefix)).then(|| {
                 let name = file_name.split('.').next().unwrap_or_default().to_owned();
                 (name, entry.path())
             })
@@ -211,7 +297,7 @@ fn start_time(pid: &str) -> Option<u64> {
 
 fn is_locked(name: &str) -> bool {
     let path = Path::new(SHM).join(name);
-    match rustix::fs::open(&path, OFlags::RDONLY | OFlags::DIRECTORY | OFlags::CLOEXEC, Mode::empty()) {
+    match rustix::fs::open(&path, OFlags::RDONLY | OFlags::DIRECTORY | OFlags::NOFOLLOW | OFlags::CLOEXEC, Mode::empty()) {
         Ok(fd) => rustix::fs::flock(&fd, FlockOperation::NonBlockingLockExclusive) == Err(rustix::io::Errno::WOULDBLOCK),
         Err(_) => false,
     }
@@ -244,6 +330,8 @@ fn remove_files(name: &str) -> Result<(), RunDirError> {
 
 #[cfg(test)]
 mod tests {
+    use std::os::unix::fs::PermissionsExt;
+
     use super::*;
 
     #[test]
@@ -286,5 +374,35 @@ mod tests {
         let run = RunDir::create().unwrap();
         fs::set_permissions(run.path(), fs::Permissions::from_mode(0o755)).unwrap();
         assert!(matches!(RunDir::open(run.path()), Err(RunDirError::NotARun { .. })));
+    }
+
+    #[test]
+    fn a_link_beside_the_run_keeps_the_mode_of_its_target() {
+        let run = RunDir::create().unwrap();
+        let target = run.path().join("target");
+        fs::write(&target, "x").unwrap();
+        fs::set_permissions(&target, fs::Permissions::from_mode(0o644)).unwrap();
+        let (link, own) = (Path::new(SHM).join(format!("{}.link", run.name())), Path::new(SHM).join(format!("{}.own", run.name())));
+        std::os::unix::fs::symlink(&target, &link).unwrap();
+        fs::write(&own, "x").unwrap();
+        fs::set_permissions(&own, fs::Permissions::from_mode(0o666)).unwrap();
+        run.make_private().unwrap();
+        assert_eq!(fs::metadata(&target).unwrap().mode() & 0o777, 0o644);
+        assert_eq!(fs::metadata(&own).unwrap().mode() & 0o777, 0o600);
+        run.remove().unwrap();
+        assert!(fs::symlink_metadata(&link).is_err() && !own.exists());
+    }
+
+    #[test]
+    fn reserved_memory_is_there() {
+        let run = RunDir::create().unwrap();
+        let (inside, beside) = (run.path().join("inside"), Path::new(SHM).join(format!("{}.beside", run.name())));
+        for path in [&inside, &beside] {
+            fs::File::create(path).unwrap().set_len(1 << 20).unwrap();
+        }
+        run.reserve().unwrap();
+        assert!([inside, beside].iter().all(|path| fs::metadata(path).unwrap().blocks() * 512 >= 1 << 20));
+        fs::File::create(run.path().join("huge")).unwrap().set_len(1 << 50).unwrap();
+        assert!(matches!(run.reserve(), Err(RunDirError::Full { missing }) if missing > 1 << 49));
     }
 }

@@ -302,10 +302,20 @@ impl Shell {
         let last = shared.is_stopping();
         shared.apply_volume_faults(shared.entry().ticks(), last);
         shared.load_core(shared.entry().ticks());
-        let ticks = Cell::new(0);
-        self.each_other(|line| ticks.set(ticks.get().max(line.ticks())));
-        self.round.set(if last { Round::Last } else { Round::From(ticks.get()) });
+        self.round.set(if last { Round::Last } else { Round::From(self.ticks_made()) });
         Ok(true)
+    }
+
+    /// Ticks that have begun: those of the process that makes them. The others may be ahead of it, because a replacement closes all ticks before its
+    /// return at once.
+    fn ticks_made(&self) -> u64 {
+        let shared = &self.shared;
+        let ticks = |index: usize| shared.control_page.process(index).ticks();
+        let processes = &shared.manifest.processes;
+        match processes.iter().position(|process| process.makes_ticks) {
+            Some(source) => ticks(source),
+            None => (0..processes.len()).filter(|&index| index != shared.me).map(ticks).max().unwrap_or(0),
+        }
     }
 
     fn each_other(&self, act: impl Fn(&ProcessEntry)) {

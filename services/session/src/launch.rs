@@ -72,6 +72,12 @@ pub fn launch_watched(
     let (path, account_path) = (run_dir.join(JOB), run_dir.join(recorder::SUMMARY));
     let text = serde_json::to_vec(&job).map_err(Failure::work)?;
     std::fs::write(&path, text).map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))?;
+    // In the results folder too, before anything happens: what a killed launcher leaves can be read and recovered.
+    if job.out.is_dir() {
+        let kept = serde_json::to_vec_pretty(&job).map_err(Failure::work)?;
+        std::fs::write(job.out.join(JOB), kept)
+            .map_err(|error| Failure::Work(format!("cannot write {}: {error}", job.out.join(JOB).display())))?;
+    }
     begin(&RunDir::open(&run_dir).map_err(Failure::work)?)?;
     let mut account = None;
     let outcome = launcher.run(&|name, run| command(&job, name, run), &mut |event| {

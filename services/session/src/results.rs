@@ -82,9 +82,10 @@ impl Results {
         })
     }
 
-    /// Removes the recording that an earlier run left in the folder.
+    /// Removes the recording and the summary that an earlier run left in the folder.
     pub(crate) fn remove_old_recording(&self) -> Result<(), Failure> {
-        viz::parts_in(&self.folder).iter().try_for_each(|old| {
+        let summary = Some(self.folder.join(SUMMARY)).filter(|path| path.exists());
+        viz::parts_in(&self.folder).iter().chain(&summary).try_for_each(|old| {
             std::fs::remove_file(old).map_err(|error| Failure::Input(format!("cannot replace {}: {error}", old.display())))
         })
     }

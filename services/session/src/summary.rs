@@ -64,7 +64,7 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
 }
 
 /// A fault and its outcome.
-fn fault_summary(job: &Job, account: &FaultRecord) -> FaultSummary {
+pub(crate) fn fault_summary(job: &Job, account: &FaultRecord) -> FaultSummary {
     let process = job.graph.process.get(account.scheduled.process as usize).map(|process| process.name.clone()).unwrap_or_default();
     let fields = job.graph.target(&process).map(|target| target.fields).unwrap_or_default();
     let fault = account.scheduled.fault(&process, &fields);

@@ -257,7 +257,7 @@ fn in_processes(job: &Job, condition: Condition, seed: u64, unordered: bool, obs
 fn ended_by(mishap: Mishap) -> Option<(String, Exit)> {
     match mishap {
         Mishap::Died { process, exit, .. } => Some((process, exit)),
-        Mishap::Slow { .. } | Mishap::DidNotStop { .. } => None,
+        Mishap::NoRoom { .. } | Mishap::Slow { .. } | Mishap::DidNotStop { .. } => None,
     }
 }
 

@@ -9,8 +9,13 @@ use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
 use shared_types::fault::{Kind, MOST_DELAY_TICKS, ScheduledFault};
 
+use shared_types::process::MAX_PROCESSES;
+
 /// Most faults a run may have.
-pub const MOST_FAULTS: usize = 64;
+pub const MOST_FAULTS: usize = 144;
+
+/// Most faults in the table when a live one may still be requested: the rest is for deaths that no plan has, five of each process.
+pub const MOST_WHEN_REQUESTED: usize = MOST_FAULTS - 5 * MAX_PROCESSES;
 
 /// So long after a fault what it has done to messages may still come to light: the longest delay, twice.
 const AFTERMATH_TICKS: u64 = 2 * MOST_DELAY_TICKS;
@@ -94,11 +99,10 @@ impl FaultTable {
     }
 
     fn write(&self, scheduled: &ScheduledFault, origin: Origin, standing: u32) -> Option<usize> {
-        let place = self.taken.fetch_add(1, Ordering::AcqRel) as usize;
-        let Some(entry) = self.entries.get(place) else {
-            self.taken.store(MOST_FAULTS as u32, Ordering::Release);
-            return None;
-        };
+        let most = if origin == Origin::Live { MOST_WHEN_REQUESTED } else { MOST_FAULTS };
+        let next = |taken: u32| ((taken as usize) < most).then_some(taken + 1);
+        let place = self.taken.fetch_update(Ordering::AcqRel, Ordering::Acquire, next).ok()? as usize;
+        let entry = self.entries.get(place)?;
         entry.put(scheduled);
         entry.origin.store(origin as u32, Ordering::Relaxed);
         entry.standing.store(standing, Ordering::Release);
@@ -328,7 +332,12 @@ mod tests {
     fn a_full_fault_table_says_so() {
         let run = RunDir::create().unwrap();
         let control_page = ControlPage::create(&run).unwrap();
-        for _ in 0..MOST_FAULTS {
+        for _ in 0..MOST_WHEN_REQUESTED {
+            assert!(control_page.fault_table().request(&scheduled(Kind::Drop, 1)).is_some());
+        }
+        assert_eq!(control_page.fault_table().request(&scheduled(Kind::Drop, 1)), None, "the rest is for deaths");
+        control_page.fault_table().adopt(1);
+        for _ in MOST_WHEN_REQUESTED..MOST_FAULTS {
             assert!(control_page.fault_table().enter(&scheduled(Kind::Drop, 1), Origin::Planned).is_some());
         }
         assert_eq!((0..3).map(|_| control_page.fault_table().request(&scheduled(Kind::Drop, 1))).collect::<Vec<_>>(), [None; 3]);

@@ -149,7 +149,7 @@ impl<'a> Drill<'a> {
         let mut begin = |run: &RunDir| {
             let control_page = ControlPage::open(run).map_err(Failure::work)?;
             match live.iter().any(|scheduled| control_page.fault_table().request(scheduled).is_none()) {
-                true => Err(Failure::Work(format!("a run has room for {} faults", runtime::MOST_FAULTS))),
+                true => Err(Failure::Work(format!("a run has room for {} faults", runtime::MOST_WHEN_REQUESTED))),
                 false => Ok(()),
             }
         };

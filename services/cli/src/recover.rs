@@ -1,0 +1,28 @@
+//! `armplane recover`: the results of a run whose launcher was killed.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+use session::Failure;
+
+use crate::out::say;
+use crate::run::print;
+
+#[derive(Args)]
+pub(crate) struct RecoverArgs {
+    /// The run's results folder.
+    #[arg(value_name = "RUN")]
+    run: PathBuf,
+}
+
+pub(crate) fn recover(args: &RecoverArgs, as_json: bool) -> Result<ExitCode, Failure> {
+    let _signals = session::interrupts()?;
+    let summary = session::recover(&args.run)?;
+    if as_json {
+        say!("{}", serde_json::to_string_pretty(&summary).map_err(Failure::work)?);
+    } else {
+        print(&summary, &args.run);
+    }
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,48 @@
+//! The results of a run whose launcher was killed, from what it left.
+
+use std::path::Path;
+
+use runtime::{ControlPage, FaultRecord, RunDir, SHM};
+use shared_types::summary::Summary;
+
+use crate::failure::Failure;
+use crate::load;
+use crate::machine::machine;
+use crate::results::{Results, SUMMARY, keep};
+use crate::runs::Run;
+use crate::summary::fault_summary;
+
+/// Makes the recording, the summary and the repeatable scenario of a run from the job and the messages in its folder, and its faults from what is
+/// still in shared memory.
+///
+/// # Errors
+/// [`Failure::Input`] where the run goes on, or has ended by itself, or kept no messages; [`Failure::Work`] where something cannot be written.
+pub fn recover(folder: &Path) -> Result<Summary, Failure> {
+    let folder = folder.canonicalize().map_err(|error| Failure::Input(format!("cannot read {}: {error}", folder.display())))?;
+    // Held until all is written; refused while the run goes on.
+    let _results = Results::create(Some(&folder), "")?;
+    if folder.join(SUMMARY).exists() {
+        return Err(Failure::Input(format!("{} has its {SUMMARY}: there is nothing to recover", folder.display())));
+    }
+    let mut job = Run { folder: folder.clone(), parts: Vec::new() }.job()?;
+    if !job.messages {
+        return Err(Failure::Input(format!("{} was run without its messages: nothing can be recovered from it", folder.display())));
+    }
+    job.out.clone_from(&folder);
+    let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
+    let mut summary = recorder::rebuild(&robot, &job).map_err(Failure::work)?;
+    if !summary.completed {
+        summary.outcome = "interrupted".to_owned();
+        summary.reason = format!("the launcher was killed; recovered from the messages of {} ticks", summary.ticks);
+    }
+    summary.machine = machine();
+    summary.faults = left_in_shared_memory(&job.run).iter().map(|record| fault_summary(&job, record)).collect();
+    keep(&folder, &job, &summary)?;
+    Ok(summary)
+}
+
+/// The fault table of a run whose directory nobody has cleaned away.
+fn left_in_shared_memory(run: &str) -> Vec<FaultRecord> {
+    let page = RunDir::open(&Path::new(SHM).join(run)).ok().and_then(|run| ControlPage::open(&run).ok());
+    page.map(|page| page.fault_table().records().map(|(_, record)| record).collect()).unwrap_or_default()
+}
