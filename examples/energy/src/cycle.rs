@@ -61,6 +61,7 @@ mod tests {
         next.restore(&checkpoint);
         let peak = out.peak_kinetic_j;
         next.step(&estimate(&[0.3, -1.0, 2.9, 0.1, 0.0, 0.2], &[0.0; 6]), &mut out);
-        assert!((out.kinetic_j, out.peak_kinetic_j) == (0.0, peak) && out.manipulability < 1e-9, "{out:?}");
+        // The square root of a determinant of round-off, 1e-16.
+        assert!((out.kinetic_j, out.peak_kinetic_j) == (0.0, peak) && out.manipulability < 1e-7, "{out:?}");
     }
 }

@@ -103,7 +103,7 @@ fn recorder(run: &Path, file: &Path) -> Result<(), ProcessError> {
         sensors.collect(|m| sensor_hash.add(m))?;
         torques.collect(|m| {
             let (received, sent) = (m.header.stamps.received_ns, m.header.stamps.sent_ns);
-            stamps_in_order &= sent[0] > 0 && sent[0] <= received[3] && received[3] <= sent[3];
+            stamps_in_order &= sent[0] > 0 && sent[0] <= received[1] && received[1] <= sent[1];
             torque_hash.add(m);
         })?;
     }
@@ -133,7 +133,8 @@ fn launch_and_tell() -> Result<(), ProcessError> {
 
 fn process(name: &str, reads: &[&str], writes: &[&str], polled: bool) -> Process {
     let own = |names: &[&str]| names.iter().map(ToString::to_string).collect();
-    Process { name: name.into(), reads: own(reads), writes: own(writes), polled, makes_ticks: name == "plant", ..Process::default() }
+    let hop = ["plant", "controller"].iter().position(|hop| *hop == name);
+    Process { name: name.into(), reads: own(reads), writes: own(writes), polled, makes_ticks: name == "plant", hop, ..Process::default() }
 }
 
 fn plan(mode: Mode, restart: Restart) -> Plan {

@@ -15,13 +15,16 @@ use crate::clock::now_ns;
 use crate::control_page::{ControlPage, PROGRESS, Phase, ProcessEntry, State, Stop};
 use crate::disturbance::Pauses;
 use crate::fault::clock;
-use crate::fault::process::{CpuLoad, forbid_writes, kill_self, stop_self};
-use crate::fault::table::{KnownFaults, Origin};
-use crate::lockstep::{Outage, Progress, Protocol, Report, Role, View};
-use crate::manifest::{Manifest, Mode, Process};
+use crate::fault::process::{CpuLoad, kill_self, stop_self};
+use crate::fault::table::KnownFaults;
+use crate::lockstep::{Protocol, Report};
+use crate::manifest::{Manifest, Mode};
 use crate::run_dir::RunDir;
 use crate::stamping::Stamping;
 use crate::wait::{Interrupted, Wait, Waited};
+
+mod view;
+mod volume;
 
 /// A port that can connect to its counterparts at a time of the shell's choosing, not in the first tick.
 pub(crate) trait Connect {
@@ -425,33 +428,6 @@ impl Context {
         }
     }
 
-    /// Applies the faults of the volume that a polled process writes to: full, by the kernel's own limit on the size of files; or slow.
-    pub(crate) fn apply_volume_faults(&self, tick: u64, is_last: bool) {
-        let (mut is_full, mut pause_ms) = (false, 0.0);
-        for (place, fault, kind) in self.faults.known.borrow().of(self.me, tick) {
-            match kind {
-                Kind::DiskFull => is_full = true,
-                Kind::SlowDisk => pause_ms += fault.amount,
-                _ => continue,
-            }
-            self.control_page.fault_table().mark_injected(place, now_ns());
-        }
-        // The rest is written to another volume.
-        self.fill_volume(is_full && !is_last);
-        if pause_ms > 0.0 && !is_last {
-            std::thread::sleep(Duration::from_secs_f64(pause_ms * 1e-3));
-        }
-    }
-
-    /// Takes the room from the volume, or gives it back; returns whether there was none.
-    pub(crate) fn fill_volume(&self, is_full: bool) -> bool {
-        let was_full = self.faults.is_volume_full.replace(is_full);
-        if was_full != is_full {
-            forbid_writes(is_full);
-        }
-        was_full
-    }
-
     /// This process's clock: the machine's, unless a fault has it jump or run fast.
     #[inline]
     pub(crate) fn clock_ns(&self) -> u64 {
@@ -502,57 +478,5 @@ impl Context {
             Report::Source(source) => self.control_page.process(source).doorbell().ring(PROGRESS),
             Report::Nobody => {}
         }
-    }
-}
-
-impl View for Context {
-    fn processes(&self) -> usize {
-        self.manifest.processes.len()
-    }
-
-    fn role(&self, process: usize) -> Role {
-        let Process { makes_ticks, polled, .. } = self.manifest.processes[process];
-        Role { makes_ticks, polled, is_leaf: self.leaves[process] }
-    }
-
-    fn progress(&self, process: usize) -> Progress {
-        let entry = self.control_page.process(process);
-        Progress {
-            ticks: entry.ticks(),
-            incarnation: entry.incarnation(),
-            is_running: entry.state() == State::Running,
-            awaits_progress: entry.doorbell().is_armed_for(PROGRESS),
-        }
-    }
-
-    fn has_faults(&self) -> bool {
-        !self.is_unharmed()
-    }
-
-    fn outages(&self) -> impl Iterator<Item = Outage> {
-        let outage = |index: usize| {
-            let (place, fault) = *self.faults.known.borrow().faults().get(index)?;
-            let kind = fault.kind().filter(|kind| kind.takes_down())?;
-            let record = self.control_page.fault_table().record(place)?;
-            Some(Outage {
-                place,
-                process: fault.process as usize,
-                at: fault.at,
-                until: fault.until,
-                has_struck: record.injected_ns != 0,
-                is_death: kind != Kind::Hang || fault.way() == Some(Way::ForEver),
-                is_unplanned: record.origin == Origin::Detected,
-            })
-        };
-        let count = self.faults.known.borrow().faults().len();
-        (0..count).filter_map(outage)
-    }
-
-    fn is_lockstep(&self) -> bool {
-        Context::is_lockstep(self)
-    }
-
-    fn recorder_lag(&self) -> u64 {
-        self.recorder_lag
     }
 }

@@ -77,10 +77,11 @@ pub fn drill(request: &Request<'_>, observer: Observer<'_>) -> Result<Drilled, F
         let drill = Drill::new(&scenario, &robot, folder.path())?;
         let terms = Terms { graph: &drill.job.graph, seed: drill.job.scenario.seed, span: drill.span, dof: robot.dof() };
         let plans = plans(&terms, only.as_ref(), request.pairs);
-        if plans.is_empty() {
-            let only = request.only.unwrap_or_default();
+        if let Some(only) = only.as_ref().filter(|_| plans.is_empty()) {
+            let cell = request.only.unwrap_or_default();
             return Err(Failure::Input(format!(
-                "`{only}` is no cell: no such process, or the fault cannot happen to it; see `armplane fault --list`"
+                "`{cell}` is no cell of this graph: {}; see `armplane fault --list`",
+                only.remedy(terms.graph)
             )));
         }
         observer(Progress::Begin { title: name, length: plans.len() as u64, unit: "cells" });

@@ -15,6 +15,13 @@ pub struct Only {
 }
 
 impl Only {
+    /// Where no process of the graph has this cell: the processes that this kind of fault applies to.
+    pub fn remedy(&self, graph: &Graph) -> String {
+        let suits = |process: &&shared_types::process::Process| self.kind.roles().contains(&process.role());
+        let names: Vec<&str> = graph.process.iter().filter(suits).map(|process| process.name.as_str()).collect();
+        format!("`{}` can happen to {}", self.kind, names.join(", "))
+    }
+
     pub fn parse(text: &str) -> Result<Self, String> {
         let wrong = |reason: String| format!("--only {text}: {reason}");
         let mut parts = text.split(':');

@@ -1,0 +1,61 @@
+//! A process's run as the lockstep protocol sees it.
+
+use shared_types::fault::{Kind, Way};
+
+use super::Context;
+use crate::control_page::{PROGRESS, State};
+use crate::fault::table::Origin;
+use crate::lockstep::{Outage, Progress, Role, View};
+use crate::manifest::Process;
+
+impl View for Context {
+    fn processes(&self) -> usize {
+        self.manifest.processes.len()
+    }
+
+    fn role(&self, process: usize) -> Role {
+        let Process { makes_ticks, polled, .. } = self.manifest.processes[process];
+        Role { makes_ticks, polled, is_leaf: self.leaves[process] }
+    }
+
+    fn progress(&self, process: usize) -> Progress {
+        let entry = self.control_page.process(process);
+        Progress {
+            ticks: entry.ticks(),
+            incarnation: entry.incarnation(),
+            is_running: entry.state() == State::Running,
+            awaits_progress: entry.doorbell().is_armed_for(PROGRESS),
+        }
+    }
+
+    fn has_faults(&self) -> bool {
+        !self.is_unharmed()
+    }
+
+    fn outages(&self) -> impl Iterator<Item = Outage> {
+        let outage = |index: usize| {
+            let (place, fault) = *self.faults.known.borrow().faults().get(index)?;
+            let kind = fault.kind().filter(|kind| kind.takes_down())?;
+            let record = self.control_page.fault_table().record(place)?;
+            Some(Outage {
+                place,
+                process: fault.process as usize,
+                at: fault.at,
+                until: fault.until,
+                has_struck: record.injected_ns != 0,
+                is_death: kind != Kind::Hang || fault.way() == Some(Way::ForEver),
+                is_unplanned: record.origin == Origin::Detected,
+            })
+        };
+        let count = self.faults.known.borrow().faults().len();
+        (0..count).filter_map(outage)
+    }
+
+    fn is_lockstep(&self) -> bool {
+        Context::is_lockstep(self)
+    }
+
+    fn recorder_lag(&self) -> u64 {
+        self.recorder_lag
+    }
+}
