@@ -5,8 +5,8 @@
 
 mod desk;
 mod sheet;
+mod subject;
 
-use glam::Vec3;
 use re_chunk::{Chunk, ChunkResult};
 use re_log_types::StoreId;
 use re_sdk_types::blueprint::archetypes::{EyeControls3D, PanelBlueprint, TimePanelBlueprint, ViewportBlueprint};
@@ -15,49 +15,9 @@ use re_sdk_types::datatypes::TimeInt;
 use shared_types::scenario::Layout;
 
 use crate::sink::Sink;
-use crate::solid::Rgba;
 use desk::{CLOSE_UP, Desk};
 use sheet::Sheet;
-
-/// Colours of joints, in order.
-pub(crate) const JOINTS: [Rgba; 8] = [
-    [86, 156, 230, 255],
-    [64, 200, 180, 255],
-    [160, 210, 90, 255],
-    [245, 190, 80, 255],
-    [240, 110, 105, 255],
-    [190, 140, 245, 255],
-    [200, 200, 205, 255],
-    [120, 130, 145, 255],
-];
-
-/// The properties of a run that its blueprint depends on.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Subject {
-    pub(crate) joints: usize,
-    /// Name and colour of each singularity, in the report's order.
-    pub(crate) singularities: Vec<(String, Rgba)>,
-    /// Distinct ratios η_out / η_in.
-    pub(crate) outer: Vec<f64>,
-    /// What the goal allows at the end: mm and degrees; `None` where it does not judge.
-    pub(crate) goal: [Option<f64>; 2],
-    /// Torque over a limit says nothing: some joint has none.
-    pub(crate) unlimited_torque: bool,
-    /// The same for speeds.
-    pub(crate) unlimited_speed: bool,
-    pub(crate) eye: Eye,
-    /// Near the singular frame, across ζ.
-    pub(crate) close_up: Eye,
-    pub(crate) floor_m: f32,
-}
-
-/// From where the arm is seen; base axes, m.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Eye {
-    pub(crate) position: Vec3,
-    pub(crate) look_at: Vec3,
-    pub(crate) up: Vec3,
-}
+pub(crate) use subject::{Eye, JOINTS, Subject};
 
 /// The chunks of a layout.
 fn layout(subject: &Subject, layout: Layout) -> Vec<ChunkResult<Chunk>> {

@@ -5,7 +5,7 @@ use re_sdk_types::blueprint::components::Corner2D;
 use shared_types::scenario::Layout;
 
 use super::sheet::{Lines, Sheet};
-use super::{JOINTS, Subject};
+use super::subject::{JOINTS, Subject};
 use crate::entity;
 use crate::signals::{Drawn, HOP_NAMES, Signal};
 use crate::solid::Rgba;

@@ -19,7 +19,7 @@ use re_sdk_types::datatypes::{TimeRange, TimeRangeBoundary, VisibleTimeRange as 
 use re_sdk_types::external::uuid::Uuid;
 use shared_types::scenario::Layout;
 
-use super::{Eye, Subject};
+use super::subject::{Eye, Subject};
 use crate::entity;
 use crate::signals::{Drawn, Signal, Width};
 use crate::solid::Rgba;

@@ -6,17 +6,9 @@ use re_sdk_types::archetypes::TextDocument;
 
 use super::columns::Track;
 use super::pieces::ghost3d;
-use super::state::Recording;
+use super::state::{Recording, Rival};
 use crate::arm::{placement, vec3};
 use crate::entity;
-
-/// The other law's arm since the last chunk, and what was last said of both.
-#[derive(Default)]
-pub(super) struct Rival {
-    pub(super) links: Vec<Track>,
-    pub(super) path: Vec<(u64, Vec3)>,
-    words: String,
-}
 
 impl Recording {
     /// Takes in where the other law's arm is at a tick, joint positions in rad, and Markdown that compares both so far. At the rate of the

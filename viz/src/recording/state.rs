@@ -12,9 +12,8 @@ use shared_types::process::Program;
 use shared_types::scenario::{Layout, Scenario};
 use shared_types::{MAX_DOF, MAX_SINGULARITIES};
 
-use super::columns::{Picture, Table};
+use super::columns::{Picture, Table, Track};
 use super::ending::Stretches;
-use super::rival::Rival;
 use crate::arm::Figure;
 use crate::blueprint::Subject;
 use crate::entity;
@@ -277,4 +276,12 @@ impl Title {
         ];
         Self { name: name.clone(), properties }
     }
+}
+
+/// The other law's arm since the last chunk, and the last words on both.
+#[derive(Default)]
+pub(super) struct Rival {
+    pub(super) links: Vec<Track>,
+    pub(super) path: Vec<(u64, Vec3)>,
+    pub(super) words: String,
 }

@@ -7,10 +7,15 @@ use serde_json::json;
 /// A distribution of times; µs, no sample left out.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Distribution {
+    /// Number of samples.
     pub samples: u64,
+    /// Median, µs.
     pub p50_us: f64,
+    /// 99th percentile, µs.
     pub p99_us: f64,
+    /// 99.9th percentile, µs.
     pub p999_us: f64,
+    /// Largest, µs.
     pub max_us: f64,
     /// For the picture: (−log₁₀ of the share of samples above it, time; µs).
     pub curve: Vec<(f64, f64)>,
@@ -20,6 +25,7 @@ pub struct Distribution {
 const PER_DECADE: u32 = 12;
 
 impl Distribution {
+    /// The distribution of a histogram of nanoseconds.
     pub fn of(nanoseconds: &Histogram<u64>) -> Self {
         let at = |quantile| nanoseconds.value_at_quantile(quantile) as f64 / 1e3;
         let decades = (nanoseconds.len().max(1) as f64).log10();
@@ -34,6 +40,7 @@ impl Distribution {
         }
     }
 
+    /// Each time divided by `n`.
     pub fn divided_by(mut self, n: f64) -> Self {
         for time in [&mut self.p50_us, &mut self.p99_us, &mut self.p999_us, &mut self.max_us] {
             *time /= n;
@@ -51,14 +58,19 @@ pub fn histogram() -> Histogram<u64> {
 
 /// One line of the result.
 pub struct Row {
+    /// Name of the benchmark.
     pub bench: String,
+    /// Transport or step measured.
     pub mechanism: String,
+    /// Cores of the two ends.
     pub placement: String,
     /// Bytes of the message, or of all messages of a cycle; 0 where there is none.
     pub payload_bytes: usize,
+    /// Times.
     pub distribution: Distribution,
     /// Against the floor of the same bench, placement and payload; none where there is no floor.
     pub ratio_p50: Option<f64>,
+    /// 99th percentile over that of the futex of the same placement and payload.
     pub ratio_p99: Option<f64>,
 }
 
@@ -69,6 +81,7 @@ impl Row {
         Self { bench, mechanism, placement, payload_bytes: 0, distribution, ratio_p50: None, ratio_p99: None }
     }
 
+    /// As JSON.
     pub fn json(&self) -> serde_json::Value {
         let Distribution { samples, p50_us, p99_us, p999_us, max_us, .. } = self.distribution;
         json!({

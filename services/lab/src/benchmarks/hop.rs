@@ -33,6 +33,10 @@ fn names(topics: &[&str]) -> Vec<String> {
     topics.iter().map(ToString::to_string).collect()
 }
 
+/// Half a round trip between two processes, by mechanism, placement and size.
+///
+/// # Errors
+/// A process fails, or the machine refuses memory.
 pub fn hop(samples: u64, observer: Observer<'_>) -> Result<Vec<Row>, Failure> {
     use shared_types::{PlantState, SensorSample, SingularityReport, TorqueCommand};
     let (mut rows, rounds) = (Vec::new(), samples.div_ceil(TRIPS));
@@ -81,6 +85,10 @@ fn cycle_bytes() -> usize {
     size_of::<SensorSample>() + size_of::<StateEstimate>() + size_of::<SingularityReport>() + size_of::<TorqueCommand>()
 }
 
+/// Once around the processes of the chain, by mechanism and placement.
+///
+/// # Errors
+/// As [`hop`].
 pub fn cycle(samples: u64, observer: Observer<'_>) -> Result<Vec<Row>, Failure> {
     let mut rows = Vec::new();
     for (placement, cores) in placements(4).into_iter().chain([("not pinned, no FIFO", vec![None; 4])]) {
@@ -100,6 +108,10 @@ pub fn cycle(samples: u64, observer: Observer<'_>) -> Result<Vec<Row>, Failure> 
     Ok(rows)
 }
 
+/// The cycle on a grid of `rate_hz` for `seconds`.
+///
+/// # Errors
+/// As [`hop`].
 pub fn paced(rate_hz: u64, seconds: u64, observer: Observer<'_>) -> Result<Vec<Row>, Failure> {
     // A block is a quarter of a second: the mechanisms take turns within one run.
     let (rounds, trips) = (4 * seconds, rate_hz / 4);

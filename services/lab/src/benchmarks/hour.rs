@@ -18,31 +18,48 @@ pub const EVERY_S: u64 = 60;
 /// Anonymous memory of a process; MB. Shared memory is apart: its pages count for each process that has touched them.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Memory {
+    /// Anonymous memory, MB.
     pub own_mb: f64,
+    /// Shared memory that it has touched, MB.
     pub shared_mb: f64,
 }
 
 /// All processes at a moment of the arm's time.
 #[derive(Debug, Serialize)]
 pub struct Look {
+    /// The arm's time, s.
     pub at_s: f64,
+    /// By process.
     pub processes: BTreeMap<String, Memory>,
 }
 
 /// The results of the hour.
 #[derive(Debug, Serialize)]
 pub struct Hour {
+    /// Ticks run.
     pub ticks: u64,
+    /// Ticks per second of wall-clock time.
     pub ticks_per_s: f64,
+    /// Outcome as in `summary.json`.
     pub outcome: String,
+    /// The recorder's processor time per tick, µs.
     pub recorder_cpu_us_per_tick: f64,
+    /// Size of the recording per minute of the arm's time, MB.
     pub recording_mb_per_min: f64,
+    /// Size of the message log per minute of the arm's time, MB.
     pub messages_mb_per_min: f64,
+    /// Parts of the recording.
     pub parts: u32,
+    /// Messages lost by the recorder.
     pub lost: u64,
+    /// Memory over time.
     pub memory: Vec<Look>,
 }
 
+/// Runs `scenario`, prolonged to `seconds` of the arm's time, in lockstep.
+///
+/// # Errors
+/// The run fails.
 pub fn hour(robot: &Robot, scenario: &Scenario, seconds: u64, observer: Observer<'_>) -> Result<Hour, Failure> {
     let folder = scratch()?;
     let job =

@@ -16,16 +16,28 @@ use crate::prolonged::prolonged;
 
 /// The result of one rate.
 pub struct Ran {
+    /// Ticks per second.
     pub rate_hz: u32,
+    /// Whether every core had a competing load.
     pub loaded: bool,
+    /// Ticks run.
     pub ticks: u64,
+    /// Outcome as in `summary.json`.
     pub outcome: String,
+    /// By process.
     pub processes: Vec<String>,
+    /// Missed deadlines by cause.
     pub deadlines: Deadlines,
+    /// Latencies by hop, µs.
     pub latency_us: BTreeMap<String, Latency>,
+    /// The recorder's summary.
     pub recorder: RecorderSummary,
 }
 
+/// Runs the graph in real time at `rate_hz` for `seconds`, with or without a competing load on every core.
+///
+/// # Errors
+/// The run fails.
 pub fn graph(robot: &Robot, scenario: &Scenario, rate_hz: u32, seconds: u64, loaded: bool, observer: Observer<'_>) -> Result<Ran, Failure> {
     let scenario = prolonged(scenario, rate_hz, seconds);
     let folder = scratch()?;
@@ -64,10 +76,12 @@ impl Ran {
             .collect()
     }
 
+    /// Processor time per tick, µs.
     pub fn cpu_us_per_tick(&self) -> f64 {
         self.recorder.cpu_s * 1e6 / self.ticks.max(1) as f64
     }
 
+    /// As JSON.
     pub fn json(&self) -> Value {
         let process =
             |name: &String| json!({"process": name, "missed": self.missed(name).values().sum::<u64>(), "causes": self.missed(name)});

@@ -92,6 +92,7 @@ pub struct Ring {
 /// The times of one mechanism.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Measured {
+    /// Transport or step measured.
     pub mechanism: Mechanism,
     /// Once around, from the grid point where there is one, so that a late trip delays nobody's clock.
     pub trip: Distribution,

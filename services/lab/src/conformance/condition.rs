@@ -24,6 +24,7 @@ pub enum Placement {
 /// The circumstances of one run.
 #[derive(Clone, Copy)]
 pub struct Condition {
+    /// Cores of the two ends.
     pub placement: Placement,
     pub nice: bool,
     pub delays: bool,

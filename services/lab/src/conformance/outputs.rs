@@ -5,9 +5,13 @@ use shared_types::Message;
 
 /// The replayed process's messages of one topic, beside those of the run.
 pub struct Topic {
+    /// Name of the topic.
     pub name: &'static str,
+    /// Messages compared.
     pub messages: u64,
+    /// Tick of the first difference, and the difference.
     pub first: Option<(u64, Difference)>,
+    /// Largest difference per field.
     pub fields: Vec<FieldDifference>,
 }
 

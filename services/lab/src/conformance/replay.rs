@@ -23,6 +23,7 @@ use super::outputs::{Comparison, Topic};
 
 /// The result of a replay.
 pub struct Replayed {
+    /// By topic.
     pub topics: Vec<Topic>,
     /// Recorded outputs whose inputs are not in the record; they cannot be computed again.
     pub without_input: u64,

@@ -24,8 +24,11 @@ use crate::folder::Folder;
 
 /// The result of one run.
 pub struct Ran {
+    /// Condition of the run.
     pub condition: String,
+    /// Ticks run.
     pub ticks: u64,
+    /// Ticks per second of wall-clock time.
     pub ticks_per_s: f64,
     /// Each topic by its name: those of [`TOPICS`] in their order, then those that only the graph knows.
     pub topics: Vec<(String, TopicSummary)>,
@@ -37,6 +40,7 @@ pub struct Ran {
 
 /// The reference of the comparison.
 pub struct Reference {
+    /// Result of the run.
     pub ran: Ran,
     /// Where its messages are; nowhere yet while nobody needs them.
     pub messages: Option<PathBuf>,
@@ -59,9 +63,13 @@ impl Reference {
 
 /// The first place where a run is not the reference.
 pub struct Place {
+    /// Number of the run.
     pub run: usize,
+    /// Tick of the difference.
     pub tick: u64,
+    /// Topic of the difference.
     pub topic: String,
+    /// The difference.
     pub difference: Difference,
 }
 

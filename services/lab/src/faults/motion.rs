@@ -78,7 +78,9 @@ impl Promise {
 #[derive(Clone, Debug)]
 pub struct Motion {
     promise: Promise,
+    /// Largest torque over its limit.
     pub torque_max_ratio: f64,
+    /// Largest joint speed over its limit.
     pub speed_max_ratio: f64,
     /// Largest change of torque in one tick.
     pub torque_step_max_ratio: f64,

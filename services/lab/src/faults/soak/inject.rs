@@ -31,6 +31,7 @@ pub enum Done {
 /// A planned that has executed.
 #[derive(Clone, Debug)]
 pub struct Executed {
+    /// Faults planned.
     pub planned: Planned,
     /// On `CLOCK_MONOTONIC`.
     pub at_ns: u64,
@@ -55,7 +56,9 @@ pub struct Injector<'a> {
     pub graph: &'a Graph,
     /// Which of them makes the ticks.
     pub source: usize,
+    /// Ticks per second.
     pub rate_hz: u32,
+    /// Seed.
     pub seed: u64,
 }
 

@@ -16,6 +16,7 @@ const WORLD: &str = "plant";
 /// A death that was brought about, and what came of it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Death {
+    /// Process of the fault.
     pub process: String,
     pub what: String,
     /// Before the end of the run; s.
@@ -27,6 +28,7 @@ pub struct Death {
 /// An end of a process that the launcher saw.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ended {
+    /// Process of the fault.
     pub process: String,
     pub exit: Exit,
     /// Whether it was brought about.
@@ -65,11 +67,16 @@ pub struct Evidence {
     pub end: End,
     /// The planned fault that was to end it, if any: its process, and whether it was injected.
     pub fatal: Option<(String, bool)>,
+    /// Whether the goal was reached.
     pub goal_reached: bool,
+    /// Ticks per second.
     pub rate_hz: u32,
+    /// By topic.
     pub topics: u64,
+    /// Ticks run.
     pub ticks: u64,
     pub motion: Motion,
+    /// Messages compared.
     pub messages: Messages,
     pub files: Files,
     /// How often the recorder was started again.
@@ -79,6 +86,7 @@ pub struct Evidence {
     /// The recorder's report of its recording.
     pub recording_error: String,
     pub deaths: Vec<Death>,
+    /// Runs that ended by design.
     pub ended: Vec<Ended>,
     /// Processes that were killed for their silence although nothing had silenced them.
     pub falsely_silenced: Vec<String>,

@@ -11,6 +11,7 @@ const LINES: usize = 500;
 /// The events of the launcher while the round went on.
 #[derive(Default)]
 pub struct LauncherEvents {
+    /// Runs that ended by design.
     pub ended: Vec<(String, Exit, u64)>,
     pub silenced: Vec<String>,
     /// Processes that ended rather than send a number that is not finite.

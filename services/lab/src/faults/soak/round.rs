@@ -37,11 +37,13 @@ const AFTERMATH_S: f64 = 0.15;
 pub struct Injected {
     /// As in the table.
     pub kind: String,
+    /// Process of the fault.
     pub process: String,
     /// In words.
     pub what: String,
     /// Since the first tick; s.
     pub at_s: f64,
+    /// Tick of the difference.
     pub tick: u64,
     /// How long it lasted; s.
     pub length_s: f64,
@@ -57,28 +59,45 @@ pub struct Injected {
 /// One round, as it stands in the JSON.
 #[derive(Clone, Debug, Serialize)]
 pub struct Round {
+    /// Number of the round.
     pub round: usize,
+    /// Seed.
     pub seed: u64,
+    /// Ticks run.
     pub ticks: u64,
+    /// Ticks per second.
     pub rate_hz: u32,
     /// `goal reached`, `rest`, `ended` or `interrupted`.
     pub end: &'static str,
+    /// Reason of the end.
     pub reason: String,
+    /// Faults and signals injected.
     pub injected: Vec<Injected>,
     /// Blows that were drawn and not injected, with the reason.
     pub left_out: BTreeMap<&'static str, u64>,
+    /// Stops of the arm.
     pub stops: Vec<Stop>,
+    /// Restarts.
     pub restarts: BTreeMap<String, u32>,
+    /// Messages compared.
     pub messages: Messages,
     /// Messages per process that were sent but neither received nor refused by the recorder, as far as known of one topic.
     pub not_taken_in: BTreeMap<String, u64>,
+    /// Missed deadlines by cause.
     pub deadlines: Deadlines,
+    /// Largest torque over its limit.
     pub torque_max_ratio: f64,
+    /// Largest change of a torque between two ticks over its limit.
     pub torque_step_max_ratio: f64,
+    /// Largest joint speed over its limit.
     pub speed_max_ratio: f64,
+    /// Age of the oldest torque in force, ticks.
     pub stale_ticks: u32,
+    /// Size of the recording, MB.
     pub recording_mb: f64,
+    /// Parts of the recording.
     pub parts: u32,
+    /// Guarantees that were broken.
     pub broken: Vec<String>,
 }
 

@@ -27,8 +27,11 @@ const GROWTH_KB: u64 = 16_384;
 /// The soak's own use of resources.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Usage {
+    /// Resident memory, kB.
     pub resident_kb: u64,
+    /// Open files.
     pub open_files: u64,
+    /// Threads.
     pub threads: u64,
 }
 
@@ -62,14 +65,20 @@ impl Usage {
 /// All rounds.
 #[derive(Clone, Debug, Serialize)]
 pub struct Soak {
+    /// Seed.
     pub seed: u64,
+    /// Ticks per second.
     pub rate_hz: u32,
+    /// Whether every round kept every guarantee.
     pub passed: bool,
     /// By which signal the soak was ended before its time.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub interrupted: Option<String>,
+    /// By kind of fault.
     pub kinds: Vec<Kind>,
+    /// Sums and maxima over all rounds.
     pub totals: Totals,
+    /// Rounds.
     pub rounds: Vec<Round>,
     /// After each round.
     pub usage: Vec<Usage>,

@@ -10,47 +10,74 @@ use super::round::{Injected, Round};
 /// Everything of one kind, over all rounds and processes.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Kind {
+    /// Kind of the fault.
     pub kind: String,
+    /// Injections.
     pub times: u64,
     /// How many of them something detected.
     pub detected: u64,
+    /// Median time to detection, ms.
     pub detected_ms_p50: Option<f64>,
+    /// Longest time to detection, ms.
     pub detected_ms_max: Option<f64>,
     /// Deaths that it cost, each followed by a restart or the end of the run.
     pub deaths: u64,
+    /// Median time to recovery, ms.
     pub recovered_ms_p50: Option<f64>,
+    /// Longest time to recovery, ms.
     pub recovered_ms_max: Option<f64>,
     /// How often the drives had to stop the arm.
     pub stops: u64,
+    /// Median duration of a stop of the arm, ms.
     pub stopped_ms_p50: Option<f64>,
+    /// Longest stop of the arm, ms.
     pub stopped_ms_max: Option<f64>,
     /// How the rounds ended in which it injected.
     pub goal: u64,
+    /// Runs that came to rest before the goal.
     pub rest: u64,
+    /// Runs that ended by design.
     pub ended: u64,
 }
 
 /// Over all rounds.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Totals {
+    /// Rounds.
     pub rounds: u64,
+    /// Guarantees that were broken.
     pub broken: u64,
+    /// Runs that reached the goal.
     pub goal: u64,
+    /// Runs that came to rest before the goal.
     pub rest: u64,
+    /// Runs that ended by design.
     pub ended: u64,
+    /// Ticks run.
     pub ticks: u64,
+    /// Faults planned.
     pub planned: u64,
+    /// Faults left out, by reason.
     pub left_out: BTreeMap<&'static str, u64>,
+    /// Restarts.
     pub restarts: BTreeMap<String, u64>,
+    /// Messages compared.
     pub messages: Messages,
     /// Losses over the deaths of the recorder: no other cause is allowed, and a recorder that falls behind shows here too.
     pub lost_per_death_of_recorder: f64,
+    /// Missed deadlines.
     pub deadlines_missed: u64,
+    /// Missed deadlines by cause.
     pub deadlines_by_cause: BTreeMap<String, u64>,
+    /// Largest torque over its limit.
     pub torque_max_ratio: f64,
+    /// Largest change of a torque between two ticks over its limit.
     pub torque_step_max_ratio: f64,
+    /// Largest joint speed over its limit.
     pub speed_max_ratio: f64,
+    /// Age of the oldest torque in force, ticks.
     pub stale_ticks: u32,
+    /// Time that the arm was stopped, s.
     pub stopped_s: f64,
 }
 
@@ -96,6 +123,7 @@ pub fn kinds(rounds: &[Round]) -> Vec<Kind> {
 }
 
 impl Totals {
+    /// Sums and maxima over `rounds`.
     pub fn of(rounds: &[Round]) -> Self {
         let mut totals = Self { rounds: rounds.len() as u64, ..Self::default() };
         for round in rounds {

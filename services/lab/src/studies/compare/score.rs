@@ -26,15 +26,25 @@ pub struct Score {
     pub outcome: String,
     /// Why, in one sentence.
     pub reason: String,
+    /// Largest error along the singular directions, mm.
     pub along_max_mm: f64,
+    /// Largest error along the singular directions, °.
     pub along_max_deg: f64,
+    /// Largest error orthogonal to the singular directions, mm.
     pub orthogonal_max_mm: f64,
+    /// Largest error orthogonal to the singular directions, °.
     pub orthogonal_max_deg: f64,
+    /// Position error at the end, mm.
     pub final_mm: f64,
+    /// Orientation error at the end, °.
     pub final_deg: f64,
+    /// Largest joint speed over its limit.
     pub speed_max_ratio: f64,
+    /// Largest torque over its limit.
     pub torque_max_ratio: f64,
+    /// Largest change of a torque between two ticks over its limit.
     pub torque_step_max_ratio: f64,
+    /// 95th percentile of the change of a torque between two ticks over its limit.
     pub torque_step_p95_ratio: f64,
     /// Time with any torque at its limit; s.
     pub saturated_s: f64,

@@ -27,9 +27,13 @@ pub const KINDS: [Kind; 3] = [Kind::Elbow, Kind::Wrist, Kind::Overhead];
 
 /// The lines and what each law made of them.
 pub struct Sweep {
+    /// Seed.
     pub seed: u64,
+    /// Speed of the lines relative to the default.
     pub speed: f64,
+    /// Singularities that the lines pass.
     pub near: Vec<Kind>,
+    /// Scores by law.
     pub laws: Vec<(Strategy, Vec<Score>)>,
 }
 
@@ -52,6 +56,10 @@ pub fn draw(loaded: &load::Loaded, seed: u64, size: SweepSize) -> Result<Vec<Lin
 }
 
 impl Sweep {
+    /// Runs the lines under each law.
+    ///
+    /// # Errors
+    /// The scenario is refused.
     pub fn run(loaded: &load::Loaded, laws: &[Strategy], size: SweepSize, observer: Observer<'_>) -> Result<Self, Failure> {
         let lines = draw(loaded, loaded.scenario.seed, size)?;
         let work: Vec<_> = laws.iter().flat_map(|law| lines.iter().map(move |line| under(&line.scenario, *law))).collect();
@@ -70,6 +78,7 @@ impl Sweep {
         (of().filter(|(_, score)| so(score)).count(), of().count())
     }
 
+    /// As JSON.
     pub fn json(&self) -> Value {
         let laws = self.laws.iter().map(|(law, scores)| {
             let counts = |near: Option<Kind>| {

@@ -46,6 +46,7 @@ impl Sample {
 /// A whole run.
 #[derive(Clone, Debug)]
 pub struct Trace {
+    /// Number of samples.
     pub samples: Vec<Sample>,
     dt: f64,
 }
