@@ -46,7 +46,7 @@ pub(crate) fn send(sink: &mut Sink, store: &StoreId, subject: &Subject, which: L
     sink.activate(store);
 }
 
-/// What is known at the end of a run only: the stretch of time that is worth seeing again and again, ns, and where the close-up looks from.
+/// Settings known at the end of a run only: the stretch of time to repeat, ns, and the eye of the close-up.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Ending {
     pub(crate) loop_ns: (i64, i64),

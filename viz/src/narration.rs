@@ -106,7 +106,7 @@ impl Situation {
         self.singularities[..self.count].iter().enumerate().filter(|(_, one)| one.inside)
     }
 
-    /// Markdown that says which singularity the arm is in, what it cannot do there, and what it does about it.
+    /// Markdown: the singularity that the arm is in, the motion that is lost there, and the arm's response.
     pub(crate) fn markdown(&self, run: &Run) -> String {
         let mut text = String::new();
         let drives = self.undriven.map(|drive| match drive {
@@ -166,7 +166,7 @@ impl Situation {
     }
 }
 
-/// What the words need to know of their run.
+/// The properties of a run that its words depend on.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Run<'a> {
     /// The scenario's title.

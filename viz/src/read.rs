@@ -33,7 +33,7 @@ pub enum ReadError {
     },
 }
 
-/// What a recording says of its run before the first number.
+/// The static description of a run in its recording.
 #[derive(Clone, Debug, Default)]
 pub struct About {
     /// `scenario`, `robot`, `run`, `seed`, `rate_hz`, `armplane`.

@@ -116,7 +116,7 @@ macro_rules! signals {
                 }
             }
 
-            /// What it is, with its unit.
+            /// Its quantity and unit.
             pub const fn about(self) -> &'static str {
                 match self { $( Signal::$name => concat!($($doc),*) ),* }
             }
@@ -260,7 +260,7 @@ impl Limits {
     }
 }
 
-/// What is only drawn, and follows from the signals: at a lower rate, in steps of 1 / [`SHARES`], which repeat themselves and pack well.
+/// Values only drawn, which follow from the signals: at a lower rate, in steps of 1 / [`SHARES`], which repeat themselves and pack well.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Drawn {
     /// log₁₀(|s_i| / η_i): below 0 inside the neighbourhood.

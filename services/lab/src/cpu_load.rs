@@ -7,13 +7,13 @@ use std::thread::JoinHandle;
 use runtime::realtime;
 
 /// A spinning thread on every core, until dropped.
-pub struct CpuLoad {
+pub(crate) struct CpuLoad {
     stop: Arc<AtomicBool>,
     threads: Vec<JoinHandle<()>>,
 }
 
 impl CpuLoad {
-    pub fn start() -> Self {
+    pub(crate) fn start() -> Self {
         let stop = Arc::new(AtomicBool::new(false));
         let spin = |core: usize| {
             let stop = Arc::clone(&stop);

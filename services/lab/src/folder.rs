@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 use session::Failure;
 
 /// Where the runs leave their messages: the user's folder, or one that is gone at the end.
-pub enum Folder {
+pub(crate) enum Folder {
     Kept(PathBuf),
     Passing(tempfile::TempDir),
 }
 
 impl Folder {
-    pub fn create(wanted: Option<&Path>) -> Result<Self, Failure> {
+    pub(crate) fn create(wanted: Option<&Path>) -> Result<Self, Failure> {
         match wanted {
             None => tempfile::Builder::new()
                 .prefix("armplane-")
@@ -24,7 +24,7 @@ impl Folder {
         }
     }
 
-    pub fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         match self {
             Self::Kept(path) => path,
             Self::Passing(folder) => folder.path(),
@@ -32,7 +32,7 @@ impl Folder {
     }
 
     /// It stays, for somebody to look into.
-    pub fn keep(self) -> PathBuf {
+    pub(crate) fn keep(self) -> PathBuf {
         match self {
             Self::Kept(path) => path,
             Self::Passing(folder) => folder.keep(),
@@ -44,7 +44,7 @@ impl Folder {
 ///
 /// # Errors
 /// [`Failure::Work`] where it cannot be made.
-pub fn scratch() -> Result<tempfile::TempDir, Failure> {
+pub(crate) fn scratch() -> Result<tempfile::TempDir, Failure> {
     let folder = tempfile::Builder::new().prefix("armplane-bench-").tempdir();
     folder.map_err(|error| Failure::Work(format!("cannot make a temporary folder: {error}")))
 }

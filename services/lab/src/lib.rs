@@ -3,7 +3,6 @@
 //!
 //! This crate prints nothing: results are returned, and what happens meanwhile goes to a [`session::Observer`].
 #![allow(non_snake_case)]
-#![allow(missing_docs, unreachable_pub)]
 
 pub mod benchmarks;
 pub mod conformance;

@@ -7,7 +7,7 @@ use std::thread;
 use session::{Observer, Progress};
 
 /// `work` on each item; which core does which does not matter to the result.
-pub fn on_all_cores<T: Sync, R: Send>(name: &str, items: &[T], work: impl Fn(&T) -> R + Sync, observer: Observer<'_>) -> Vec<R> {
+pub(crate) fn on_all_cores<T: Sync, R: Send>(name: &str, items: &[T], work: impl Fn(&T) -> R + Sync, observer: Observer<'_>) -> Vec<R> {
     observer(Progress::Begin { title: name, length: items.len() as u64, unit: "runs" });
     let (next, done) = (AtomicUsize::new(0), Mutex::new(Vec::with_capacity(items.len())));
     let cores = thread::available_parallelism().map_or(1, usize::from).min(items.len());

@@ -3,7 +3,7 @@
 use shared_types::scenario::{Scenario, Segment, Turn};
 
 /// The default scenario's motion, there and back again until the time is over.
-pub fn prolonged(scenario: &Scenario, rate_hz: u32, seconds: u64) -> Scenario {
+pub(crate) fn prolonged(scenario: &Scenario, rate_hz: u32, seconds: u64) -> Scenario {
     let mut scenario = Scenario { rate_hz, ..scenario.clone() };
     let back = |segment: &Segment| {
         let turn = segment.turn.clone().map(|turn| Turn { by_deg: -turn.by_deg, ..turn });

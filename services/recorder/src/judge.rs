@@ -172,7 +172,7 @@ impl Judge {
     }
 }
 
-/// What no error of position or orientation exceeds: a goal that allows as much does not judge.
+/// Bounds that no error of position or orientation exceeds: a goal that allows as much does not judge.
 const MOST_MM: f64 = 1000.0;
 const MOST_DEG: f64 = 180.0;
 

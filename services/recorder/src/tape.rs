@@ -19,7 +19,7 @@ pub struct Tape {
     /// Whether it takes up where a recorder before it ended, and has not yet said so.
     is_replacement: bool,
     next_tick: u64,
-    /// What the summary reports of it.
+    /// Its entry in the summary.
     pub(crate) result: RecorderSummary,
 }
 

@@ -55,7 +55,7 @@ pub(crate) struct FaultState {
     is_volume_full: Cell<bool>,
 }
 
-/// What follows a look that has found nothing.
+/// The next action after a poll that found no message.
 enum Patience {
     /// A sleep of at most so many ns; `None` until a ring.
     Sleep(Option<u64>),

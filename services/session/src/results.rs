@@ -12,7 +12,7 @@ use shared_types::summary::Summary;
 use crate::failure::Failure;
 use crate::load;
 
-/// Where runs go unless `--out` says otherwise.
+/// The folder of runs without `--out`.
 pub const RUNS: &str = "runs";
 /// Name of the summary in the results folder.
 pub const SUMMARY: &str = "summary.json";

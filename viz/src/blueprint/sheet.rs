@@ -93,7 +93,7 @@ impl Sheet {
     fn id(&mut self, class: &str, name: &str) -> Uuid {
         self.ids += 1;
         let of = format!("{}/{class}/{name}/{}", self.layout.name(), self.ids);
-        // FNV-1a, without the bits that say which kind of id it is.
+        // FNV-1a, without the bits of the id's kind.
         let hash = of.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3));
         Uuid::from_u128(ID_BASE | u128::from(hash >> 4))
     }
@@ -113,7 +113,7 @@ impl Sheet {
         self.views.iter().find(|(known, _)| known == name).map(|(_, path)| path.clone())
     }
 
-    /// `name` is what its tab says, where it is in one.
+    /// `name` is the title of its tab, where it is in one.
     fn container(&mut self, kind: ContainerKind, name: &str, cells: Vec<Cell>) -> EntityPath {
         self.root = self.id("container", name);
         let path = EntityPath::from(format!("container/{}", self.root));

@@ -201,7 +201,7 @@ impl Picture {
         }
         self.marks.resize_with(self.marks.len().max(marks.len()), Default::default);
         for ((tracks, mark), side) in self.marks.iter_mut().zip(marks).zip(sides) {
-            // What is hidden need not be anywhere.
+            // Hidden entities need no pose.
             if mark.look.presence != Presence::Hidden {
                 tracks.frame.push(tick, &mark.X_BS);
                 tracks.size.ticks.push(tick);

@@ -1,4 +1,4 @@
-//! What is known of a run at its end only: when the arm was singular for longest, and from where that is best seen.
+//! Settings known at the end of a run only: the longest singular stretch, and the best view of it.
 
 use glam::Vec3;
 use shared_types::messages::SingularityState;
@@ -62,7 +62,7 @@ impl Stretches {
         }
     }
 
-    /// What to show again and again of a run whose ticks are `ns` apart and end with `last`: half a second before the arm entered to one after
+    /// The stretch to repeat of a run whose ticks are `ns` apart and end with `last`: half a second before the arm entered to one after
     /// it left. `None` for a run without singularities.
     pub(super) fn ending(&self, ns: impl Fn(u64) -> i64, last: u64, unit: f32, main: &Eye) -> Option<Ending> {
         let stretch = self.longest.or(self.nearest.map(|(_, stretch)| stretch))?;

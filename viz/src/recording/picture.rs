@@ -1,4 +1,4 @@
-//! What the picture shows of a tick: ghosts, paths, and where everything is.
+//! The picture of a tick: ghosts, paths, and poses.
 
 use glam::Vec3;
 use nalgebra::SVector;

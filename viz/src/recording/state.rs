@@ -119,7 +119,7 @@ pub struct Recording {
     /// Another law's run, in a race.
     pub(super) rival: Option<Rival>,
     pub(super) signals: Table,
-    /// What is only drawn, every so many ticks.
+    /// Values only drawn, every so many ticks.
     pub(super) drawn_table: Table,
     pub(super) drawn_every: u64,
     pub(super) signal_rows: usize,
@@ -138,7 +138,7 @@ pub struct Recording {
     pub(super) drawn: [Option<bool>; MAX_SINGULARITIES],
     /// On which side of its axis each label is.
     pub(super) sides: [f32; MAX_SINGULARITIES],
-    /// What ζ of each singularity has swept since the arm entered.
+    /// The sector that ζ of each singularity has swept since the arm entered.
     pub(super) swept: [Option<Swept>; MAX_SINGULARITIES],
     /// The links that show why, of each singularity that they are drawn for.
     pub(super) why: [Vec<usize>; MAX_SINGULARITIES],
@@ -173,7 +173,7 @@ pub(super) struct Fault {
     pub(super) until: Option<u64>,
 }
 
-/// What ζ has swept.
+/// The sector that ζ has swept.
 #[derive(Clone, Debug)]
 pub(super) struct Swept {
     /// ζ at successive steps, from entry on.

@@ -276,7 +276,7 @@ fn every_part_opens_alone_and_all_together() {
         paths
     });
     assert!(statics[0] == statics[1] && statics[0].contains(&entity::link(5)), "{statics:?}");
-    // What stands, and would not be told again for long, is told at the part's beginning.
+    // Values that rarely change are written again at the beginning of each part.
     assert_eq!(texts(&of(&data[1], "/wrist"), "StateChange:state"), ["reorient"]);
     assert!(times(&of(&data[1], entity::NOW), "tick").first() == Some(&130) && times(&of(&data[1], entity::GUIDES), "tick")[0] == 130);
     let log = texts(&of(&data[1], entity::LOG), "TextLog:text");

@@ -124,7 +124,7 @@ impl Recording {
         });
     }
 
-    /// What is known at the end: what to play again, and from where to look at it. A viewer that follows a live run must not loop.
+    /// Settings known at the end only: the stretch to repeat, and the eye of the close-up. A viewer that follows a live run must not loop.
     pub(super) fn write_ending(&mut self, last: u64) {
         if self.is_live {
             return;
@@ -147,7 +147,7 @@ impl Recording {
     // Numbers.
 
     pub(super) fn write_signals(&mut self) {
-        // What is held between its rows comes first: whoever reads the signals back has it then.
+        // Values held between their rows come first, so that readers of the signals have them.
         if let Some((ticks, components)) = self.drawn_table.take() {
             let chunk = self.chunk_of(entity::DRAWN, &ticks, components);
             self.sink.chunk(&self.store, chunk);

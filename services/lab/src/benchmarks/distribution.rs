@@ -51,7 +51,7 @@ impl Distribution {
 }
 
 /// Nanoseconds up to 100 s, three digits.
-pub fn histogram() -> Histogram<u64> {
+pub(super) fn histogram() -> Histogram<u64> {
     #[allow(clippy::expect_used, reason = "the bounds are constants")]
     Histogram::new_with_bounds(1, 100_000_000_000, 3).expect("constant bounds are valid")
 }

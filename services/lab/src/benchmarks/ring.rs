@@ -18,7 +18,7 @@ const PRIORITY: u8 = 80;
 
 /// How a message gets to the next process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Mechanism {
+pub(super) enum Mechanism {
     /// A topic with its doorbell, as in a run: stamped and checked.
     Topic,
     Futex,
@@ -42,7 +42,7 @@ enum Means {
 }
 
 impl Mechanism {
-    pub fn name(self) -> &'static str {
+    pub(super) fn name(self) -> &'static str {
         match self {
             Self::Topic => "topic + doorbell",
             Self::Futex => "futex",
@@ -73,7 +73,7 @@ impl Mechanism {
 
 /// A ring of processes and what goes around in it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Ring {
+pub(super) struct Ring {
     /// The message from process i to process i + 1.
     pub topics: Vec<String>,
     /// Blocks of so many bytes go around instead of the topics' messages.
@@ -91,7 +91,7 @@ pub struct Ring {
 
 /// The times of one mechanism.
 #[derive(Debug, Serialize, Deserialize)]
-pub struct Measured {
+pub(super) struct Measured {
     /// Transport or step measured.
     pub mechanism: Mechanism,
     /// Once around, from the grid point where there is one, so that a late trip delays nobody's clock.
@@ -102,7 +102,7 @@ pub struct Measured {
 
 impl Ring {
     /// Runs it in processes of its own.
-    pub fn measure(&self, observer: Observer<'_>) -> Result<Vec<Measured>, Failure> {
+    pub(super) fn measure(&self, observer: Observer<'_>) -> Result<Vec<Measured>, Failure> {
         let count = self.topics.len();
         let children = (0..count).map(|index| Child {
             process: Process {

@@ -10,7 +10,7 @@ const LONGEST_DELAY_MS: u64 = 300;
 
 /// Where the processes run.
 #[derive(Clone, Copy)]
-pub enum Placement {
+pub(super) enum Placement {
     /// The graph's own order.
     Graph,
     /// All on one core.
@@ -23,7 +23,7 @@ pub enum Placement {
 
 /// The circumstances of one run.
 #[derive(Clone, Copy)]
-pub struct Condition {
+pub(super) struct Condition {
     /// Cores of the two ends.
     pub placement: Placement,
     pub nice: bool,
@@ -36,7 +36,7 @@ pub struct Condition {
 }
 
 /// The conditions of the runs in turn, each time with other random numbers.
-pub const CONDITIONS: [Condition; 6] = [
+pub(super) const CONDITIONS: [Condition; 6] = [
     Condition { placement: Placement::Graph, nice: false, delays: false, pauses: false, stops: false, cpu_load: false, record: true },
     Condition { placement: Placement::Free, nice: true, delays: true, pauses: true, stops: true, cpu_load: false, record: false },
     Condition { placement: Placement::Split, nice: false, delays: true, pauses: false, stops: false, cpu_load: true, record: true },
@@ -70,7 +70,7 @@ impl std::fmt::Display for Condition {
 
 impl Condition {
     /// Lays the condition over a plan.
-    pub fn disturb(&self, plan: &mut Plan, seed: u64, unordered: bool) {
+    pub(super) fn disturb(&self, plan: &mut Plan, seed: u64, unordered: bool) {
         let cores = realtime::allowed_cores();
         let core = |index: usize| (!cores.is_empty()).then(|| cores[index % cores.len()]);
         for (index, child) in plan.children.iter_mut().enumerate() {

@@ -7,7 +7,7 @@ use shared_types::Message;
 use shared_types::fault::MOST_DELAY_TICKS;
 
 /// The inputs of a step, tick by tick.
-pub trait Inputs {
+pub(super) trait Inputs {
     /// All of one tick.
     type Of;
     /// The next tick that there is something of.
@@ -38,7 +38,7 @@ impl<A: Message, B: Message> Inputs for (Cursor<A>, Cursor<B>) {
 }
 
 /// LogReader messages in the order of their ticks, each tick once: faults make them late, old, or two.
-pub struct InOrder<M> {
+pub(super) struct InOrder<M> {
     pub kept: LogReader<M>,
     pub ahead: BTreeMap<u64, M>,
     /// The first tick that has not been handed out.
@@ -49,7 +49,7 @@ impl<M: Message> InOrder<M> {
     /// More than a fault can hold a message back; messages.
     const AHEAD: usize = 2 * MOST_DELAY_TICKS as usize + 4;
 
-    pub fn next_message(&mut self) -> Result<Option<M>, LogError> {
+    pub(super) fn next_message(&mut self) -> Result<Option<M>, LogError> {
         while self.ahead.len() < Self::AHEAD
             && let Some(message) = self.kept.next_message()?
         {
@@ -65,14 +65,14 @@ impl<M: Message> InOrder<M> {
 }
 
 /// LogReader messages, looked for by tick.
-pub struct Cursor<M: Message> {
+pub(super) struct Cursor<M: Message> {
     pub kept: LogReader<M>,
     /// A message that came before it was asked for.
     pub ahead: Option<M>,
 }
 
 impl<M: Message> Cursor<M> {
-    pub fn next_message(&mut self) -> Result<Option<M>, LogError> {
+    pub(super) fn next_message(&mut self) -> Result<Option<M>, LogError> {
         match self.ahead.take() {
             Some(message) => Ok(Some(message)),
             None => self.kept.next_message(),
@@ -80,7 +80,7 @@ impl<M: Message> Cursor<M> {
     }
 
     /// The message of a tick; those of earlier ones are passed over.
-    pub fn at(&mut self, tick: u64) -> Result<Option<M>, LogError> {
+    pub(super) fn at(&mut self, tick: u64) -> Result<Option<M>, LogError> {
         while let Some(message) = self.next_message()? {
             if message.header().tick == tick {
                 return Ok(Some(message));

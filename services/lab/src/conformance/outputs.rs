@@ -16,7 +16,7 @@ pub struct Topic {
 }
 
 /// Recorded and computed messages of one topic, compared.
-pub struct Comparison<M> {
+pub(super) struct Comparison<M> {
     messages: u64,
     first: Option<(u64, Difference)>,
     differences: Differences<M>,
@@ -29,7 +29,7 @@ impl<M: Message> Default for Comparison<M> {
 }
 
 impl<M: Message> Comparison<M> {
-    pub fn take(&mut self, recorded: &M, mut computed: M) {
+    pub(super) fn take(&mut self, recorded: &M, mut computed: M) {
         // The runtime sets the incarnation, not the step.
         computed.header_mut().incarnation = recorded.header().incarnation;
         self.messages += 1;
@@ -39,7 +39,7 @@ impl<M: Message> Comparison<M> {
         self.differences.add(recorded, &computed);
     }
 
-    pub fn topic(self) -> Topic {
+    pub(super) fn topic(self) -> Topic {
         Topic { name: M::TOPIC, messages: self.messages, first: self.first, fields: self.differences.fields() }
     }
 }

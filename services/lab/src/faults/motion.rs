@@ -11,11 +11,11 @@ use shared_types::{PlantState, SensorSample};
 const STEP_PER_MS: f64 = 0.5 + 1e-9;
 
 /// A joint that nobody drives may be carried over its speed limit by gravity and inertia, but not by the drives.
-pub const SPEED_MARGIN: f64 = 1.05;
+pub(super) const SPEED_MARGIN: f64 = 1.05;
 
 /// The same where a controller is led to full torque by numbers far out of range: that gains 4 % of a PUMA's limit in the millisecond before the
 /// drives see the excess, and they turn a torque round in four.
-pub const SPEED_MARGIN_AT_FULL_TORQUE: f64 = 1.1;
+pub(super) const SPEED_MARGIN_AT_FULL_TORQUE: f64 = 1.1;
 
 /// How long after a drive has failed its arm may still be too fast; s.
 const AFTERMATH_S: f64 = 1.0;
@@ -36,7 +36,7 @@ struct DriveFault {
 
 /// The guaranteed bounds of an arm's motion.
 #[derive(Clone, Debug)]
-pub struct Promise {
+pub(super) struct Promise {
     limits: Limits,
     hold_ticks: u32,
     step: f64,
@@ -47,7 +47,7 @@ pub struct Promise {
 
 impl Promise {
     /// For a robot in a scenario, with the faults that came to pass; `speed` is the most that is allowed, over the limit.
-    pub fn new<'a>(robot: &Robot, scenario: &Scenario, speed: f64, faults: impl Iterator<Item = &'a Fault>) -> Self {
+    pub(super) fn new<'a>(robot: &Robot, scenario: &Scenario, speed: f64, faults: impl Iterator<Item = &'a Fault>) -> Self {
         let rate_hz = f64::from(scenario.rate_hz);
         let drive_fault = |fault: &Fault| {
             let from = fault.at_tick.unwrap_or_default();
@@ -76,7 +76,7 @@ impl Promise {
 
 /// The arm's motion, message by message.
 #[derive(Clone, Debug)]
-pub struct Motion {
+pub(super) struct Motion {
     promise: Promise,
     /// Largest torque over its limit.
     pub torque_max_ratio: f64,
@@ -100,7 +100,7 @@ pub struct Motion {
 
 impl Motion {
     /// Of an arm that has not moved yet.
-    pub fn new(promise: Promise) -> Self {
+    pub(super) fn new(promise: Promise) -> Self {
         Self {
             promise,
             torque_max_ratio: 0.0,
@@ -117,7 +117,7 @@ impl Motion {
     }
 
     /// Takes in a tick of the truth, in order; steps are judged between neighbours only.
-    pub fn add(&mut self, state: &PlantState) {
+    pub(super) fn add(&mut self, state: &PlantState) {
         let tick = state.header.tick;
         let before = self.last.filter(|before| before.header.tick + 1 == tick);
         let ratio = |value: f64, limit: f64| if limit.is_finite() { value.abs() / limit } else { 0.0 };
@@ -148,24 +148,24 @@ impl Motion {
     }
 
     /// Takes in how old the torque in force was.
-    pub fn add_age(&mut self, sample: &SensorSample) {
+    pub(super) fn add_age(&mut self, sample: &SensorSample) {
         if matches!(sample.drive, DRIVE_ACTIVE | DRIVE_HOLDING) {
             self.stale_ticks = self.stale_ticks.max(sample.stale_ticks);
         }
     }
 
     /// At rest, or held by the brakes, at the end.
-    pub fn is_at_rest(&self) -> bool {
+    pub(super) fn is_at_rest(&self) -> bool {
         self.last.is_some_and(|state| state.drive == DRIVE_BRAKED || state.qdot.iter().all(|speed| speed.abs() < REST))
     }
 
     /// A drive fails at the end, or has only just failed: then the arm is where it carries it.
-    pub fn ends_with_a_failed_drive(&self) -> bool {
+    pub(super) fn ends_with_a_failed_drive(&self) -> bool {
         self.last.is_some_and(|state| self.promise.excuses_speed(state.header.tick))
     }
 
     /// The promises that were not kept, in words.
-    pub fn broken(&self) -> Vec<String> {
+    pub(super) fn broken(&self) -> Vec<String> {
         let mut broken = Vec::new();
         let mut unless = |is_kept: bool, what: &dyn Fn() -> String| {
             if !is_kept {

@@ -4,15 +4,15 @@ use std::fmt;
 use std::mem::MaybeUninit;
 
 /// Words of a block's header.
-pub const HEADER_WORDS: usize = 8;
+pub(crate) const HEADER_WORDS: usize = 8;
 
 /// Bytes of a block's header: a cache line.
-pub const HEADER_BYTES: usize = HEADER_WORDS * size_of::<u64>();
+pub(crate) const HEADER_BYTES: usize = HEADER_WORDS * size_of::<u64>();
 
 /// A header, and `N` words that nobody writes or reads.
 #[derive(Clone, Copy)]
 #[repr(C)]
-pub struct Block<const N: usize> {
+pub(crate) struct Block<const N: usize> {
     /// All words are the same.
     pub header: [u64; HEADER_WORDS],
     rest: [MaybeUninit<u64>; N],
@@ -25,6 +25,6 @@ impl<const N: usize> fmt::Debug for Block<N> {
 }
 
 /// Whether a header arrived as it was sent.
-pub fn is_whole(header: &[u64; HEADER_WORDS]) -> bool {
+pub(crate) fn is_whole(header: &[u64; HEADER_WORDS]) -> bool {
     header.iter().all(|word| *word == header[0])
 }

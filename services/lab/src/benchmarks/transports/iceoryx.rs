@@ -20,14 +20,14 @@ unsafe impl<const N: usize> ZeroCopySend for Block<N> {}
 /// A message without its topic.
 #[derive(Clone, Copy, Debug)]
 #[repr(transparent)]
-pub struct Bare<M>(pub M);
+pub(crate) struct Bare<M>(pub M);
 
 // SAFETY: plain old data without pointers.
 unsafe impl<M: Pod> ZeroCopySend for Bare<M> {}
 
 /// How the reader learns of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wake {
+pub(crate) enum Wake {
     /// By the doorbell of the runtime: a futex on the control page.
     Doorbell,
     /// By iceoryx2's event service, waited for at its listener.
@@ -41,7 +41,7 @@ pub enum Wake {
 type Ipc = ipc::Service;
 
 /// One process's ends of a ring of processes: it reads the payloads of the process before it.
-pub struct Iceoryx<In: ZeroCopySend + std::fmt::Debug + 'static, Out: ZeroCopySend + std::fmt::Debug + 'static> {
+pub(crate) struct Iceoryx<In: ZeroCopySend + std::fmt::Debug + 'static, Out: ZeroCopySend + std::fmt::Debug + 'static> {
     doorbell: DoorbellPort,
     publisher: Publisher<Ipc, Out, ()>,
     subscriber: Subscriber<Ipc, In, ()>,
@@ -59,7 +59,7 @@ impl<In: ZeroCopySend + std::fmt::Debug + 'static, Out: ZeroCopySend + std::fmt:
     ///
     /// # Errors
     /// [`ProcessError`] when iceoryx2 refuses.
-    pub fn open(shell: &Shell, from: usize, me: usize, to: usize) -> Result<Self, ProcessError> {
+    pub(crate) fn open(shell: &Shell, from: usize, me: usize, to: usize) -> Result<Self, ProcessError> {
         let doorbell = DoorbellPort::of(shell);
         let publisher = {
             let service = data::<Out>(&doorbell, me)?;
@@ -86,7 +86,7 @@ impl<In: ZeroCopySend + std::fmt::Debug + 'static, Out: ZeroCopySend + std::fmt:
     ///
     /// # Errors
     /// [`ProcessError`] when iceoryx2 fails.
-    pub unsafe fn send(&mut self, wake: Wake, fill: impl FnOnce(*mut Out)) -> Result<(), ProcessError> {
+    pub(crate) unsafe fn send(&mut self, wake: Wake, fill: impl FnOnce(*mut Out)) -> Result<(), ProcessError> {
         let mut sample = self.publisher.loan_uninit().map_err(refused)?;
         fill(sample.payload_mut().as_mut_ptr());
         // SAFETY: filled as the caller promises.
@@ -105,7 +105,7 @@ impl<In: ZeroCopySend + std::fmt::Debug + 'static, Out: ZeroCopySend + std::fmt:
     ///
     /// # Errors
     /// [`ProcessError`] when iceoryx2 fails, nothing comes within the run's limit (a doorbell), or the run stops.
-    pub fn receive<R>(&mut self, wake: Wake, read: impl FnOnce(&In) -> R) -> Result<R, ProcessError> {
+    pub(crate) fn receive<R>(&mut self, wake: Wake, read: impl FnOnce(&In) -> R) -> Result<R, ProcessError> {
         let stopped = || ProcessError::setup("stopped before the end");
         if wake == Wake::Doorbell {
             let sample = self.doorbell.wait(|| self.subscriber.receive())?.ok_or_else(stopped)?;

@@ -21,7 +21,7 @@ const LARGEST: usize = 4096;
 
 /// How the reader learns of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wake {
+pub(crate) enum Wake {
     /// It sleeps on a futex that the writer always wakes.
     Futex,
     /// The message itself goes through a pipe.
@@ -38,7 +38,7 @@ struct Mailbox {
 }
 
 /// One process's mapping of all mailboxes of a ring of processes. A mailbox has one writer and one reader, in turns.
-pub struct Mailboxes {
+pub(crate) struct Mailboxes {
     boxes: NonNull<Mailbox>,
     count: usize,
     pipes: Vec<File>,
@@ -51,7 +51,7 @@ impl Mailboxes {
     ///
     /// # Errors
     /// When a file or pipe cannot be made.
-    pub fn create(run: &Path, count: usize) -> std::io::Result<()> {
+    pub(crate) fn create(run: &Path, count: usize) -> std::io::Result<()> {
         std::fs::write(run.join("mailboxes"), vec![0; count * size_of::<Mailbox>()])?;
         (0..count).try_for_each(|index| rustix::fs::mkfifoat(CWD, run.join(format!("pipe-{index}")), Mode::RWXU).map_err(Into::into))
     }
@@ -60,7 +60,7 @@ impl Mailboxes {
     ///
     /// # Errors
     /// When it is not there.
-    pub fn open(run: &Path, count: usize, block_bytes: usize) -> std::io::Result<Self> {
+    pub(crate) fn open(run: &Path, count: usize, block_bytes: usize) -> std::io::Result<Self> {
         let open = |name: String| OpenOptions::new().read(true).write(true).open(run.join(name));
         let file = open("mailboxes".to_owned())?;
         let size = count * size_of::<Mailbox>();
@@ -84,7 +84,7 @@ impl Mailboxes {
     ///
     /// # Errors
     /// When the pipe fails.
-    pub fn send<M: Pod>(&mut self, wake: Wake, index: usize, message: &M) -> std::io::Result<()> {
+    pub(crate) fn send<M: Pod>(&mut self, wake: Wake, index: usize, message: &M) -> std::io::Result<()> {
         const { assert!(size_of::<M>() <= LARGEST) };
         if wake == Wake::Pipe {
             return self.pipes[index].write_all(bytemuck::bytes_of(message));
@@ -105,7 +105,7 @@ impl Mailboxes {
     ///
     /// # Errors
     /// When the pipe fails.
-    pub fn receive<M: Pod>(&mut self, wake: Wake, index: usize) -> std::io::Result<M> {
+    pub(crate) fn receive<M: Pod>(&mut self, wake: Wake, index: usize) -> std::io::Result<M> {
         const { assert!(size_of::<M>() <= LARGEST) };
         if wake == Wake::Pipe {
             let mut message = M::zeroed();
@@ -131,7 +131,7 @@ impl Mailboxes {
     ///
     /// # Errors
     /// When the pipe fails.
-    pub fn send_block(&mut self, wake: Wake, index: usize, header: &[u64; HEADER_WORDS]) -> std::io::Result<()> {
+    pub(crate) fn send_block(&mut self, wake: Wake, index: usize, header: &[u64; HEADER_WORDS]) -> std::io::Result<()> {
         self.send(wake, index, header)?;
         if wake == Wake::Pipe { self.pipes[index].write_all(&self.rest) } else { Ok(()) }
     }
@@ -140,7 +140,7 @@ impl Mailboxes {
     ///
     /// # Errors
     /// When the pipe fails.
-    pub fn receive_block(&mut self, wake: Wake, index: usize) -> std::io::Result<[u64; HEADER_WORDS]> {
+    pub(crate) fn receive_block(&mut self, wake: Wake, index: usize) -> std::io::Result<[u64; HEADER_WORDS]> {
         let header = self.receive(wake, index)?;
         if wake == Wake::Pipe {
             self.pipes[index].read_exact(&mut self.rest)?;

@@ -4,6 +4,6 @@ mod block;
 mod iceoryx;
 mod mailbox;
 
-pub use block::{Block, HEADER_BYTES, HEADER_WORDS, is_whole};
-pub use iceoryx::{Bare, Iceoryx, Wake as IceoryxWake};
-pub use mailbox::{Mailboxes, Wake};
+pub(super) use block::{Block, HEADER_BYTES, HEADER_WORDS, is_whole};
+pub(super) use iceoryx::{Bare, Iceoryx, Wake as IceoryxWake};
+pub(super) use mailbox::{Mailboxes, Wake};

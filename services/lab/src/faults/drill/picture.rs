@@ -15,7 +15,7 @@ fn shade(value: f64, range: std::ops::Range<f64>, is_broken: bool) -> Color {
 }
 
 /// Two maps, faults downwards and processes to the right: how far the arm left its path, and how quickly the fault was detected.
-pub fn picture(cells: &[Cell]) -> Page {
+pub(super) fn picture(cells: &[Cell]) -> Page {
     let singles: Vec<&Cell> = cells.iter().filter(|cell| cell.faults.len() == 1).collect();
     let (mut processes, mut faults) = (Vec::<String>::new(), Vec::<String>::new());
     let name = |cell: &Cell| if cell.way.is_empty() { cell.kind.clone() } else { format!("{} {}", cell.kind, cell.way) };

@@ -5,10 +5,10 @@ use shared_types::fault::{Fault, Kind, Way};
 use shared_types::graph::Graph;
 
 /// Faults and their processes; two of them for a pair.
-pub type Plan = Vec<Fault>;
+pub(super) type Plan = Vec<Fault>;
 
 /// One cell: `PROCESS:KIND`, or `PROCESS:KIND:WAY`.
-pub struct Only {
+pub(super) struct Only {
     process: String,
     kind: Kind,
     way: Option<Way>,
@@ -16,13 +16,13 @@ pub struct Only {
 
 impl Only {
     /// Where no process of the graph has this cell: the processes that this kind of fault applies to.
-    pub fn remedy(&self, graph: &Graph) -> String {
+    pub(super) fn remedy(&self, graph: &Graph) -> String {
         let suits = |process: &&shared_types::process::Process| self.kind.roles().contains(&process.role());
         let names: Vec<&str> = graph.process.iter().filter(suits).map(|process| process.name.as_str()).collect();
         format!("`{}` can happen to {}", self.kind, names.join(", "))
     }
 
-    pub fn parse(text: &str) -> Result<Self, String> {
+    pub(super) fn parse(text: &str) -> Result<Self, String> {
         let wrong = |reason: String| format!("--only {text}: {reason}");
         let mut parts = text.split(':');
         let (Some(process), Some(kind), way, None) = (parts.next(), parts.next(), parts.next(), parts.next()) else {
@@ -38,7 +38,7 @@ impl Only {
 }
 
 /// The subject of a plan.
-pub struct Terms<'a> {
+pub(super) struct Terms<'a> {
     /// The graph.
     pub graph: &'a Graph,
     /// Of when the faults are injected, and of the pairs.
@@ -50,7 +50,7 @@ pub struct Terms<'a> {
 }
 
 /// Every kind in every way for every process, and a seeded sample of pairs of them.
-pub fn plans(terms: &Terms<'_>, only: Option<&Only>, pairs: u32) -> Vec<Plan> {
+pub(super) fn plans(terms: &Terms<'_>, only: Option<&Only>, pairs: u32) -> Vec<Plan> {
     let mut singles = Vec::new();
     for (process, role) in terms.graph.process.iter().map(|process| (process.name.as_str(), process.role())) {
         for &kind in Kind::ALL.iter().filter(|kind| kind.roles().contains(&role)) {

@@ -27,7 +27,7 @@ const SPENT: u32 = 6;
 
 /// Acts on a process from outside, which no fault table lists.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Signal {
+pub(super) enum Signal {
     /// SIGKILL.
     Kill,
     /// SIGKILL, and again so many ms later, when the replacement is starting or has just begun.
@@ -40,7 +40,7 @@ pub enum Signal {
 
 /// One thing that goes wrong.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Act {
+pub(super) enum Act {
     /// As `armplane fault` requests it.
     Fault(Fault),
     /// By a signal from outside.
@@ -49,7 +49,7 @@ pub enum Act {
 
 /// When what goes wrong.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Planned {
+pub(super) struct Planned {
     /// Since the first tick; s.
     pub at_s: f64,
     pub act: Act,
@@ -58,7 +58,7 @@ pub struct Planned {
 }
 
 impl Act {
-    pub fn process(&self) -> &str {
+    pub(super) fn process(&self) -> &str {
         match self {
             Self::Fault(fault) => &fault.process,
             Self::Signal(process, _) => process,
@@ -66,7 +66,7 @@ impl Act {
     }
 
     /// Its row in the table.
-    pub fn name(&self) -> String {
+    pub(super) fn name(&self) -> String {
         match self {
             Self::Fault(Fault { kind, way: Some(way), .. }) => format!("{kind} {way}"),
             Self::Fault(Fault { kind, .. }) => kind.to_string(),
@@ -78,7 +78,7 @@ impl Act {
     }
 
     /// How many deaths of its process it costs.
-    pub fn deaths(&self) -> u32 {
+    pub(super) fn deaths(&self) -> u32 {
         match self {
             Self::Fault(fault) => match fault.kind {
                 Kind::Kill | Kind::Crash => 1,
@@ -135,7 +135,7 @@ impl Dice {
 }
 
 /// Deals what goes wrong, so that everything comes equally often over all rounds: a shuffled deck of every kind, process and way.
-pub struct Dealer {
+pub(super) struct Dealer {
     dice: Dice,
     graph: Graph,
     joints: u64,
@@ -147,7 +147,7 @@ pub struct Dealer {
 }
 
 impl Dealer {
-    pub fn new(robot: &Robot, graph: Graph, rate_hz: u32, seed: u64) -> Self {
+    pub(super) fn new(robot: &Robot, graph: Graph, rate_hz: u32, seed: u64) -> Self {
         Self {
             dice: Dice { seed: seed ^ 0x50a4, drawn: 0 },
             graph,
@@ -160,7 +160,7 @@ impl Dealer {
     }
 
     /// The events of the next round of so many seconds, in order.
-    pub fn round(&mut self, seconds: f64) -> Vec<Planned> {
+    pub(super) fn round(&mut self, seconds: f64) -> Vec<Planned> {
         let calm = |s: f64| s.min(0.25 * seconds);
         let (from, to) = (calm(CALM_BEFORE_S), seconds - calm(CALM_AFTER_S));
         let is_disk = |act: &Act| matches!(act, Act::Fault(fault) if fault.kind == Kind::DiskFull);

@@ -19,7 +19,7 @@ const MOST_REQUESTS: usize = 48;
 
 /// The outcome of a planned fault.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Done {
+pub(super) enum Done {
     /// Requested of the fault table, at this place of it.
     Requested(usize),
     /// The process got its signal.
@@ -30,7 +30,7 @@ pub enum Done {
 
 /// A planned that has executed.
 #[derive(Clone, Debug)]
-pub struct Executed {
+pub(super) struct Executed {
     /// Faults planned.
     pub planned: Planned,
     /// On `CLOCK_MONOTONIC`.
@@ -50,7 +50,7 @@ enum Todo {
 }
 
 /// One run, seen by the injector.
-pub struct Injector<'a> {
+pub(super) struct Injector<'a> {
     pub control_page: &'a ControlPage,
     /// As on the control_page.
     pub graph: &'a Graph,
@@ -65,7 +65,7 @@ pub struct Injector<'a> {
 impl Injector<'_> {
     /// Injects from the first tick, which `going` tells by a word, to the end of the run, which it tells by closing; and stops the run after
     /// `most_s`.
-    pub fn inject(&self, planned: Vec<Planned>, most_s: f64, going: &Receiver<()>) -> Vec<Executed> {
+    pub(super) fn inject(&self, planned: Vec<Planned>, most_s: f64, going: &Receiver<()>) -> Vec<Executed> {
         let mut executed = Vec::new();
         if going.recv().is_err() {
             return executed;
@@ -144,7 +144,7 @@ impl Injector<'_> {
 }
 
 /// A process's state as the kernel writes it, and its parent.
-pub fn state_and_parent(pid: u32) -> Option<(char, u32)> {
+pub(super) fn state_and_parent(pid: u32) -> Option<(char, u32)> {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
     // The second field is the command in parentheses and may contain anything: count from its end.
     let mut fields = stat.rsplit_once(") ")?.1.split(' ');

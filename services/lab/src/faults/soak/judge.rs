@@ -15,7 +15,7 @@ const WORLD: &str = "plant";
 
 /// A death that was brought about, and what came of it.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Death {
+pub(super) struct Death {
     /// Process of the fault.
     pub process: String,
     pub what: String,
@@ -27,7 +27,7 @@ pub struct Death {
 
 /// An end of a process that the launcher saw.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Ended {
+pub(super) struct Ended {
     /// Process of the fault.
     pub process: String,
     pub exit: Exit,
@@ -54,7 +54,7 @@ pub struct Messages {
 
 /// The content of a round's files, read back.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Files {
+pub(super) struct Files {
     /// Ticks that the recording has numbers of.
     pub rows: u64,
     /// Files that could not be read.
@@ -63,7 +63,7 @@ pub struct Files {
 
 /// All that was seen of a round.
 #[derive(Clone, Debug)]
-pub struct Evidence {
+pub(super) struct Evidence {
     pub end: End,
     /// The planned fault that was to end it, if any: its process, and whether it was injected.
     pub fatal: Option<(String, bool)>,
@@ -94,7 +94,7 @@ pub struct Evidence {
 }
 
 /// The promises that a round did not keep, in words.
-pub fn broken(seen: &Evidence) -> Vec<String> {
+pub(super) fn broken(seen: &Evidence) -> Vec<String> {
     let mut broken = seen.motion.broken();
     broken.extend(end(seen));
     broken.extend(lives(seen));

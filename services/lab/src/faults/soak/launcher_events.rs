@@ -10,7 +10,7 @@ const LINES: usize = 500;
 
 /// The events of the launcher while the round went on.
 #[derive(Default)]
-pub struct LauncherEvents {
+pub(super) struct LauncherEvents {
     /// Runs that ended by design.
     pub ended: Vec<(String, Exit, u64)>,
     pub silenced: Vec<String>,
@@ -20,13 +20,13 @@ pub struct LauncherEvents {
 }
 
 /// The words with which a process refuses to send its own result.
-pub const REFUSED: &str = "refused its own";
+pub(super) const REFUSED: &str = "refused its own";
 
 /// The recorder's words for a full volume.
-pub const RECORDING_ENDS: &str = "recording ends";
+pub(super) const RECORDING_ENDS: &str = "recording ends";
 
 impl LauncherEvents {
-    pub fn take(&mut self, event: &Event<'_>) {
+    pub(super) fn take(&mut self, event: &Event<'_>) {
         let line = match event {
             Event::Line { process, line } => {
                 // Said twice: in the log, and as the reason of its end.
@@ -52,7 +52,7 @@ impl LauncherEvents {
     }
 
     /// The last line that contains these words; empty where there is none.
-    pub fn words_on(&self, what: &str) -> String {
+    pub(super) fn words_on(&self, what: &str) -> String {
         self.lines.iter().rfind(|line| line.contains(what)).cloned().unwrap_or_default()
     }
 }

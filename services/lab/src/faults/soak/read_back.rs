@@ -20,7 +20,7 @@ pub struct Stop {
 }
 
 /// Reads the kept messages back: what the arm did, when the drives stopped it, and how many there are of each topic.
-pub fn read(mut motion: Motion, messages: &Path) -> (Motion, Vec<Stop>, Files, [u64; COUNT]) {
+pub(super) fn read(mut motion: Motion, messages: &Path) -> (Motion, Vec<Stop>, Files, [u64; COUNT]) {
     let (mut files, mut stops) = (Files::default(), Vec::<Stop>::new());
     each::<PlantState>(messages, &mut files, |state| {
         motion.add(state);
@@ -61,7 +61,7 @@ fn each<M: Message>(messages: &Path, files: &mut Files, mut each: impl FnMut(&M)
 }
 
 /// Leftovers of a run: files in shared memory or among the temporary ones, children, living or not.
-pub fn left_over(run: &str) -> Vec<String> {
+pub(super) fn left_over(run: &str) -> Vec<String> {
     let names = |folder: &Path| {
         let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
         entries.filter(|entry| entry.file_name().to_string_lossy().contains(run)).map(|entry| entry.path().display().to_string()).collect()

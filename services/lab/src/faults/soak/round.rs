@@ -102,7 +102,7 @@ pub struct Round {
 }
 
 /// The settings of all rounds.
-pub struct Setting<'a> {
+pub(super) struct Setting<'a> {
     pub robot: &'a Robot,
     /// Prolonged to the length of a round, without faults of its own.
     pub scenario: &'a Scenario,
@@ -116,7 +116,7 @@ impl Setting<'_> {
     }
 
     /// Runs and judges a round; its files stay in `out`.
-    pub fn round(
+    pub(super) fn round(
         &self,
         number: usize,
         seed: u64,

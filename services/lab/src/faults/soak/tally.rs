@@ -87,7 +87,7 @@ fn p50(mut values: Vec<f64>) -> (Option<f64>, Option<f64>) {
 }
 
 /// A row for each kind, in the order of their names, signals first.
-pub fn kinds(rounds: &[Round]) -> Vec<Kind> {
+pub(super) fn kinds(rounds: &[Round]) -> Vec<Kind> {
     let mut by_kind = BTreeMap::<&str, Vec<(&Round, &Injected)>>::new();
     for round in rounds {
         for injected in &round.injected {

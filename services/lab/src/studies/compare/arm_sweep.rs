@@ -12,7 +12,7 @@ use super::score::{Score, score};
 use crate::pool::on_all_cores;
 use crate::studies::singular_lines::{SingularLine, Through, Where, singular_lines};
 
-/// What to draw, and how fast.
+/// The lines to draw, and their speed.
 #[derive(Clone, Debug)]
 pub struct ArmSweep<'a> {
     /// A built-in robot's name, or a URDF.
@@ -31,7 +31,7 @@ pub struct ArmSweep<'a> {
     pub speed: f64,
 }
 
-/// What became of a line.
+/// The outcome of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Outcome {
@@ -52,7 +52,7 @@ pub struct Line {
     pub singularities: String,
     /// Where on the line: `start`, `middle`, `end`.
     pub place: &'static str,
-    /// What became of it.
+    /// Its outcome.
     pub outcome: Outcome,
     /// Why, in words.
     pub reason: String,

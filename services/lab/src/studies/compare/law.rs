@@ -36,7 +36,7 @@ pub fn laws(names: &[String]) -> Result<Vec<Strategy>, Failure> {
 
 /// The same scenario under another law.
 #[must_use]
-pub fn under(scenario: &Scenario, law: Strategy) -> Scenario {
+pub(super) fn under(scenario: &Scenario, law: Strategy) -> Scenario {
     let mut scenario = scenario.clone();
     scenario.control.strategy = law;
     scenario

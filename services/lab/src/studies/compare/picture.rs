@@ -36,7 +36,7 @@ const METRICS: [[Metric; 3]; 3] = [
 const LEAST: f64 = 1e-4;
 
 /// One scenario under each law.
-pub fn scenario(scenario: &Scenario, scores: &[Score]) -> Page {
+pub(super) fn scenario(scenario: &Scenario, scores: &[Score]) -> Page {
     let names = || scores.iter().map(|score| score.law.clone());
     let rows = METRICS.iter().map(|metrics| {
         let panels = metrics.iter().enumerate().map(|(column, metric)| {
@@ -82,7 +82,7 @@ fn bars((title, value, bar, logarithmic): &Metric, scores: &[Score], y: Axis) ->
 }
 
 /// Success of each law near each singularity.
-pub fn sweep(sweep: &Sweep) -> Page {
+pub(super) fn sweep(sweep: &Sweep) -> Page {
     let names = || sweep.laws.iter().map(|(law, _)| law.name().to_owned());
     let near = [None].into_iter().chain(KINDS.map(Some));
     let panels = near.enumerate().map(|(column, near)| {

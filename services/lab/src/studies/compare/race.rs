@@ -43,7 +43,7 @@ pub struct Race {
     pub folder: PathBuf,
 }
 
-/// What the race needs of a tick of the rival.
+/// The rival's data of one tick.
 struct Place {
     q: [f64; shared_types::MAX_DOF],
     racer: Racer,

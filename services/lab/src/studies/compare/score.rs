@@ -85,7 +85,7 @@ impl Score {
 ///
 /// # Errors
 /// [`Refused`] where a cycle does not accept the robot or the scenario.
-pub fn score(robot: &Robot, scenario: &Scenario) -> Result<Score, Refused> {
+pub(super) fn score(robot: &Robot, scenario: &Scenario) -> Result<Score, Refused> {
     with_dof!(robot.dof(), N => sized::<N>(robot, scenario)).unwrap_or_else(|| Err(Refused::size(robot)))
 }
 

@@ -41,7 +41,7 @@ pub struct Sweep {
 ///
 /// # Errors
 /// [`Failure::Input`] for an arm without a PUMA's factors.
-pub fn draw(loaded: &load::Loaded, seed: u64, size: SweepSize) -> Result<Vec<Line>, Failure> {
+pub(super) fn draw(loaded: &load::Loaded, seed: u64, size: SweepSize) -> Result<Vec<Line>, Failure> {
     let mut template = loaded.scenario.clone();
     // The lines fill the arm's whole reach: where a floor would be, too.
     template.plant.floor_m = None;

@@ -11,7 +11,7 @@ const HAND: f64 = 0.15;
 
 /// One moment.
 #[derive(Clone, Debug)]
-pub struct Sample {
+pub(super) struct Sample {
     /// s.
     pub t: f64,
     /// rad.
@@ -38,14 +38,14 @@ pub struct Sample {
 
 impl Sample {
     /// Angle about `axis` by which the end-effector has turned since another moment; rad.
-    pub fn turned_about(&self, axis: &Vector3<f64>, since: Option<&Self>) -> f64 {
+    pub(super) fn turned_about(&self, axis: &Vector3<f64>, since: Option<&Self>) -> f64 {
         since.map_or(0.0, |since| rotation_log(&(self.R * since.R.transpose())).dot(axis))
     }
 }
 
 /// A whole run.
 #[derive(Clone, Debug)]
-pub struct Trace {
+pub(super) struct Trace {
     /// Number of samples.
     pub samples: Vec<Sample>,
     dt: f64,
@@ -56,41 +56,41 @@ impl Trace {
     ///
     /// # Errors
     /// [`Refused`] where a cycle does not accept the robot or the scenario.
-    pub fn of(robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
+    pub(super) fn of(robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
         with_dof!(robot.dof(), N => sized::<N>(robot, scenario)).unwrap_or_else(|| Err(Refused::size(robot)))
     }
 
-    pub fn largest(&self, of: impl Fn(&Sample) -> f64) -> f64 {
+    pub(super) fn largest(&self, of: impl Fn(&Sample) -> f64) -> f64 {
         self.samples.iter().map(of).fold(0.0, larger)
     }
 
-    pub fn last(&self, of: impl Fn(&Sample) -> f64) -> f64 {
+    pub(super) fn last(&self, of: impl Fn(&Sample) -> f64) -> f64 {
         self.samples.last().map_or(f64::NAN, of)
     }
 
     /// By how much a joint has moved until `t`; degrees.
-    pub fn moved_deg(&self, joint: usize, t: f64) -> f64 {
+    pub(super) fn moved_deg(&self, joint: usize, t: f64) -> f64 {
         let until = self.samples.iter().take_while(|sample| sample.t <= t).last();
         until.zip(self.samples.first()).map_or(0.0, |(end, start)| (end.q[joint] - start.q[joint]).to_degrees())
     }
 
     /// ζ of a singularity at the start.
-    pub fn zeta_at_start(&self, place: usize) -> Vector3<f64> {
+    pub(super) fn zeta_at_start(&self, place: usize) -> Vector3<f64> {
         self.samples.first().and_then(|sample| sample.zeta.get(place)).copied().unwrap_or_else(Vector3::x)
     }
 
     /// Place of a kind of singularity in the report; the first where there is none.
-    pub fn place_of(&self, kind: u32) -> usize {
+    pub(super) fn place_of(&self, kind: u32) -> usize {
         self.samples.first().and_then(|sample| sample.kind.iter().position(|known| *known == kind)).unwrap_or_default()
     }
 
     /// Until when a singularity's neighbourhood is not left, from the start; s.
-    pub fn inside_until(&self, place: usize) -> f64 {
+    pub(super) fn inside_until(&self, place: usize) -> f64 {
         self.samples.iter().take_while(|sample| sample.inside.get(place) == Some(&true)).last().map_or(0.0, |sample| sample.t)
     }
 
     /// When the second segment begins; s.
-    pub fn phase_change(&self) -> f64 {
+    pub(super) fn phase_change(&self) -> f64 {
         self.samples.iter().find(|sample| sample.segment > 0).map_or(0.0, |sample| sample.t) - self.dt
     }
 }
