@@ -100,9 +100,10 @@ impl RunDir {
         let start = start_time("self").ok_or(RunDirError::NoProc)?;
         let mut path = PathBuf::new();
         for attempt in 0..ATTEMPTS {
-            // A number that another user of the machine cannot know before the directory is there, to take the name away.
-            let n = RandomState::new().hash_one(COUNT.fetch_add(1, Ordering::Relaxed)) as u32;
-            path = Path::new(SHM).join(format!("{}{pid}-{start:x}-{n}", own_prefix()));
+            // A number that another user of the machine cannot know before the directory is there, to take the name away. It is short because the name
+            // is in the path of sockets, which has at most 107 bytes.
+            let n = RandomState::new().hash_one(COUNT.fetch_add(1, Ordering::Relaxed)) as u16;
+            path = Path::new(SHM).join(format!("{}{pid}-{start:x}-{n:x}", own_prefix()));
             match fs::DirBuilder::new().mode(0o700).create(&path) {
                 Ok(()) => break,
                 Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists && attempt + 1 < ATTEMPTS => {}
@@ -284,7 +285,7 @@ fn entries() -> Vec<(String, PathBuf)> {
 fn owner_of(name: &str) -> Option<(u32, u64)> {
     let mut parts = name.strip_prefix(&own_prefix())?.split('-');
     let (pid, start, n) = (parts.next()?, parts.next()?, parts.next()?);
-    n.parse::<u32>().ok()?;
+    u32::from_str_radix(n, 16).ok()?;
     parts.next().is_none().then_some((pid.parse().ok()?, u64::from_str_radix(start, 16).ok()?))
 }
 
