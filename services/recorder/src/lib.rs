@@ -119,8 +119,9 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
         fault_reporter.report(shell, &job.graph, &mut tape);
         while let Some(row) = assembler.pop(shell.ticks_begun(), false) {
             take(row, &mut judge, &mut tape);
+            // With every row: a replacement writes again what is not noted.
+            memory.note(tape.written());
         }
-        memory.note(tape.written());
         if !tape.result.error.is_empty() || topics.has_failed() {
             shell.mark_detected();
         }

@@ -7,8 +7,8 @@ use shared_types::job::{self, Job};
 use shared_types::summary::Summary;
 use shared_types::topics::{self, Build, ByTopic, Each, Family, Topic};
 
-use crate::assemble::{Assembler, Set};
-use crate::judge::Judge;
+use crate::assemble::{Assembler, Row, Set};
+use crate::judge::{Judge, Tick};
 use crate::tape::Tape;
 use crate::{HORIZON, MESSAGES, PATIENCE, limits, summary, take};
 
@@ -81,9 +81,16 @@ pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
         judge = judge.on_grid(1_000_000_000 / u64::from(job.scenario.rate_hz));
     }
     let mut tape = Tape::start(robot, job, 1)?;
+    // The messages of the topics end at different ticks: rows after the last whole one are left out.
+    let mut partial: Vec<Row> = Vec::new();
     for until in (1..).map(|stride| stride * STRIDE) {
         let has_more = topics::each(&mut Put(&mut kept, &mut assembler, until)).contains(&true);
         while let Some(row) = assembler.pop(until, !has_more) {
+            if Tick::of(&row.messages().lent()).is_none() {
+                partial.push(row.clone());
+                continue;
+            }
+            partial.drain(..).for_each(|row| take(&row, &mut judge, &mut tape));
             take(row, &mut judge, &mut tape);
         }
         if !has_more {

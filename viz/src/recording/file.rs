@@ -239,10 +239,6 @@ impl Recording {
                 });
             }
         }
-        if self.signals.rows() >= self.signal_rows {
-            self.write_signals();
-            self.write_pending(false);
-        }
         if row.tick >= self.changes_next {
             self.write_changes(row);
             self.changes_next = row.tick + 1;
@@ -256,6 +252,11 @@ impl Recording {
         if row.tick >= self.guides_due {
             self.guides_due = row.tick + 5 * u64::from(self.rate_hz);
             self.write_guides(row.tick);
+        }
+        // Last of all: from here to the caller's note of the progress a kill would have the ticks written twice.
+        if self.signals.rows() >= self.signal_rows {
+            self.write_pending(false);
+            self.write_signals();
         }
         self.sink.check()
     }
@@ -285,9 +286,9 @@ impl Recording {
 
     /// Writes out what is being gathered.
     pub fn flush(&mut self) {
-        self.write_signals();
-        self.write_pending(false);
         self.write_picture();
+        self.write_pending(false);
+        self.write_signals();
     }
 
     /// Size of all parts so far; bytes.
