@@ -36,7 +36,7 @@ PICTURES = {
 # The race: frames per second, its part of the window (left, top, right, bottom), width of a frame.
 RACE = ["compare", "fig5-wrist-rotation", "--race"]
 RATE, PART, WIDTH = 10, (0, 54, 676, 690), 560
-COLOURS = 64
+COLOURS = 200
 
 
 def armplane(command, arguments, folder):
@@ -53,7 +53,7 @@ def blueprint(command, folder, layout):
 
 def small(png):
     """A picture of few colours, which is as good to the eye and a third of the size."""
-    return Image.open(io.BytesIO(png)).convert("RGB").quantize(255, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    return Image.open(io.BytesIO(png)).convert("RGB").quantize(255, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
 
 
 def picture(command, name, scratch):
@@ -76,8 +76,12 @@ def race(command, scratch):
             viewer.at(k / RATE)
             frame = Image.open(io.BytesIO(viewer.picture())).convert("RGB").crop(PART)
             frames.append(frame.resize((WIDTH, WIDTH * frame.height // frame.width), Image.Resampling.LANCZOS))
-    # One palette for all: the background stays as it is from frame to frame and packs well.
-    palette = frames[len(frames) // 2].quantize(COLOURS, dither=Image.Dither.NONE)
+    # One palette for all, made of several: the background stays as it is from frame to frame and packs well.
+    some = frames[:: max(1, len(frames) // 6)]
+    sheet = Image.new("RGB", (WIDTH, sum(frame.height for frame in some)))
+    for k, frame in enumerate(some):
+        sheet.paste(frame, (0, k * frame.height))
+    palette = sheet.quantize(COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
     frames = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     path = DOCS / "race.gif"
     hold = [1000 // RATE] * (len(frames) - 1) + [1500]
