@@ -13,10 +13,6 @@ use crate::plan::{Commands, Event, Plan, Report};
 use crate::signals::{Interrupts, Urgency};
 use crate::spawn::{Slot, Slots, Supervised};
 
-/// In the run's directory: memory for the recorder's part of the summary, so that a memory file system that fills up does not cost it.
-pub(crate) const SUMMARY_ROOM: &str = "summary-room";
-const SUMMARY_BYTES: usize = 256 * 1024;
-
 /// A prepared run: its directory, control page and topics exist, and no process yet.
 ///
 /// It must be run on the thread that stays: the kernel kills the children when the thread that started them ends.
@@ -32,7 +28,6 @@ impl Launcher {
         limits::raise_open_files()?;
         RunDir::has_room()?;
         let run = RunDir::create()?;
-        std::fs::write(run.path().join(SUMMARY_ROOM), vec![0; SUMMARY_BYTES]).map_err(LaunchError::Reserve)?;
         let manifest = Manifest {
             mode: plan.mode,
             rate_hz: plan.rate_hz,

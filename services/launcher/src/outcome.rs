@@ -42,9 +42,6 @@ pub enum LaunchError {
     /// Signals cannot be caught.
     #[error("cannot catch SIGINT, SIGTERM and SIGHUP: {0}")]
     Signals(io::Error),
-    /// No memory for its summary.
-    #[error("cannot take the memory for the run's summary: {0}")]
-    Reserve(io::Error),
     /// Too few open files allowed.
     #[error("this shell allows a process {allowed} open files; a run needs {needed}: raise the limit with `ulimit -n {needed}`")]
     OpenFiles {

@@ -7,7 +7,6 @@ use rustix::process::Signal;
 
 use crate::child::Exit;
 use crate::delay::Delay;
-use crate::launch::SUMMARY_ROOM;
 use crate::outcome::Failure;
 use crate::plan::{Limits, Report};
 use crate::signals::Interrupts;
@@ -20,7 +19,6 @@ impl Supervised {
         let is_patient = is_complete && !kills_at_end;
         self.control_page.request_stop(Stop::Chain);
         let chain = self.stop_those(false, stop, is_patient, signals, report);
-        let _ = std::fs::remove_file(self.run.path().join(SUMMARY_ROOM));
         self.control_page.request_stop(Stop::Everything);
         let polled = self.stop_those(true, stop_polled, is_patient, signals, report);
         chain.or(polled)

@@ -17,7 +17,7 @@ use std::time::Duration;
 use bytemuck::{bytes_of, try_pod_read_unaligned};
 use message_log::{LogWriter, TopicHash};
 use model::Robot;
-use runtime::{Collector, Count, Mode, ProcessError, Shell};
+use runtime::{Collector, Count, Mode, ProcessError, Shell, write_reserved};
 use shared_types::Message;
 use shared_types::graph::Graph;
 use shared_types::job::Job;
@@ -66,7 +66,7 @@ pub fn run(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<()
     let path = run_dir.join(SUMMARY);
     written(&summary)
         .map_err(std::io::Error::from)
-        .and_then(|text| std::fs::write(&path, text))
+        .and_then(|text| write_reserved(&path, &text))
         .map_err(|error| ProcessError::setup(format!("cannot write {}: {error}", path.display())))
 }
 

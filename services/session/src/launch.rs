@@ -12,6 +12,9 @@ use crate::failure::Failure;
 use crate::load;
 use crate::progress::{Observer, Progress};
 
+/// Memory for the recorder's part of the summary, taken before the first process starts; bytes.
+const ACCOUNT_BYTES: usize = 256 * 1024;
+
 /// Runs the processes to the end of the task, or of one of them, and tells the observer what happens.
 ///
 /// # Errors
@@ -70,6 +73,7 @@ pub fn launch_watched(
     let run_dir = launcher.run_dir().to_owned();
     let job = Job { run: run_dir.file_name().unwrap_or_default().to_string_lossy().into_owned(), ..job.clone() };
     let (path, account_path) = (run_dir.join(JOB), run_dir.join(recorder::SUMMARY));
+    runtime::reserve(&account_path, ACCOUNT_BYTES).map_err(|error| Failure::Work(format!("no memory for the run's summary: {error}")))?;
     let text = serde_json::to_vec(&job).map_err(Failure::work)?;
     std::fs::write(&path, text).map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))?;
     // In the results folder too, before anything happens: what a killed launcher leaves can be read and recovered.

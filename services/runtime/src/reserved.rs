@@ -1,0 +1,47 @@
+//! A file whose memory is taken before the run begins: a memory file system that somebody fills meanwhile does not cost its contents.
+
+use std::fs::{self, OpenOptions};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+/// Takes `bytes` of memory for the file that [`write_reserved`] will make at `path`; `path` itself does not exist before.
+///
+/// # Errors
+/// When the file system has no room.
+pub fn reserve(path: &Path, bytes: usize) -> io::Result<()> {
+    fs::write(room(path), vec![0; bytes])
+}
+
+/// Makes the file `path` with `text`, in the memory that [`reserve`] took for it where there is some. The file appears whole or not at all.
+///
+/// # Errors
+/// When the file cannot be written, or `text` is longer than the memory taken and the file system is full.
+pub fn write_reserved(path: &Path, text: &[u8]) -> io::Result<()> {
+    let room = room(path);
+    // Not truncated before it is written: that would give the memory back.
+    let mut file = OpenOptions::new().write(true).create(true).truncate(false).open(&room)?;
+    file.write_all(text)?;
+    file.set_len(text.len() as u64)?;
+    fs::rename(room, path)
+}
+
+fn room(path: &Path) -> PathBuf {
+    path.with_added_extension("reserved")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_file_has_the_text_and_nothing_of_the_reserve() {
+        let path = std::env::temp_dir().join(format!("armplane-reserved-{}", std::process::id()));
+        reserve(&path, 4096).unwrap();
+        assert!(!path.exists());
+        write_reserved(&path, b"text").unwrap();
+        let read = fs::read(&path).unwrap();
+        let left = room(&path).exists();
+        fs::remove_file(&path).unwrap();
+        assert_eq!((read.as_slice(), left), (b"text".as_slice(), false));
+    }
+}
