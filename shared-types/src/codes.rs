@@ -19,10 +19,13 @@ pub fn singularity_name(kind: u32, place: usize) -> String {
 }
 
 macro_rules! codes {
-    ($(#[$meta:meta])* $table:ident { $( $(#[$doc:meta])* $name:ident = $value:literal $text:literal ),* $(,)? }) => {
-        $( $(#[$doc])* pub const $name: u32 = $value; )*
+    ($( $(#[$meta:meta])* $table:ident { $( $(#[$doc:meta])* $name:ident = $value:literal $text:literal ),* $(,)? } )*) => {
+        $( $( $(#[$doc])* pub const $name: u32 = $value; )*
         $(#[$meta])*
-        pub const $table: &[Named] = &[ $( ($name, $text) ),* ];
+        pub const $table: &[Named] = &[ $( ($name, $text) ),* ]; )*
+
+        /// All tables: the name of each, and of each code its constant's name, value and text.
+        pub const TABLES: &[(&str, &[(&str, u32, &str)])] = &[ $( (stringify!($table), &[ $( (stringify!($name), $name, $text) ),* ]) ),* ];
     };
 }
 
@@ -40,9 +43,7 @@ codes! {
         /// Axes 1 and 3 of a seven-joint arm are parallel: a translation across the line from shoulder to wrist is lost.
         KIND_SHOULDER = 4 "shoulder",
     }
-}
 
-codes! {
     /// Chang & Khatib's types.
     TYPES {
         /// Not classified (yet).
@@ -54,9 +55,7 @@ codes! {
         /// Both: κ₁ and κ₂ give the share of each.
         TYPE_MIXED = 3 "mixed",
     }
-}
 
-codes! {
     /// The reported state of the control law at one singularity.
     MODES {
         /// Outside the neighbourhood: plain operational-space control.
@@ -76,9 +75,7 @@ codes! {
         /// Outside again, auxiliary error still being removed.
         MODE_RECOVER = 7 "recover",
     }
-}
 
-codes! {
     /// Why the controller refuses to go on, as the end of a sentence.
     REFUSALS {
         /// It goes on.
@@ -104,9 +101,7 @@ codes! {
         /// The estimate has moved as no arm can for too long.
         REFUSAL_DOUBT = 10 "the estimated state moves as no torque within the limits can move the arm; see to the encoders",
     }
-}
 
-codes! {
     /// The drive's state.
     DRIVES {
         /// Fresh torque is applied.
@@ -118,9 +113,7 @@ codes! {
         /// At rest, brakes engaged.
         DRIVE_BRAKED = 3 "braked",
     }
-}
 
-codes! {
     /// The drive's changes to the commanded torque: bits, added up.
     DRIVE_FLAGS {
         /// No torque came this tick.
@@ -138,9 +131,7 @@ codes! {
         /// The simulated motion left the finite numbers; the arm was stopped where it last was.
         DRIVE_DIVERGED = 32 "diverged",
     }
-}
 
-codes! {
     /// Where the task is.
     PHASES {
         /// Following the path.
@@ -151,5 +142,47 @@ codes! {
         PHASE_DONE = 2 "done",
         /// The controller refused to go on; the torque brings the arm to rest.
         PHASE_REFUSED = 3 "refused",
+    }
+
+    /// How far the program of an exchange page is.
+    PROGRAMS {
+        /// It has not come yet.
+        PROGRAM_AWAITED = 0 "awaited",
+        /// It has mapped the page and said which layouts it uses; it waits for requests.
+        PROGRAM_JOINED = 1 "joined",
+        /// It refuses the page; the complaint says why.
+        PROGRAM_REFUSED = 2 "refused",
+    }
+
+    /// What armplane requests of the program of an exchange page.
+    REQUESTS {
+        /// Nothing yet.
+        REQUEST_NONE = 0 "none",
+        /// Take up the predecessor's checkpoint, where there is one: the first tick is `tick`.
+        REQUEST_START = 1 "start",
+        /// Do the step of `tick`: the inputs are on the page, the outputs are to be written there.
+        REQUEST_TICK = 2 "tick",
+        /// Answer and end.
+        REQUEST_STOP = 3 "stop",
+    }
+
+    /// What the program of an exchange page answers.
+    ANSWERS {
+        /// Done.
+        ANSWER_DONE = 0 "done",
+        /// Done, and the run ends with this tick: for the process that makes the ticks.
+        ANSWER_OVER = 1 "over",
+        /// It cannot go on; the complaint says why.
+        ANSWER_FAILED = 2 "failed",
+    }
+
+    /// What a process does with a topic.
+    USES {
+        /// It reads the message of the tick.
+        USE_READS = 0 "reads",
+        /// It reads the message of the tick before, to get to this one.
+        USE_FEEDBACK = 1 "feedback",
+        /// It writes the message of the tick.
+        USE_WRITES = 2 "writes",
     }
 }

@@ -9,6 +9,7 @@
 //! * [`scenario`]: what a run does: robot, start, task, gains, noise, seed, judgement.
 //! * [`fault`]: what can be made to go wrong, in which process, when.
 //! * [`graph`]: the processes of a run, their topics and commands; [`process`]: one of them; [`layout`]: messages that only a graph knows.
+//! * [`exchange`]: the page through which a program in another language takes part.
 //! * [`file`]: how such files are read, and how their errors name the place and the remedy.
 //! * [`job`]: all of it together, as a starting process reads it.
 //! * [`summary`]: what a run left: the schema of `summary.json`.
@@ -18,6 +19,7 @@
 pub mod bounds;
 pub mod checkpoints;
 pub mod codes;
+pub mod exchange;
 pub mod fault;
 pub mod file;
 pub mod graph;

@@ -18,6 +18,16 @@ pub struct Process {
     /// The environment names the process and its run: `ARMPLANE_PROCESS` and `ARMPLANE_RUN`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub command: Vec<String>,
+    /// The program does not know armplane's shell: it takes part by an exchange page, in any language (`docs/wire.md`). The environment gives the
+    /// page's path: `ARMPLANE_EXCHANGE`.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub exchange: bool,
+    /// The program is started by somebody else: the run says where its exchange page is, and waits for it. There is no `command` then.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub external: bool,
+    /// The longest that an exchange page's program may take for an answer; s. 0: 10 s.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub answer_limit_s: u32,
     /// Topics it reads at the tick it works on; `"*"`: all that others write.
     #[serde(default)]
     pub reads: Vec<String>,
@@ -36,6 +46,14 @@ pub struct Process {
     /// The launcher's response to its unrequested end.
     #[serde(default)]
     pub restart: Restart,
+}
+
+fn is_false(value: &bool) -> bool {
+    !value
+}
+
+fn is_zero(value: &u32) -> bool {
+    *value == 0
 }
 
 /// The launcher's response to the unrequested end of a process.
@@ -99,7 +117,13 @@ impl Process {
     /// The program of ours that runs as the process; `None` for a command, or a name that it does not know.
     #[must_use]
     pub fn program(&self) -> Option<Program> {
-        if self.command.is_empty() { Program::named(&self.name) } else { None }
+        if self.command.is_empty() && !self.external { Program::named(&self.name) } else { None }
+    }
+
+    /// Whether a program takes part for it by an exchange page.
+    #[must_use]
+    pub fn is_exchanged(&self) -> bool {
+        self.exchange || self.external
     }
 }
 

@@ -154,6 +154,12 @@ impl Part for u32 {
         true
     }
 }
+impl Part for u8 {
+    const ELEMENT: &'static str = "u8";
+    fn is_finite(&self) -> bool {
+        true
+    }
+}
 impl Part for u64 {
     const ELEMENT: &'static str = "u64";
     fn is_finite(&self) -> bool {

@@ -27,6 +27,7 @@ mod table;
 mod top;
 mod verify;
 mod view;
+mod wire;
 
 use std::process::ExitCode;
 
@@ -164,6 +165,14 @@ enum Command {
     /// Show which process reads and writes what.
     #[command(after_help = "Examples:\n  armplane graph\n  armplane graph --format dot | dot -Tsvg > graph.svg")]
     Graph(graph::GraphArgs),
+    /// Print the wire for programs in other languages: every message with offsets, sizes, units and meaning.
+    #[command(
+        long_about = "Prints the messages, the codes in them and the exchange page, by which a program in any language takes part in a run, from \
+                      the list that this program is compiled from: as JSON, as a C header with the program's side of the page, or as the module of \
+                      the Python package. docs/wire.md has the state machine.",
+        after_help = "Examples:\n  armplane wire --lang c > armplane.h\n  armplane wire --lang python > python/armplane/wire.py\n  armplane wire --lang json | jq .topics"
+    )]
+    Wire(wire::WireArgs),
     /// Check what the machine offers: shared memory, real-time rights, cores, leftovers.
     #[command(after_help = "Example:\n  armplane doctor")]
     Doctor,
@@ -211,6 +220,7 @@ fn work() -> ExitCode {
         Command::List => list::list(json),
         Command::Inspect(args) => inspect::inspect(&args, json),
         Command::Graph(args) => graph::graph(&args, json),
+        Command::Wire(args) => wire::wire(&args),
         Command::Doctor => doctor::doctor(json),
         Command::Clean => clean::clean(json),
         Command::Process(command) => process::run(&command),

@@ -4,20 +4,22 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Arg, ArgMatches, FromArgMatches, Subcommand, value_parser};
-use runtime::{ProcessError, Shell};
-use session::{Failure, load};
+use runtime::{PROCESS_VARIABLE, ProcessError, Shell};
+use session::{EXCHANGE, Failure, load};
 use shared_types::process::Program;
 
 /// One process of a running graph; the launcher starts these.
 pub(crate) struct Command {
-    program: Program,
+    /// `None`: it holds the exchange page of a program of others.
+    program: Option<Program>,
     /// The run's directory in shared memory.
     run: PathBuf,
 }
 
 impl FromArgMatches for Command {
     fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
-        let chosen = matches.subcommand().and_then(|(name, matches)| Some((Program::named(name)?, matches.get_one::<PathBuf>("run")?)));
+        let of = |name| if name == EXCHANGE { Some(None) } else { Program::named(name).map(Some) };
+        let chosen = matches.subcommand().and_then(|(name, matches)| Some((of(name)?, matches.get_one::<PathBuf>("run")?)));
         let (program, run) = chosen.ok_or_else(|| clap::Error::new(clap::error::ErrorKind::InvalidSubcommand))?;
         Ok(Self { program, run: run.clone() })
     }
@@ -30,9 +32,9 @@ impl FromArgMatches for Command {
 
 impl Subcommand for Command {
     fn augment_subcommands(command: clap::Command) -> clap::Command {
-        Program::ALL.into_iter().fold(command, |command, program| {
+        Program::ALL.into_iter().map(Program::name).chain([EXCHANGE]).fold(command, |command, name| {
             let run = Arg::new("run").long("run").value_name("DIR").required(true).value_parser(value_parser!(PathBuf));
-            command.subcommand(clap::Command::new(program.name()).hide(true).arg(run.help("The run's directory in shared memory")))
+            command.subcommand(clap::Command::new(name).hide(true).arg(run.help("The run's directory in shared memory")))
         })
     }
 
@@ -41,7 +43,7 @@ impl Subcommand for Command {
     }
 
     fn has_subcommand(name: &str) -> bool {
-        Program::named(name).is_some()
+        name == EXCHANGE || Program::named(name).is_some()
     }
 }
 
@@ -52,9 +54,17 @@ pub(crate) fn run(command: &Command) -> Result<ExitCode, Failure> {
 }
 
 fn work(Command { program, run }: &Command) -> Result<(), ProcessError> {
-    let shell = Shell::open(run, program.name())?;
+    let shell = match program {
+        Some(program) => Shell::open(run, program.name())?,
+        None => Shell::from_environment()?,
+    };
     let job = shell.job()?;
     let robot = load::robot_of(&job.robot).map_err(ProcessError::setup)?;
+    let Some(program) = program else {
+        let name = std::env::var(PROCESS_VARIABLE).map_err(ProcessError::setup)?;
+        let command = load::command(&job.graph, &name);
+        return exchange::run(&shell, &job.graph, &name, robot.dof(), job.scenario.planned_ticks(), command);
+    };
     match program {
         Program::Plant => plant::run(&shell, &robot, &job.scenario),
         Program::Estimator => estimator::run(&shell, &robot, &job.scenario),

@@ -5,6 +5,7 @@ use std::process::Command;
 
 use launcher::{Event, Interrupts, Launcher, Outcome, Plan};
 use runtime::RunDir;
+use shared_types::graph::Process;
 use shared_types::job::{JOB, Job};
 use shared_types::summary::Summary;
 
@@ -93,13 +94,13 @@ pub fn launch_watched(
     Ok((outcome.map_err(Failure::work)?, account))
 }
 
-/// The command of a process: the one in the graph, in the folder of the graph's file, or this program itself.
+/// The command of a process: this program itself, which also holds the exchange page for a program of others; or the one in the graph.
 fn command(job: &Job, name: &str, run: &Path) -> std::io::Result<Command> {
-    let Some((program, arguments)) = job.graph.process(name).and_then(|process| process.command.split_first()) else {
-        return launcher::reexec(name, run);
-    };
-    let folder = job.graph.folder.as_deref();
-    let mut command = Command::new(load::program(program, folder));
-    command.args(arguments).current_dir(folder.unwrap_or(Path::new(".")));
-    Ok(command)
+    if job.graph.process(name).is_some_and(Process::is_exchanged) {
+        return launcher::reexec(EXCHANGE, run);
+    }
+    load::command(&job.graph, name).map_or_else(|| launcher::reexec(name, run), Ok)
 }
+
+/// The subcommand that holds the exchange page of a process.
+pub const EXCHANGE: &str = "exchange";

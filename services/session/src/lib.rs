@@ -19,7 +19,7 @@ mod summary;
 mod viewer;
 
 pub use failure::Failure;
-pub use launch::{Begin, interrupts, launch, launch_begun, launch_watched};
+pub use launch::{Begin, EXCHANGE, interrupts, launch, launch_begun, launch_watched};
 pub use layout::save_blueprint;
 pub use machine::machine;
 pub use plan::plan;

@@ -1,6 +1,7 @@
 //! From names and files to validated values: nothing starts before everything here has passed.
 
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use model::{Robot, RobotError, RobotSource};
 use shared_types::file::Complaint;
@@ -136,6 +137,16 @@ pub fn program(command: &str, folder: Option<&Path>) -> PathBuf {
         Some(folder) => folder.join(command),
         None => PathBuf::from(command),
     }
+}
+
+/// The command that the graph gives a process, in the folder of the graph's file; `None` where it gives none.
+#[must_use]
+pub fn command(graph: &Graph, process: &str) -> Option<Command> {
+    let (first, arguments) = graph.process(process)?.command.split_first()?;
+    let folder = graph.folder.as_deref();
+    let mut command = Command::new(program(first, folder));
+    command.args(arguments).current_dir(folder.unwrap_or(Path::new(".")));
+    Some(command)
 }
 
 /// Whether there is a program that can be started.

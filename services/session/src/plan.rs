@@ -45,7 +45,12 @@ pub fn plan(job: &Job) -> Result<Plan, Failure> {
         Mode::Realtime => runtime::Mode::Realtime,
     };
     let messages = job.graph.own_messages().map(foreign).collect();
-    Ok(Plan { mode, rate_hz: job.scenario.rate_hz, children: children.collect(), messages, limits: Limits::of(mode), faults })
+    // A program that a person starts comes when it comes.
+    let limits = match job.graph.process.iter().any(|process| process.external) {
+        true => Limits { start: None, wait: None, ..Limits::of(mode) },
+        false => Limits::of(mode),
+    };
+    Ok(Plan { mode, rate_hz: job.scenario.rate_hz, children: children.collect(), messages, limits, faults })
 }
 
 /// The part of a declared message that every process of the run must know.

@@ -138,8 +138,32 @@ fn is_name(name: &str) -> bool {
 /// Whether there is a program for a process, and whether it has the topics it needs; the path is relative to the process.
 fn check_program(process: &Process) -> Result<(), Complaint> {
     let name = &process.name;
-    if !process.command.is_empty() {
-        if process.command[0].trim().is_empty() {
+    if process.exchange && process.command.is_empty() && !process.external {
+        let message = format!("`{name}` exchanges messages with a program that is not named");
+        return Err(Complaint::new("exchange", message, "give its `command`, or external = true for one that somebody else starts"));
+    }
+    if process.external && !process.command.is_empty() {
+        let message = format!("`{name}` is started by somebody else and has a command");
+        return Err(Complaint::new("external", message, "take out `command`, or `external`"));
+    }
+    if process.is_exchanged()
+        && let Some(foreign) = process.writes.iter().find(|topic| !TOPICS.contains(&topic.as_str()))
+    {
+        let message = format!("`{name}` writes `{foreign}`, which only this graph knows, by an exchange page");
+        return Err(Complaint::new("writes", message, format!("an exchange page carries {}", TOPICS.join(", "))));
+    }
+    if process.is_exchanged()
+        && let Some(foreign) = process.reads.iter().chain(&process.feedback).find(|topic| !TOPICS.contains(&topic.as_str()))
+    {
+        let message = format!("`{name}` reads `{foreign}`, which only this graph knows, by an exchange page");
+        return Err(Complaint::new("reads", message, format!("an exchange page carries {}", TOPICS.join(", "))));
+    }
+    if process.answer_limit_s > 0 && !process.is_exchanged() {
+        let message = format!("`{name}` has an `answer_limit_s` and no exchange page");
+        return Err(Complaint::new("answer_limit_s", message, "exchange = true"));
+    }
+    if !process.command.is_empty() || process.external {
+        if process.command.first().is_some_and(|program| program.trim().is_empty()) {
             return Err(Complaint::new(
                 "command",
                 format!("the command of `{name}` has no program"),

@@ -1,0 +1,59 @@
+//! The wire as a Python module: `ctypes` structures, which also make `numpy` views without a copy.
+
+use std::fmt::Write;
+
+use shared_types::codes;
+
+use super::{Structure, about_and_unit, constants, elements, messages, parts};
+
+/// The module `armplane/wire.py` of the Python package.
+#[must_use]
+pub fn python() -> String {
+    let mut text = String::from(
+        "\"\"\"The wire of armplane: messages, codes and the exchange page. Written by `armplane wire --lang python`; do not edit.\"\"\"\n\n\
+         import ctypes\n\n",
+    );
+    let _ = writeln!(text, "ARMPLANE_VERSION = \"{}\"", env!("CARGO_PKG_VERSION"));
+    for (name, number, about) in constants() {
+        let _ = writeln!(text, "{name} = {number}  # {about}");
+    }
+    for (table, codes) in codes::TABLES {
+        text.push('\n');
+        for (name, code, _) in *codes {
+            let _ = writeln!(text, "{name} = {code}");
+        }
+        let entries: Vec<String> = codes.iter().map(|(name, _, meaning)| format!("{name}: {meaning:?}")).collect();
+        let _ = writeln!(text, "{table} = {{{}}}", entries.join(", "));
+    }
+    for structure in parts().iter().chain(&messages()) {
+        print_structure(&mut text, structure);
+    }
+    text.push_str("\n\n# Topic: structure, versioned type name, hash of the layout.\nTOPICS = {\n");
+    for Structure { name, message, .. } in messages() {
+        if let Some((topic, type_name, hash)) = message {
+            let _ = writeln!(text, "    \"{topic}\": ({name}, \"{type_name}\", 0x{hash:016x}),");
+        }
+    }
+    text.push_str("}\n");
+    text
+}
+
+fn print_structure(text: &mut String, structure: &Structure) {
+    let Structure { name, about, bytes, fields, .. } = structure;
+    let _ = writeln!(text, "\n\nclass {name}(ctypes.Structure):\n    \"\"\"{about}\"\"\"\n\n    _fields_ = [");
+    for field in *fields {
+        let (element, count) = elements(field);
+        let element = match element {
+            "u8" => "ctypes.c_uint8",
+            "u32" => "ctypes.c_uint32",
+            "u64" => "ctypes.c_uint64",
+            "f64" => "ctypes.c_double",
+            nested => nested,
+        };
+        let array = count.map(|count| format!(" * {count}")).unwrap_or_default();
+        let (about, unit) = about_and_unit(field);
+        let unit = unit.map(|unit| format!(" [{unit}]")).unwrap_or_default();
+        let _ = writeln!(text, "        (\"{}\", {element}{array}),  # {about}{unit}", field.name);
+    }
+    let _ = writeln!(text, "    ]\n\n\nassert ctypes.sizeof({name}) == {bytes}");
+}

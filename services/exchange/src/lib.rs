@@ -1,0 +1,148 @@
+//! A process whose step is done by a program in any language.
+//!
+//! armplane's side of an exchange page ([`shared_types::exchange`]): topics, lockstep, faults and checkpoints as in every process, and at each tick
+//! one question to the program. A fault of the program (it dies, is silent, answers the wrong tick, writes a NaN) ends this process with a
+//! sentence and stands in the fault table as a death; the graph says whether both are started again.
+//!
+//! ```text
+//! page.rs       the page in memory            program.rs   the program: started or awaited, asked, ended
+//! ports.rs      topics to and from the page   turn.rs      the turns of the three roles
+//! describe/     the wire for other languages: `armplane wire`
+//! ```
+
+pub mod describe;
+mod page;
+mod ports;
+mod program;
+mod turn;
+
+use std::process::Command;
+use std::time::Duration;
+
+use runtime::{Interrupted, Mode, Origin, ProcessError, Shell, now_ns};
+use shared_types::codes::{REQUEST_START, USE_FEEDBACK, USE_READS, USE_WRITES};
+use shared_types::exchange::EXCHANGE_STATE;
+use shared_types::fault::ScheduledFault;
+use shared_types::graph::{Graph, Process, Role};
+use shared_types::layout::MessageLayout;
+use shared_types::wire::wire;
+
+use page::{About, Page};
+use program::{Answer, Failure, Program};
+
+/// The longest that a program may take for an answer, where its graph does not say.
+const USUAL_LIMIT: Duration = Duration::from_secs(10);
+
+wire! {
+    /// What a program of an exchange page wants to find again after a death: bytes of its own meaning.
+    ProgramCheckpoint checkpoint version 1 {
+        /// How many bytes count.
+        bytes: u64,
+        /// The bytes.
+        state: [u8; EXCHANGE_STATE],
+    }
+}
+
+/// The end of a process before its time: of its own, or by its program.
+pub(crate) enum Ended {
+    Ours(ProcessError),
+    Theirs(u64, Failure),
+}
+
+impl From<ProcessError> for Ended {
+    fn from(error: ProcessError) -> Self {
+        Self::Ours(error)
+    }
+}
+
+impl From<Interrupted> for Ended {
+    fn from(error: Interrupted) -> Self {
+        Self::Ours(error.into())
+    }
+}
+
+/// Takes part for a program. `command` starts it; without one it is awaited. `length` is the planned number of ticks of the run.
+///
+/// # Errors
+/// [`ProcessError`] where the graph breaks or the program fails, in a sentence that names process, tick and reason.
+pub fn run(shell: &Shell, graph: &Graph, name: &str, dof: usize, length: u64, command: Option<Command>) -> Result<(), ProcessError> {
+    let process = graph.process(name).ok_or_else(|| ProcessError::setup(format!("the graph has no process {name:?}")))?;
+    let topics = topics_of(graph, process)?;
+    let manifest = shell.manifest();
+    let about = About {
+        is_lockstep: manifest.mode == Mode::Lockstep,
+        rate_hz: manifest.rate_hz,
+        dof: dof as u32,
+        incarnation: shell.incarnation(),
+    };
+    let failed = |error: std::io::Error| ProcessError::setup(format!("cannot make the exchange page of {name}: {error}"));
+    let page = Page::create(shell.run_dir(), name, about, &topics).map_err(failed)?;
+    let limit = if process.answer_limit_s == 0 { USUAL_LIMIT } else { Duration::from_secs(u64::from(process.answer_limit_s)) };
+    let is_hasty = process.role() != Role::Observer;
+    let died = |tick, failure| Err(death(shell, name, tick, &failure));
+    let mut program = match Program::start(shell, name, page, command, limit, is_hasty) {
+        Ok(program) => program,
+        Err(failure) => return died(0, failure),
+    };
+    let done = take_part(shell, process, &topics, &mut program, length);
+    match done {
+        Ok(()) => {
+            program.end("");
+            Ok(())
+        }
+        Err(Ended::Ours(error)) => {
+            program.end(&error.to_string());
+            Err(error)
+        }
+        Err(Ended::Theirs(tick, failure)) => {
+            program.end(&failure.to_string());
+            died(tick, failure)
+        }
+    }
+}
+
+fn take_part(
+    shell: &Shell,
+    process: &Process,
+    topics: &[(MessageLayout, u32)],
+    program: &mut Program<'_>,
+    length: u64,
+) -> Result<(), Ended> {
+    if !program.join(topics).map_err(|failure| Ended::Theirs(0, failure))? {
+        return Ok(());
+    }
+    let mut checkpoint = shell.checkpoint::<ProgramCheckpoint>().map_err(ProcessError::from)?;
+    if let Some(last) = checkpoint.previous() {
+        let bytes = usize::try_from(last.bytes).unwrap_or(EXCHANGE_STATE).min(EXCHANGE_STATE);
+        program.page.put_state(&last.state[..bytes]);
+    }
+    if program.ask(REQUEST_START, 0).map_err(|failure| Ended::Theirs(0, failure))? == Answer::Stopped {
+        return Ok(());
+    }
+    match process.role() {
+        Role::World => turn::world(shell, topics, program, length),
+        Role::Stage => turn::stage(shell, topics, program, &mut checkpoint),
+        Role::Observer => turn::observer(shell, topics, program),
+    }
+}
+
+/// The topics of a process in the order of its page.
+fn topics_of(graph: &Graph, process: &Process) -> Result<Vec<(MessageLayout, u32)>, ProcessError> {
+    let uses = [(&process.reads, USE_READS), (&process.feedback, USE_FEEDBACK), (&process.writes, USE_WRITES)];
+    let named = uses.iter().flat_map(|(names, usage)| names.iter().map(move |name| (name, *usage)));
+    let layout = |name: &String| graph.layout(name).ok_or_else(|| ProcessError::setup(format!("there is no topic `{name}`")));
+    named.map(|(name, usage)| Ok((layout(name)?, usage))).collect()
+}
+
+/// Enters the death of a program into the fault table: the launcher finds it there when this process ends, and the run can be repeated.
+fn death(shell: &Shell, name: &str, tick: u64, failure: &Failure) -> ProcessError {
+    let manifest = shell.manifest();
+    if let Some(me) = manifest.index_of(name).filter(|_| tick > 0 || shell.incarnation() == 1) {
+        let table = shell.fault_table();
+        if let Some(place) = table.enter(&ScheduledFault::death(me as u32, tick, manifest.rate_hz), Origin::Detected) {
+            table.mark_injected(place, now_ns());
+            table.mark_detected(me, tick, now_ns());
+        }
+    }
+    ProcessError::setup(failure)
+}

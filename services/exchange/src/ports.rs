@@ -1,0 +1,155 @@
+//! The topics of an exchange page: each message between shared memory and the page.
+
+use std::collections::VecDeque;
+
+use bytemuck::{bytes_of, bytes_of_mut};
+use runtime::{Collector, Interrupted, ProcessError, Reader, Shell, Writer};
+use shared_types::topics::{self, Each, Topic};
+use shared_types::wire::{Field, Header};
+
+use crate::page::Page;
+
+/// A topic that the process reads, tick by tick.
+pub(crate) trait Input {
+    /// Puts the next message on the page; its tick, `None` when the run stops.
+    fn next(&mut self, page: &Page) -> Result<Option<u64>, Interrupted>;
+    /// Puts the message of a tick on the page; `false` when it will not come.
+    fn at(&mut self, page: &Page, tick: u64) -> Result<bool, Interrupted>;
+    /// Puts the newest message that arrives in a tick on the page; `false` when none does.
+    fn arriving(&mut self, page: &Page, tick: u64, deadline_ns: Option<u64>) -> Result<bool, Interrupted>;
+}
+
+/// A topic that the process writes.
+pub(crate) trait Output {
+    /// The name, and the first field of the message on the page that holds a number that is not finite.
+    fn not_finite(&mut self, page: &Page) -> Option<(&'static str, String)>;
+    /// Sends the message on the page that [`Output::not_finite`] has seen last.
+    fn send(&mut self, tick: u64) -> Result<(), ProcessError>;
+}
+
+/// A topic of which an observer takes in every message.
+pub(crate) trait Gathered {
+    /// Takes in what is there.
+    fn collect(&mut self) -> Result<(), Interrupted>;
+    /// The tick of the oldest message not yet shown, and how many wait.
+    fn oldest(&self) -> Option<(u64, usize)>;
+    /// Puts the oldest message on the page, where it is of this tick.
+    fn show(&mut self, page: &Page, tick: u64);
+}
+
+struct Reading<M: Topic> {
+    reader: Reader<M>,
+    place: usize,
+}
+
+impl<M: Topic> Input for Reading<M> {
+    fn next(&mut self, page: &Page) -> Result<Option<u64>, Interrupted> {
+        let Some(message) = self.reader.next()? else { return Ok(None) };
+        page.put(self.place, bytes_of(message));
+        page.mark_fresh(self.place, true);
+        Ok(Some(message.header().tick))
+    }
+
+    fn at(&mut self, page: &Page, tick: u64) -> Result<bool, Interrupted> {
+        let message = self.reader.at(tick)?;
+        message.iter().for_each(|message| page.put(self.place, bytes_of(*message)));
+        page.mark_fresh(self.place, message.is_some());
+        Ok(message.is_some())
+    }
+
+    fn arriving(&mut self, page: &Page, tick: u64, deadline_ns: Option<u64>) -> Result<bool, Interrupted> {
+        let message = self.reader.arriving(tick, deadline_ns)?;
+        message.iter().for_each(|message| page.put(self.place, bytes_of(*message)));
+        page.mark_fresh(self.place, message.is_some());
+        Ok(message.is_some())
+    }
+}
+
+struct Writing<M: Topic> {
+    writer: Writer<M>,
+    place: usize,
+    /// A copy that the program cannot change between check and sending.
+    message: M,
+}
+
+impl<M: Topic> Output for Writing<M> {
+    fn not_finite(&mut self, page: &Page) -> Option<(&'static str, String)> {
+        page.get(self.place, size_of::<Header>(), &mut bytes_of_mut(&mut self.message)[size_of::<Header>()..]);
+        if self.message.is_finite() {
+            return None;
+        }
+        let bytes = bytes_of(&self.message);
+        let is_bad = |field: &&Field| {
+            let numbers = bytes[field.offset..field.offset + field.size].chunks_exact(size_of::<f64>());
+            field.is_number() && numbers.map(bytemuck::pod_read_unaligned::<f64>).any(|number| !number.is_finite())
+        };
+        Some((M::TOPIC, M::FIELDS.iter().find(is_bad).map_or_else(|| "a nested field".to_owned(), |field| field.name.to_string())))
+    }
+
+    fn send(&mut self, tick: u64) -> Result<(), ProcessError> {
+        *self.message.header_mut() = Header { tick, ..Header::default() };
+        Ok(self.writer.send(self.message)?)
+    }
+}
+
+struct Gathering<M: Topic> {
+    collector: Collector<M>,
+    place: usize,
+    waiting: VecDeque<Box<M>>,
+}
+
+impl<M: Topic> Gathered for Gathering<M> {
+    fn collect(&mut self) -> Result<(), Interrupted> {
+        self.collector.collect(|message| self.waiting.push_back(Box::new(*message)))
+    }
+
+    fn oldest(&self) -> Option<(u64, usize)> {
+        self.waiting.front().map(|message| (message.header().tick, self.waiting.len()))
+    }
+
+    fn show(&mut self, page: &Page, tick: u64) {
+        let message = self.waiting.pop_front_if(|message| message.header().tick == tick);
+        message.iter().for_each(|message| page.put(self.place, bytes_of(&**message)));
+        page.mark_fresh(self.place, message.is_some());
+    }
+}
+
+fn open<P>(topic: &str, opened: Option<Result<P, ProcessError>>) -> Result<P, ProcessError> {
+    opened.ok_or_else(|| ProcessError::setup(format!("an exchange page does not carry `{topic}`")))?
+}
+
+/// Opens a topic to read it tick by tick; `place` is its place on the page.
+pub(crate) fn input(shell: &Shell, topic: &str, place: usize) -> Result<Box<dyn Input>, ProcessError> {
+    struct Open<'a>(&'a Shell, usize);
+    impl Each for Open<'_> {
+        type Output = Result<Box<dyn Input>, ProcessError>;
+        fn each<M: Topic>(&mut self) -> Self::Output {
+            Ok(Box::new(Reading { reader: self.0.reader::<M>()?, place: self.1 }))
+        }
+    }
+    open(topic, topics::named(topic, &mut Open(shell, place)))
+}
+
+/// Opens a topic to write it.
+pub(crate) fn output(shell: &Shell, topic: &str, place: usize) -> Result<Box<dyn Output>, ProcessError> {
+    struct Open<'a>(&'a Shell, usize);
+    impl Each for Open<'_> {
+        type Output = Result<Box<dyn Output>, ProcessError>;
+        fn each<M: Topic>(&mut self) -> Self::Output {
+            Ok(Box::new(Writing { writer: self.0.writer::<M>()?, place: self.1, message: M::zeroed() }))
+        }
+    }
+    open(topic, topics::named(topic, &mut Open(shell, place)))
+}
+
+/// Opens a topic to take in all of it.
+pub(crate) fn gathered(shell: &Shell, topic: &str, place: usize) -> Result<Box<dyn Gathered>, ProcessError> {
+    struct Open<'a>(&'a Shell, usize);
+    impl Each for Open<'_> {
+        type Output = Result<Box<dyn Gathered>, ProcessError>;
+        fn each<M: Topic>(&mut self) -> Self::Output {
+            Ok(Box::new(Gathering { collector: self.0.collector::<M>()?, place: self.1, waiting: VecDeque::new() }))
+        }
+    }
+    open(topic, topics::named(topic, &mut Open(shell, place)))
+}

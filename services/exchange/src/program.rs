@@ -1,0 +1,236 @@
+//! The program at the other side of an exchange page: started or awaited, asked, watched, ended.
+
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use runtime::Shell;
+use rustix::process::{Signal, getpid, getppid, set_parent_process_death_signal};
+use rustix::thread::futex;
+use shared_types::codes::{ANSWER_DONE, ANSWER_FAILED, ANSWER_OVER, PROGRAM_AWAITED, PROGRAM_JOINED, REQUEST_STOP, USE_WRITES};
+use shared_types::exchange::{EXCHANGE_STATE, EXCHANGE_VARIABLE, EXCHANGE_VERSION};
+use shared_types::layout::MessageLayout;
+
+use crate::page::Page;
+
+/// How often an exit of the program, and a stop of the run, are looked at while an answer is waited for.
+const LOOK: Duration = Duration::from_millis(5);
+
+/// The time that a program has to end by itself.
+const GRACE: Duration = Duration::from_secs(1);
+
+/// The time that a program of ours to start has until it has joined: an interpreter may have much to load.
+const LONGEST_START: Duration = Duration::from_secs(60);
+
+/// The program's fault.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub(crate) enum Failure {
+    #[error("the program of {process} cannot be started: {reason}")]
+    Start { process: String, reason: String },
+    #[error("the program of {process} ended with {exit} {at}")]
+    Ended { process: String, exit: String, at: String },
+    #[error("the program of {process} has not joined within {} s", limit.as_secs())]
+    Absent { process: String, limit: Duration },
+    #[error("the program of {process} refuses the exchange page: {complaint}")]
+    Refused { process: String, complaint: String },
+    #[error("the program of {process} speaks version {theirs} of the exchange page, armplane speaks version {ours}")]
+    Version { process: String, theirs: u32, ours: u32 },
+    #[error("the program of {process} uses {theirs} ({theirs_hash:016x}) for `{topic}`, armplane uses {ours} ({ours_hash:016x})")]
+    Layout { process: String, topic: String, theirs: String, theirs_hash: u64, ours: String, ours_hash: u64 },
+    #[error("the program of {process} does not write `{topic}`, as the graph demands")]
+    Unwritten { process: String, topic: String },
+    #[error("the program of {process} has not answered tick {tick} within {} s", limit.as_secs())]
+    Silent { process: String, tick: u64, limit: Duration },
+    #[error("the program of {process} answered tick {found} where tick {tick} was asked")]
+    Tick { process: String, tick: u64, found: u64 },
+    #[error("the program of {process} wrote the count of answers {found} at tick {tick}, where {expected} was due")]
+    Count { process: String, tick: u64, found: u32, expected: u32 },
+    #[error("the program of {process} gave the answer {found} at tick {tick}, which has no meaning")]
+    Code { process: String, tick: u64, found: u32 },
+    #[error("the program of {process} says of its checkpoint of tick {tick} that it has {found} bytes; there is room for {EXCHANGE_STATE}")]
+    State { process: String, tick: u64, found: usize },
+    #[error("the program of {process} wrote a number that is not finite into {field} of `{topic}` at tick {tick}")]
+    NotFinite { process: String, tick: u64, topic: &'static str, field: String },
+    #[error("the program of {process} cannot go on at tick {tick}: {complaint}")]
+    Failed { process: String, tick: u64, complaint: String },
+}
+
+/// What the program answered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Answer {
+    Done,
+    /// The run ends with this tick.
+    Over,
+    /// None: the run stops.
+    Stopped,
+}
+
+/// A program and its page.
+pub(crate) struct Program<'a> {
+    shell: &'a Shell,
+    process: String,
+    child: Option<Child>,
+    pub(crate) page: Page,
+    limit: Duration,
+    /// Whether a stop of the run ends a wait: not for an observer, which takes in what is still there.
+    is_hasty: bool,
+}
+
+impl<'a> Program<'a> {
+    /// Starts the program, where there is a command; else says where its page is.
+    pub(crate) fn start(
+        shell: &'a Shell,
+        process: &str,
+        page: Page,
+        command: Option<Command>,
+        limit: Duration,
+        is_hasty: bool,
+    ) -> Result<Self, Failure> {
+        let failed = |error: std::io::Error| Failure::Start { process: process.to_owned(), reason: error.to_string() };
+        let child = match command {
+            Some(command) => Some(start(command, &page).map_err(failed)?),
+            None => {
+                eprintln!("start the program of {process} with: {EXCHANGE_VARIABLE}={} COMMAND", page.path().display());
+                None
+            }
+        };
+        Ok(Self { shell, process: process.to_owned(), child, page, limit, is_hasty })
+    }
+
+    /// Waits until the program has joined, and compares versions and layouts; `false` when the run stops before.
+    pub(crate) fn join(&mut self, topics: &[(MessageLayout, u32)]) -> Result<bool, Failure> {
+        let began = Instant::now();
+        while self.page.program() == PROGRAM_AWAITED {
+            if self.shell.is_stopping() {
+                return Ok(false);
+            }
+            self.look("before it joined")?;
+            if self.child.is_some() && began.elapsed() > LONGEST_START {
+                return Err(Failure::Absent { process: self.process.clone(), limit: LONGEST_START });
+            }
+            std::thread::sleep(LOOK);
+        }
+        let (process, theirs) = (self.process.clone(), self.page.program_version());
+        if theirs != EXCHANGE_VERSION {
+            return Err(Failure::Version { process, theirs, ours: EXCHANGE_VERSION });
+        }
+        if self.page.program() != PROGRAM_JOINED {
+            return Err(Failure::Refused { process, complaint: self.page.complaint() });
+        }
+        for (place, (layout, usage)) in topics.iter().enumerate() {
+            let (theirs, theirs_hash) = self.page.program_type(place);
+            let topic = layout.topic.clone();
+            if theirs.is_empty() && *usage == USE_WRITES {
+                return Err(Failure::Unwritten { process, topic });
+            }
+            if !theirs.is_empty() && (theirs_hash != layout.hash || theirs != layout.type_name) {
+                let (ours, ours_hash) = (layout.type_name.clone(), layout.hash);
+                return Err(Failure::Layout { process, topic, theirs, theirs_hash, ours, ours_hash });
+            }
+        }
+        Ok(true)
+    }
+
+    /// Asks for a step and waits for the answer.
+    pub(crate) fn ask(&mut self, request: u32, tick: u64) -> Result<Answer, Failure> {
+        let expected = self.page.ask(request, tick);
+        let began = Instant::now();
+        loop {
+            let found = self.page.answers().load(Ordering::Acquire);
+            if found == expected {
+                break;
+            }
+            if found != expected.wrapping_sub(1) {
+                return Err(Failure::Count { process: self.process.clone(), tick, found, expected });
+            }
+            let limit = rustix::time::Timespec { tv_sec: 0, tv_nsec: LOOK.as_nanos() as i64 };
+            // An answer or a signal ends it as well as the limit: the loop looks again.
+            if futex::wait(self.page.answers(), futex::Flags::empty(), found, Some(&limit)).is_ok() {
+                continue;
+            }
+            if self.is_hasty && self.shell.is_stopping() {
+                return Ok(Answer::Stopped);
+            }
+            if self.page.answers().load(Ordering::Acquire) == found {
+                self.look(&format!("at tick {tick}"))?;
+            }
+            if began.elapsed() > self.limit {
+                return Err(Failure::Silent { process: self.process.clone(), tick, limit: self.limit });
+            }
+        }
+        let process = || self.process.clone();
+        match self.page.answer() {
+            ANSWER_DONE | ANSWER_OVER if self.page.answer_tick() != tick => {
+                Err(Failure::Tick { process: process(), tick, found: self.page.answer_tick() })
+            }
+            ANSWER_DONE => Ok(Answer::Done),
+            ANSWER_OVER => Ok(Answer::Over),
+            ANSWER_FAILED => Err(Failure::Failed { process: process(), tick, complaint: self.page.complaint() }),
+            found => Err(Failure::Code { process: process(), tick, found }),
+        }
+    }
+
+    pub(crate) fn process(&self) -> &str {
+        &self.process
+    }
+
+    /// The length of the checkpoint that the program has written; 0 for none.
+    pub(crate) fn state_bytes(&self, tick: u64) -> Result<usize, Failure> {
+        match self.page.state_bytes() {
+            found if found > EXCHANGE_STATE => Err(Failure::State { process: self.process.clone(), tick, found }),
+            found => Ok(found),
+        }
+    }
+
+    /// Whether the program still runs. Of one that somebody else has started that is not known.
+    fn look(&mut self, at: &str) -> Result<(), Failure> {
+        match self.child.as_mut().map(Child::try_wait) {
+            Some(Ok(Some(status))) => {
+                self.child = None;
+                Err(Failure::Ended { process: self.process.clone(), exit: exit(status), at: at.to_owned() })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Asks the program to end, for a reason where there is one, and sees to it.
+    pub(crate) fn end(mut self, reason: &str) {
+        self.page.give_reason(reason);
+        self.page.ask(REQUEST_STOP, 0);
+        let Some(mut child) = self.child.take() else { return };
+        let began = Instant::now();
+        while began.elapsed() < GRACE {
+            if !matches!(child.try_wait(), Ok(None)) {
+                return;
+            }
+            std::thread::sleep(LOOK);
+        }
+        eprintln!("the program of {} has not ended within {} s and is killed", self.process, GRACE.as_secs());
+        let _ = child.kill();
+        let _ = child.wait();
+    }
+}
+
+/// Starts the command so that it cannot outlive this process, which may be killed at any tick.
+fn start(mut command: Command, page: &Page) -> std::io::Result<Child> {
+    let parent = getpid();
+    command.env(EXCHANGE_VARIABLE, page.path()).stdin(Stdio::null()).stdout(Stdio::null());
+    // SAFETY: between fork and exec only two system calls are made; nothing is allocated or locked.
+    unsafe {
+        command.pre_exec(move || {
+            set_parent_process_death_signal(Some(Signal::KILL))?;
+            // The parent may have died before the line above: then the signal never comes.
+            if getppid() == Some(parent) { Ok(()) } else { Err(rustix::io::Errno::SRCH.into()) }
+        });
+    }
+    command.spawn()
+}
+
+fn exit(status: ExitStatus) -> String {
+    match (status.code(), status.signal()) {
+        (Some(code), _) => format!("exit code {code}"),
+        (None, Some(signal)) => format!("signal {signal}"),
+        (None, None) => "an unknown status".to_owned(),
+    }
+}

@@ -1,0 +1,141 @@
+//! The turns of a process with an exchange page, by its role: inputs onto the page, a question, outputs off the page.
+
+use std::mem::offset_of;
+use std::time::Duration;
+
+use runtime::{CheckpointSlots, Shell};
+use shared_types::codes::{PHASE_DONE, PHASE_REFUSED, REQUEST_TICK, USE_FEEDBACK, USE_READS, USE_WRITES};
+use shared_types::layout::MessageLayout;
+use shared_types::{Message, TorqueCommand};
+
+use crate::ports::{self, Gathered, Input, Output};
+use crate::program::{Answer, Failure, Program};
+use crate::{Ended, ProgramCheckpoint};
+
+/// How long after the controller refused to go on the run lasts: time to come to rest; s.
+const REFUSED_S: u64 = 2;
+
+/// The governor may stretch a task to this many times its planned length.
+const LONGEST: u64 = 20;
+
+/// How often an observer looks for messages.
+const ROUND: Duration = Duration::from_millis(10);
+
+/// So many messages of one topic may wait for those of the others; then an observer sees incomplete ticks.
+const MOST_WAITING: usize = 4096;
+
+type Topics<'a> = &'a [(MessageLayout, u32)];
+
+/// The topics of one use, each with its place on the page.
+fn of_use(topics: Topics<'_>, usage: u32) -> impl Iterator<Item = (usize, &str)> {
+    topics.iter().enumerate().filter(move |(_, (_, used))| *used == usage).map(|(place, (layout, _))| (place, layout.topic.as_str()))
+}
+
+fn inputs(shell: &Shell, topics: Topics<'_>, usage: u32) -> Result<Vec<Box<dyn Input>>, Ended> {
+    of_use(topics, usage).map(|(place, topic)| Ok(ports::input(shell, topic, place)?)).collect()
+}
+
+fn outputs(shell: &Shell, topics: Topics<'_>) -> Result<Vec<Box<dyn Output>>, Ended> {
+    of_use(topics, USE_WRITES).map(|(place, topic)| Ok(ports::output(shell, topic, place)?)).collect()
+}
+
+/// One question; what the program wrote is checked as a whole before the first message leaves. The caller sends.
+fn step(program: &mut Program<'_>, outputs: &mut [Box<dyn Output>], tick: u64) -> Result<Answer, Ended> {
+    let theirs = |failure| Ended::Theirs(tick, failure);
+    let answer = program.ask(REQUEST_TICK, tick).map_err(theirs)?;
+    if answer != Answer::Stopped
+        && let Some((topic, field)) = outputs.iter_mut().find_map(|output| output.not_finite(&program.page))
+    {
+        return Err(theirs(Failure::NotFinite { process: program.process().to_owned(), tick, topic, field }));
+    }
+    Ok(answer)
+}
+
+/// Makes the ticks: the program moves the arm to the tick under the torque of the tick before, and reads its sensors.
+pub(crate) fn world(shell: &Shell, topics: Topics<'_>, program: &mut Program<'_>, length: u64) -> Result<(), Ended> {
+    let (mut inputs, mut outputs) = (inputs(shell, topics, USE_FEEDBACK)?, outputs(shell, topics)?);
+    let torque = of_use(topics, USE_FEEDBACK).find(|(_, topic)| *topic == TorqueCommand::TOPIC).map(|(place, _)| place);
+    let (refused_limit, limit) = (REFUSED_S * u64::from(shell.manifest().rate_hz), LONGEST.saturating_mul(length));
+    let (mut source, mut refused) = (shell.tick_source(0), 0);
+    while let Some(tick) = source.next()? {
+        let answer = step(program, &mut outputs, tick)?;
+        if answer == Answer::Stopped {
+            break;
+        }
+        for output in &mut outputs {
+            output.send(tick)?;
+        }
+        for input in &mut inputs {
+            input.arriving(&program.page, tick, source.deadline_ns())?;
+        }
+        let phase = torque.map(|place| program.page.number(place, offset_of!(TorqueCommand, phase)));
+        refused = if phase == Some(PHASE_REFUSED) { refused + 1 } else { 0 };
+        if answer == Answer::Over || phase == Some(PHASE_DONE) || refused > refused_limit || tick + 1 >= limit {
+            source.finish()?;
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// Answers each tick.
+pub(crate) fn stage(
+    shell: &Shell,
+    topics: Topics<'_>,
+    program: &mut Program<'_>,
+    checkpoint: &mut CheckpointSlots<ProgramCheckpoint>,
+) -> Result<(), Ended> {
+    let (mut inputs, mut outputs) = (inputs(shell, topics, USE_READS)?, outputs(shell, topics)?);
+    // The graph lists a process's inputs in the order of the data: the last one comes last.
+    let Some(mut last) = inputs.pop() else { return Ok(()) };
+    'ticks: while let Some(tick) = last.next(&program.page)? {
+        for input in &mut inputs {
+            if !input.at(&program.page, tick)? {
+                continue 'ticks;
+            }
+        }
+        if step(program, &mut outputs, tick)? == Answer::Stopped {
+            break;
+        }
+        let bytes = program.state_bytes(tick).map_err(|failure| Ended::Theirs(tick, failure))?;
+        if bytes > 0 {
+            let slot = checkpoint.slot();
+            slot.bytes = bytes as u64;
+            program.page.get_state(&mut slot.state[..bytes]);
+        }
+        for output in &mut outputs {
+            output.send(tick)?;
+        }
+    }
+    Ok(())
+}
+
+/// Shows every tick, when the messages of all topics have come.
+pub(crate) fn observer(shell: &Shell, topics: Topics<'_>, program: &mut Program<'_>) -> Result<(), Ended> {
+    let mut gathered =
+        of_use(topics, USE_READS).map(|(place, topic)| ports::gathered(shell, topic, place)).collect::<Result<Vec<_>, _>>()?;
+    while shell.poll(ROUND)? {
+        for topic in &mut gathered {
+            topic.collect()?;
+        }
+        let is_whole = |gathered: &[Box<dyn Gathered>]| {
+            gathered.iter().all(|topic| topic.oldest().is_some())
+                || gathered.iter().any(|topic| topic.oldest().is_some_and(|(_, waiting)| waiting > MOST_WAITING))
+        };
+        while is_whole(&gathered) {
+            show_oldest(program, &mut gathered)?;
+        }
+    }
+    while show_oldest(program, &mut gathered)? {}
+    Ok(())
+}
+
+/// Shows the oldest tick; `false` where there is none.
+fn show_oldest(program: &mut Program<'_>, gathered: &mut [Box<dyn Gathered>]) -> Result<bool, Ended> {
+    let Some(tick) = gathered.iter().filter_map(|topic| topic.oldest()).map(|(tick, _)| tick).min() else { return Ok(false) };
+    for topic in gathered.iter_mut() {
+        topic.show(&program.page, tick);
+    }
+    step(program, &mut [], tick)?;
+    Ok(true)
+}
