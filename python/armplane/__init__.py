@@ -1,0 +1,15 @@
+"""Processes of an armplane run in Python, runs started from Python, and their results as tables."""
+
+from . import wire
+from .exchange import Exchange, WireError, say
+from .process import Controller, Observer, Plant, Process
+from .results import Run, load, run
+
+__all__ = ["Controller", "Exchange", "Observer", "Plant", "Process", "Run", "WireError", "load", "run", "say", "subscribe", "wire"]
+
+
+def subscribe(topic, run=None):
+    """Messages of a topic of a living run, from outside: `for torque in armplane.subscribe("torque"): ...` (needs iceoryx2)."""
+    from .live import Subscriber
+
+    return Subscriber(topic, run)

@@ -1,0 +1,69 @@
+"""A living run listened to from outside: its topics are plain iceoryx2 services. Needs `pip install iceoryx2==0.10.0`."""
+
+import glob
+import json
+import os
+import time
+
+import iceoryx2
+
+from . import wire
+
+
+def runs():
+    """The living runs of this user: their directories, the latest last."""
+    found = [path for path in glob.glob("/dev/shm/armplane-*") if os.path.isfile(os.path.join(path, "manifest.json"))]
+    return sorted(found, key=os.path.getmtime)
+
+
+class Subscriber:
+    """Messages of one topic of a living run, newest run by default. It takes one of the two places that a topic has for tools from outside."""
+
+    def __init__(self, topic, run=None, depth=64):
+        if run is None:
+            living = runs()
+            if not living:
+                raise FileNotFoundError("no run of armplane is alive")
+            run = living[-1]
+        structure, type_name, _ = wire.TOPICS[topic]
+        # iceoryx2 compares name, size and alignment of the type; the name has the version of the layout in it.
+        structure.type_name = staticmethod(lambda: type_name)
+        config = iceoryx2.config.default()
+        config.global_cfg.root_path = iceoryx2.Path.new(run)
+        config.global_cfg.prefix = iceoryx2.FileName.new(os.path.basename(run) + ".")
+        # What a dead process leaves is the launcher's to clean up.
+        config.global_cfg.node.cleanup_dead_nodes_on_creation = False
+        config.global_cfg.node.cleanup_dead_nodes_on_destruction = False
+        config.global_cfg.service.cleanup_dead_nodes_on_open = False
+        # Its warnings are about files of a run that has ended meanwhile; errors are raised.
+        iceoryx2.set_log_level(iceoryx2.LogLevel.Fatal)
+        self.run = run
+        self._node = iceoryx2.NodeBuilder.new().config(config).create(iceoryx2.ServiceType.Ipc)
+        service = self._node.service_builder(iceoryx2.ServiceName.new(topic)).publish_subscribe(structure).open()
+        self._subscriber = service.subscriber_builder().buffer_size(depth).create()
+
+    def receive(self):
+        """The oldest message not yet seen, `None` where there is none; it is valid until the next call."""
+        self._sample = self._subscriber.receive()
+        return None if self._sample is None else self._sample.payload().contents
+
+    def __iter__(self):
+        """All messages until the run ends; looks for them every millisecond."""
+        while True:
+            message = self.receive()
+            if message is not None:
+                yield message
+            elif os.path.isdir(self.run):
+                time.sleep(1e-3)
+            else:
+                return
+
+    def job(self):
+        """The job of the run."""
+        with open(os.path.join(self.run, "job.json")) as file:
+            return json.load(file)
+
+
+def subscribe(topic, run=None):
+    """As `Subscriber`."""
+    return Subscriber(topic, run)

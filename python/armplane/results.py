@@ -1,0 +1,98 @@
+"""Runs started from Python, and their results as tables, without the Rerun viewer."""
+
+import json
+import os
+import pathlib
+import shutil
+import subprocess
+import tempfile
+
+
+def _program():
+    """The program `armplane`: from the environment variable ARMPLANE, from PATH, or as cargo has built it in a folder above."""
+    named = os.environ.get("ARMPLANE") or shutil.which("armplane")
+    if named:
+        return named
+    here = pathlib.Path(__file__).resolve()
+    for folder in [pathlib.Path.cwd(), *pathlib.Path.cwd().parents, *here.parents]:
+        built = folder / "target" / "release" / "armplane"
+        if built.is_file():
+            return str(built)
+    raise FileNotFoundError("there is no program `armplane` in PATH: install it with `cargo install --path .`, or set ARMPLANE to its path")
+
+
+def _armplane(*arguments):
+    done = subprocess.run([_program(), *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, check=False)
+    if done.returncode not in (0, 1) or not done.stdout.strip():
+        raise RuntimeError(done.stderr.strip() or f"armplane {arguments[0]} ended with exit code {done.returncode}")
+    return done.stdout, done.stderr
+
+
+class Run:
+    """A finished run: `folder`, `summary` (as in summary.json), and its tables."""
+
+    def __init__(self, folder):
+        self.folder = pathlib.Path(folder)
+        with open(self.folder / "summary.json") as file:
+            self.summary = json.load(file)
+
+    def __repr__(self):
+        return f"Run({str(self.folder)!r}: {self.summary['scenario']}, {self.summary['outcome']})"
+
+    @property
+    def goal_reached(self):
+        return self.summary["outcome"] == "goal reached"
+
+    def messages(self, topic):
+        """Every message of a topic as it was on the wire: a structured `numpy` array, `run.messages("torque")["tau"]`."""
+        from . import messages
+
+        return messages.read(self.folder / "messages" / f"{topic}.log", topic)
+
+    def _export(self, table):
+        with tempfile.TemporaryDirectory() as folder:
+            _armplane("export", self.folder, "--format", "csv", "--out", folder)
+            return (pathlib.Path(folder) / f"{table}.csv").read_bytes()
+
+    def arrow(self, table="signals"):
+        """The signals, a row a tick (or "events"), as a `pyarrow.Table`."""
+        import io
+
+        from pyarrow import csv
+
+        return csv.read_csv(io.BytesIO(self._export(table)))
+
+    def pandas(self, table="signals"):
+        """The same as a `pandas.DataFrame`; `polars.from_arrow(run.arrow())` gives that of polars."""
+        return self.arrow(table).to_pandas()
+
+
+def load(folder):
+    """The run in a folder."""
+    return Run(folder)
+
+
+def run(scenario, *, graph=None, mode=None, seed=None, out=None, settings=None, record=True):
+    """Runs a scenario (built-in name, or path of a file) to its end; the `Run`.
+
+    `settings` lays values over the scenario's: `{"control.k_p": 900}`. Raises `RuntimeError` with armplane's own sentence where the run cannot be
+    made; a run that misses its goal is a result.
+    """
+    arguments = ["run", scenario, "--json"]
+    for option, value in (("--graph", graph), ("--mode", mode), ("--seed", seed)):
+        if value is not None:
+            arguments += [option, value]
+    for key, value in (settings or {}).items():
+        arguments += ["--set", f"{key}={json.dumps(value) if not isinstance(value, str) else value}"]
+    if not record:
+        arguments.append("--no-record")
+    folder = pathlib.Path(out) if out is not None else _next_folder(pathlib.Path(str(scenario)).stem)
+    _armplane(*arguments, "--out", folder)
+    return Run(folder)
+
+
+def _next_folder(name):
+    number = 1
+    while (folder := pathlib.Path("runs") / f"{name}-{number:03}").exists():
+        number += 1
+    return folder

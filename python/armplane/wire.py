@@ -1,0 +1,324 @@
+"""The wire of armplane: messages, codes and the exchange page. Written by `armplane wire --lang python`; do not edit."""
+
+import ctypes
+
+ARMPLANE_VERSION = "0.1.0"
+EXCHANGE_MARK = 7308886363639476833  # the first eight bytes of an exchange page
+EXCHANGE_VERSION = 1  # version of the contract of the exchange page
+EXCHANGE_TEXT = 256  # bytes of a text on the page
+EXCHANGE_NAME = 40  # bytes of the name of a topic
+EXCHANGE_TYPE = 136  # bytes of the name of a type
+EXCHANGE_STATE = 4096  # bytes of a checkpoint, at most
+MAX_DOF = 8  # elements of an array of joints
+MAX_SINGULARITIES = 4  # elements of an array of singularities
+MAX_HOPS = 8  # processes that stamp a message
+
+KIND_NUMERIC = 0
+KIND_ELBOW = 1
+KIND_WRIST = 2
+KIND_OVERHEAD = 3
+KIND_SHOULDER = 4
+KINDS = {KIND_NUMERIC: "numeric", KIND_ELBOW: "elbow", KIND_WRIST: "wrist", KIND_OVERHEAD: "overhead", KIND_SHOULDER: "shoulder"}
+
+TYPE_UNKNOWN = 0
+TYPE_1 = 1
+TYPE_2 = 2
+TYPE_MIXED = 3
+TYPES = {TYPE_UNKNOWN: "unknown", TYPE_1: "type 1", TYPE_2: "type 2", TYPE_MIXED: "mixed"}
+
+MODE_REGULAR = 0
+MODE_BLEND = 1
+MODE_TRACK = 2
+MODE_PASS = 3
+MODE_HOLD = 4
+MODE_REORIENT = 5
+MODE_SLIDE = 6
+MODE_RECOVER = 7
+MODES = {MODE_REGULAR: "regular", MODE_BLEND: "blend", MODE_TRACK: "track", MODE_PASS: "pass", MODE_HOLD: "hold", MODE_REORIENT: "reorient", MODE_SLIDE: "slide", MODE_RECOVER: "recover"}
+
+REFUSAL_NONE = 0
+REFUSAL_STATE = 1
+REFUSAL_REPORT = 2
+REFUSAL_SINGULAR = 3
+REFUSAL_SPEED = 4
+REFUSAL_ROOM = 5
+REFUSAL_TORQUE = 6
+REFUSAL_ROUTE = 7
+REFUSAL_LIMIT = 8
+REFUSAL_UNLISTED = 9
+REFUSAL_DOUBT = 10
+REFUSALS = {REFUSAL_NONE: "", REFUSAL_STATE: "the estimated state is not a finite number", REFUSAL_REPORT: "the singularity report is of another version of the wire", REFUSAL_SINGULAR: "the arm is singular in a way that the law does not handle; start or lead the path elsewhere", REFUSAL_SPEED: "the path passes so near to a singularity that even at its slowest it needs far more joint speed than there is", REFUSAL_ROOM: "the singular direction cannot be turned as asked: the joints have no room for it; ask for less, or start elsewhere", REFUSAL_TORQUE: "the torque is not a finite number", REFUSAL_ROUTE: "the path cannot be followed within the joint limits from this start posture; start in another posture, or lead the path elsewhere", REFUSAL_LIMIT: "a joint came too near to its limit and the arm was stopped before it; start in another posture, or end the path earlier", REFUSAL_UNLISTED: "the arm has lost a direction that no listed singularity explains: start elsewhere, or lead the path around that posture", REFUSAL_DOUBT: "the estimated state moves as no torque within the limits can move the arm; see to the encoders"}
+
+DRIVE_ACTIVE = 0
+DRIVE_HOLDING = 1
+DRIVE_STOPPING = 2
+DRIVE_BRAKED = 3
+DRIVES = {DRIVE_ACTIVE: "active", DRIVE_HOLDING: "holding", DRIVE_STOPPING: "stopping", DRIVE_BRAKED: "braked"}
+
+DRIVE_ABSENT = 1
+DRIVE_REFUSED = 2
+DRIVE_EFFORT = 4
+DRIVE_RATE = 8
+DRIVE_SPEED = 16
+DRIVE_STALE = 64
+DRIVE_DIVERGED = 32
+DRIVE_FLAGS = {DRIVE_ABSENT: "absent", DRIVE_REFUSED: "refused", DRIVE_EFFORT: "effort", DRIVE_RATE: "rate", DRIVE_SPEED: "speed", DRIVE_STALE: "stale", DRIVE_DIVERGED: "diverged"}
+
+PHASE_RUNNING = 0
+PHASE_SETTLING = 1
+PHASE_DONE = 2
+PHASE_REFUSED = 3
+PHASES = {PHASE_RUNNING: "running", PHASE_SETTLING: "settling", PHASE_DONE: "done", PHASE_REFUSED: "refused"}
+
+PROGRAM_AWAITED = 0
+PROGRAM_JOINED = 1
+PROGRAM_REFUSED = 2
+PROGRAMS = {PROGRAM_AWAITED: "awaited", PROGRAM_JOINED: "joined", PROGRAM_REFUSED: "refused"}
+
+REQUEST_NONE = 0
+REQUEST_START = 1
+REQUEST_TICK = 2
+REQUEST_STOP = 3
+REQUESTS = {REQUEST_NONE: "none", REQUEST_START: "start", REQUEST_TICK: "tick", REQUEST_STOP: "stop"}
+
+ANSWER_DONE = 0
+ANSWER_OVER = 1
+ANSWER_FAILED = 2
+ANSWERS = {ANSWER_DONE: "done", ANSWER_OVER: "over", ANSWER_FAILED: "failed"}
+
+USE_READS = 0
+USE_FEEDBACK = 1
+USE_WRITES = 2
+USES = {USE_READS: "reads", USE_FEEDBACK: "feedback", USE_WRITES: "writes"}
+
+
+class Header(ctypes.Structure):
+    """The first field of every message."""
+
+    _fields_ = [
+        ("received_ns", ctypes.c_uint64 * 8),  # When hop i had its input in hand [ns on CLOCK_MONOTONIC]
+        ("sent_ns", ctypes.c_uint64 * 8),  # When hop i sent its output [ns on CLOCK_MONOTONIC]
+        ("due_ns", ctypes.c_uint64),  # When the tick should have begun, 0 in lockstep [ns on CLOCK_MONOTONIC]
+        ("tick", ctypes.c_uint64),  # Tick of the sensor sample this message was computed from
+        ("incarnation", ctypes.c_uint32),  # How often the writing process has been started in this run, from 1
+        ("flags", ctypes.c_uint32),  # Bit flags, zero in this version
+    ]
+
+
+assert ctypes.sizeof(Header) == 152
+
+
+class SingularityState(ctypes.Structure):
+    """One singularity at one posture, as Chang & Khatib 1995 describe it."""
+
+    _fields_ = [
+        ("kind", ctypes.c_uint32),  # One of `codes::KINDS`
+        ("class", ctypes.c_uint32),  # One of `codes::TYPES`, latched while inside
+        ("inside", ctypes.c_uint32),  # 1 inside the neighbourhood D_si (hysteretic: entered at η_in, left at η_out), else 0
+        ("angular", ctypes.c_uint32),  # 1 where ζ is a rotation, 0 where it is a translation
+        ("s", ctypes.c_double),  # Measure s_i(q), signed [dimensionless]
+        ("s_rate", ctypes.c_double),  # ds_i/dt [1/s]
+        ("eta_in", ctypes.c_double),  # Entry threshold on |s_i|
+        ("eta_out", ctypes.c_double),  # Exit threshold on |s_i|
+        ("zeta_B", ctypes.c_double * 6),  # Singular direction ζ_i at C: a unit vector in its linear or its angular half [continuous in sign]
+        ("R_BS", ctypes.c_double * 9),  # Singular frame, rotation R_BS column-major, first axis along ζ_i
+        ("gain", ctypes.c_double),  # Velocity along ζ_i per unit of the auxiliary rate: ζᵀJ → g·aux as s grows [signed, m or dimensionless]
+        ("aux", ctypes.c_double),  # Regular auxiliary coordinate (elbow angle from full stretch, wrist φ, waist angle) [rad]
+        ("aux_rate", ctypes.c_double),  # Its rate [rad/s]
+        ("aux_bias", ctypes.c_double),  # Its acceleration at q̈ = 0 [rad/s²]
+        ("aux_row", ctypes.c_double * 8),  # Its gradient: aux̎ = aux_row·q̈ + aux_bias
+        ("kappa_1", ctypes.c_double),  # Second-order motion along ζ per null motion: > 0 is a fold (Type 1)
+        ("kappa_2", ctypes.c_double),  # Turning rate of ζ along the null motion (Type 2)
+    ]
+
+
+assert ctypes.sizeof(SingularityState) == 280
+
+
+class ExchangeHead(ctypes.Structure):
+    """The beginning of an exchange page. *armplane* or *program* says which of the two writes the field."""
+
+    _fields_ = [
+        ("mark", ctypes.c_uint64),  # armplane: `EXCHANGE_MARK`, written last when the page is made
+        ("version", ctypes.c_uint32),  # armplane: the version of the contract, `EXCHANGE_VERSION`
+        ("bytes", ctypes.c_uint32),  # armplane: the size of the page [bytes]
+        ("armplane_pid", ctypes.c_uint32),  # armplane: its process id; a program that waits and no longer finds this process ends itself
+        ("lockstep", ctypes.c_uint32),  # armplane: 1 in lockstep, 0 in real time
+        ("rate_hz", ctypes.c_uint32),  # armplane: ticks per second of the arm's time [Hz]
+        ("dof", ctypes.c_uint32),  # armplane: joints of the arm; the first so many elements of an array of joints
+        ("incarnation", ctypes.c_uint32),  # armplane: how often the process has been started in this run, from 1
+        ("topics", ctypes.c_uint32),  # armplane: how many topics follow
+        ("topics_at", ctypes.c_uint32),  # armplane: the first `ExchangeTopic`; bytes from the start of the page, multiple of 8
+        ("state_at", ctypes.c_uint32),  # armplane: the room for the checkpoint; bytes from the start of the page, multiple of 8
+        ("state_left", ctypes.c_uint32),  # armplane: how many bytes of checkpoint a predecessor left, 0 without one [bytes]
+        ("state_room", ctypes.c_uint32),  # armplane: how much it may hold, `EXCHANGE_STATE` [bytes]
+        ("requests", ctypes.c_uint32),  # armplane: counts requests; the futex word on which the program sleeps
+        ("request", ctypes.c_uint32),  # armplane: one of `codes::REQUESTS`
+        ("tick", ctypes.c_uint64),  # armplane: the tick of the request
+        ("reason", ctypes.c_uint8 * 256),  # armplane: why it stops the program, UTF-8 ended by 0 [empty at the ordinary end of a run]
+        ("program_pid", ctypes.c_uint32),  # program: its process id
+        ("program_version", ctypes.c_uint32),  # program: the version of the contract that it was written for
+        ("program", ctypes.c_uint32),  # program: one of `codes::PROGRAMS`
+        ("answer", ctypes.c_uint32),  # program: one of `codes::ANSWERS`
+        ("answers", ctypes.c_uint32),  # program: the count of the request that it has answered [the futex word on which armplane sleeps]
+        ("state_bytes", ctypes.c_uint32),  # program: how many bytes of checkpoint it has written, 0 for none [bytes]
+        ("answer_tick", ctypes.c_uint64),  # program: the tick that it has answered; any other than that of the request is refused
+        ("complaint", ctypes.c_uint8 * 256),  # program: why it cannot go on, UTF-8 ended by 0
+    ]
+
+
+assert ctypes.sizeof(ExchangeHead) == 616
+
+
+class ExchangeTopic(ctypes.Structure):
+    """One topic of an exchange page."""
+
+    _fields_ = [
+        ("name", ctypes.c_uint8 * 40),  # armplane: its name, ended by 0
+        ("type_name", ctypes.c_uint8 * 136),  # armplane: the versioned name of its message's type, ended by 0
+        ("layout", ctypes.c_uint64),  # armplane: the hash of the layout of its message
+        ("at", ctypes.c_uint32),  # armplane: where the message lies; bytes from the start of the page, multiple of 64
+        ("bytes", ctypes.c_uint32),  # armplane: the size of the message [bytes]
+        ("usage", ctypes.c_uint32),  # armplane: one of `codes::USES`
+        ("fresh", ctypes.c_uint32),  # armplane: 1 where the message belongs to the request, 0 where none has come and the bytes are those of an earlier one
+        ("program_type", ctypes.c_uint8 * 136),  # program: the name of the type that it uses for this topic, ended by 0 [empty where it does not use the topic]
+        ("program_layout", ctypes.c_uint64),  # program: the hash of the layout of that type
+    ]
+
+
+assert ctypes.sizeof(ExchangeTopic) == 344
+
+
+class SensorSample(ctypes.Structure):
+    """The readings of the arm's own sensors at a tick: plant → estimator."""
+
+    _fields_ = [
+        ("header", Header),  # Tick, incarnation, stamps
+        ("q_encoder", ctypes.c_double * 8),  # Encoder positions, quantised and noisy [rad (m for prismatic joints)]
+        ("tau_drive", ctypes.c_double * 8),  # Torque the drives applied over the tick before, as they report it [N·m]
+        ("drive", ctypes.c_uint32),  # One of `codes::DRIVES`
+        ("stale_ticks", ctypes.c_uint32),  # Ticks since the last fresh torque
+    ]
+
+
+assert ctypes.sizeof(SensorSample) == 288
+
+
+class PlantState(ctypes.Structure):
+    """The simulator's truth at a tick, for judging and showing only: no process of the control chain reads it."""
+
+    _fields_ = [
+        ("header", Header),  # Tick, incarnation, stamps
+        ("q", ctypes.c_double * 8),  # Joint positions [rad]
+        ("qdot", ctypes.c_double * 8),  # Joint velocities [rad/s]
+        ("tau", ctypes.c_double * 8),  # Torque applied over the tick before [N·m]
+        ("p_BE", ctypes.c_double * 3),  # End-effector position in B [m]
+        ("R_BE", ctypes.c_double * 9),  # End-effector rotation in B, column-major
+        ("V_BE", ctypes.c_double * 6),  # End-effector twist [m/s, rad/s]
+        ("contact_force_n", ctypes.c_double * 3),  # Sum of contact forces on the arm, base axes [N]
+        ("energy_j", ctypes.c_double),  # Kinetic and potential energy [J]
+        ("contacts", ctypes.c_uint32),  # Number of contact points
+        ("limit_mask", ctypes.c_uint32),  # Bit i: joint i is at a limit stop
+        ("saturation_mask", ctypes.c_uint32),  # Bit i: the drive limited the torque of joint i
+        ("drive", ctypes.c_uint32),  # One of `codes::DRIVES`
+        ("drive_flags", ctypes.c_uint32),  # Why the drive did not apply the commanded torque: a sum of `codes::DRIVE_FLAGS`
+        ("refused", ctypes.c_uint32),  # Commands refused since the start of the run
+    ]
+
+
+assert ctypes.sizeof(PlantState) == 544
+
+
+class StateEstimate(ctypes.Structure):
+    """The estimated state: estimator → analyzer, controller."""
+
+    _fields_ = [
+        ("header", Header),  # Tick, incarnation, stamps
+        ("q", ctypes.c_double * 8),  # Joint positions [rad]
+        ("qdot", ctypes.c_double * 8),  # Joint velocities [rad/s]
+        ("tau_disturbance", ctypes.c_double * 8),  # Torque that the model does not explain (generalised-momentum observer), as it acts on the joints [N·m]
+        ("innovation", ctypes.c_double * 8),  # Encoder minus predicted position [rad]
+        ("drive", ctypes.c_uint32),  # One of `codes::DRIVES`, passed on
+        ("stale_ticks", ctypes.c_uint32),  # Ticks since the last fresh torque, passed on
+    ]
+
+
+assert ctypes.sizeof(StateEstimate) == 416
+
+
+class SingularityReport(ctypes.Structure):
+    """Where the arm is singular, or nearly: analyzer → controller."""
+
+    _fields_ = [
+        ("header", Header),  # Tick, incarnation, stamps
+        ("count", ctypes.c_uint32),  # How many entries of `singularities` are meant
+        ("rank", ctypes.c_uint32),  # Rank of J at the stated tolerance
+        ("sigma", ctypes.c_double * 6),  # Singular values of J at C with lengths divided by `length_m`, largest first
+        ("det", ctypes.c_double),  # det J at E (unscaled) for square J, else √det JJᵀ; 0 for planar tasks that leave it undefined
+        ("condition", ctypes.c_double),  # σ_max/σ_min [1e18 where σ_min is 0]
+        ("manipulability", ctypes.c_double),  # Yoshikawa's √det(JJᵀ), unit-scaled
+        ("length_m", ctypes.c_double),  # The length that makes metres and radians comparable [m]
+        ("p_BC", ctypes.c_double * 3),  # Position of C in B [m]
+        ("singularities", SingularityState * 4),  # The singularities, in an order that never changes within a run
+    ]
+
+
+assert ctypes.sizeof(SingularityReport) == 1384
+
+
+class ControlState(ctypes.Structure):
+    """The control law's intermediate results and its reference: controller → recorder, for judging and showing."""
+
+    _fields_ = [
+        ("header", Header),  # Tick, incarnation, stamps
+        ("tau_task", ctypes.c_double * 8),  # The part of the torque that acts at the end-effector, J_rᵀF_r with compensation of gravity and Coriolis [N·m]
+        ("tau_null", ctypes.c_double * 8),  # The part that acts in the null space, N_T Γ₀ [N·m]
+        ("p_BE_d", ctypes.c_double * 3),  # Desired end-effector position in B [m]
+        ("R_BE_d", ctypes.c_double * 9),  # Desired end-effector rotation in B, column-major
+        ("V_BE_d", ctypes.c_double * 6),  # Desired end-effector twist [m/s, rad/s]
+        ("error", ctypes.c_double * 6),  # Pose error `[p_d − p; axis-angle of R_d Rᵀ]` as the controller sees it [m, rad]
+        ("path_time_s", ctypes.c_double),  # The trajectory's own clock [s]
+        ("time_scale", ctypes.c_double),  # How fast it runs against real time, 0 to 1 (the governor)
+        ("null_scale", ctypes.c_double),  # Fraction of the null-space torque that the limits let through, 0 to 1
+        ("task_scale", ctypes.c_double),  # Fraction of the task torque that the limits let through, 0 to 1
+        ("beta", ctypes.c_double * 4),  # Per singularity: β_i, 1 outside (full operational control), 0 fully inside
+        ("aux_d", ctypes.c_double * 4),  # Per singularity: reference of the auxiliary coordinate [rad]
+        ("aux_rate_d", ctypes.c_double * 4),  # Per singularity: commanded rate of the auxiliary coordinate [rad/s]
+        ("planned_dq", ctypes.c_double * 8),  # Planned motion of each joint while ζ is turned by null-space motion, published before it begins; rad. Zero when nothing is planned
+        ("planned_s", ctypes.c_double),  # Planned duration of that motion, the governor's stretch included; s. Zero when nothing is planned
+        ("mode", ctypes.c_uint32 * 4),  # Per singularity: one of `codes::MODES`
+        ("segment", ctypes.c_uint32),  # Index of the task segment
+        ("clipped", ctypes.c_uint32),  # 1 where the goal was beyond reach and has been clipped to the boundary
+        ("planned", ctypes.c_uint32),  # 1 + the place of the singularity whose ζ is being turned as planned, 0 when none is
+        ("refusal", ctypes.c_uint32),  # One of `codes::REFUSALS`
+        ("rate_mask", ctypes.c_uint32),  # Bit i: the law asked for a faster change of torque i than its drive accepts; the torque sent changes at the largest rate
+        ("doubt_ticks", ctypes.c_uint32),  # Ticks in a row for which the estimate has been set aside, because no torque within the limits moves the arm so
+    ]
+
+
+assert ctypes.sizeof(ControlState) == 712
+
+
+class TorqueCommand(ctypes.Structure):
+    """Commanded torque: controller → plant."""
+
+    _fields_ = [
+        ("header", Header),  # Tick, incarnation, stamps
+        ("tau", ctypes.c_double * 8),  # Commanded torque Γ [N·m]
+        ("phase", ctypes.c_uint32),  # One of `codes::PHASES`: the run is over when the task is
+        ("saturation_mask", ctypes.c_uint32),  # Bit i: the torque of joint i is at its limit
+    ]
+
+
+assert ctypes.sizeof(TorqueCommand) == 224
+
+
+# Topic: structure, versioned type name, hash of the layout.
+TOPICS = {
+    "sensor": (SensorSample, "armplane.SensorSample.v3", 0x7b596d813efcbd78),
+    "plant_state": (PlantState, "armplane.PlantState.v3", 0xb3429417b6bb5ea6),
+    "estimate": (StateEstimate, "armplane.StateEstimate.v4", 0x26d6dbe8667c45e8),
+    "singularity": (SingularityReport, "armplane.SingularityReport.v4", 0x8844948f013a28ee),
+    "control_state": (ControlState, "armplane.ControlState.v3", 0x98e4d969d5ba0d02),
+    "torque": (TorqueCommand, "armplane.TorqueCommand.v5", 0xf478adead3f15ea4),
+}
