@@ -6,6 +6,7 @@ mod command;
 mod compare;
 mod corpus;
 mod determinism;
+mod exchange;
 mod faults;
 mod folders;
 mod graph;

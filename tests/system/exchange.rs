@@ -1,0 +1,416 @@
+//! Programs in other languages as processes of a run: the wire as they see it, good ones and bad ones.
+
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use message_log::LogReader;
+use serde_json::Value;
+use shared_types::PlantState;
+
+use crate::command::{Desk, Said, assert_nothing_left, finish, skipped};
+
+/// The folder of the repository.
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// Whether Python is there, with these modules.
+fn has_python(modules: &str) -> bool {
+    let code = if modules.is_empty() { String::new() } else { format!("import {modules}") };
+    Command::new("python3").args(["-c", &code]).stdout(Stdio::null()).stderr(Stdio::null()).status().is_ok_and(|status| status.success())
+}
+
+/// `armplane` with the Python package of the repository in the path of its programs.
+fn armplane(desk: &Desk, args: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_armplane"));
+    command.args(args).current_dir(desk.path()).env("PYTHONPATH", root().join("python")).env("PYTHONDONTWRITEBYTECODE", "1");
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+fn run(desk: &Desk, args: &[&str]) -> Said {
+    let said = finish(armplane(desk, args).spawn().expect("armplane starts"));
+    assert_nothing_left(said.launcher);
+    assert_eq!(programs_of(said.launcher), Vec::<i32>::new(), "a program outlives its run");
+    said
+}
+
+fn summary(said: &Said) -> Value {
+    serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}\n{}", said.out, said.err))
+}
+
+/// Programs that have an exchange page of a launcher's run in their environment.
+fn programs_of(launcher: u32) -> Vec<i32> {
+    let marker = format!("-{launcher}-");
+    let is_one = |pid: &i32| {
+        let environment = std::fs::read(format!("/proc/{pid}/environ")).unwrap_or_default();
+        environment
+            .split(|byte| *byte == 0)
+            .map(String::from_utf8_lossy)
+            .any(|entry| entry.starts_with("ARMPLANE_EXCHANGE=") && entry.contains(&marker))
+    };
+    let pids = std::fs::read_dir("/proc").expect("proc").flatten().filter_map(|entry| entry.file_name().to_str()?.parse().ok());
+    pids.filter(is_one).collect()
+}
+
+fn wire(desk: &Desk, lang: &str) -> String {
+    let said = desk.armplane(&["wire", "--lang", lang]);
+    assert_eq!(said.code, 0, "{}", said.err);
+    said.out
+}
+
+/// Name, size and offset of every field of every structure, one to a line, as `armplane wire` says.
+fn layouts(json: &str) -> Vec<String> {
+    let document: Value = serde_json::from_str(json).expect("JSON");
+    let structures = document["structures"].as_array().expect("structures");
+    let lines = structures.iter().flat_map(|structure| {
+        let fields = structure["fields"].as_array().expect("fields");
+        fields.iter().map(|field| {
+            format!("{} {} {} {}", structure["name"].as_str().unwrap(), field["name"].as_str().unwrap(), field["offset"], field["bytes"])
+        })
+    });
+    lines.collect()
+}
+
+/// `SensorSample` as `sensor_sample`.
+fn snake(name: &str) -> String {
+    let parts =
+        name.char_indices().flat_map(|(i, c)| (i > 0 && c.is_ascii_uppercase()).then_some('_').into_iter().chain([c.to_ascii_lowercase()]));
+    parts.collect()
+}
+
+#[test]
+fn the_c_header_compiles_in_c_and_cpp_and_has_the_layouts_of_the_wire() {
+    let desk = Desk::new();
+    let expected = layouts(&wire(&desk, "json"));
+    assert!(expected.len() > 100, "{expected:?}");
+    desk.file("armplane.h", &wire(&desk, "c"));
+    let print = |line: &String| {
+        let words: Vec<&str> = line.split(' ').collect();
+        let (name, field) = (snake(words[0]), words[1]);
+        format!(
+            "printf(\"{} {field} %zu %zu\\n\", offsetof(struct armplane_{name}, {field}), sizeof ((struct armplane_{name} *)0)->{field});",
+            words[0]
+        )
+    };
+    let lines: Vec<String> = expected.iter().map(print).collect();
+    let code = format!("#include \"armplane.h\"\nint main(void) {{\n{}\nreturn 0;\n}}\n", lines.join("\n"));
+    for (compiler, file, standard) in [("cc", "layouts.c", "-std=gnu11"), ("c++", "layouts.cpp", "-std=c++11")] {
+        desk.file(file, &code);
+        let built = Command::new(compiler)
+            .args([standard, "-Wall", "-Wextra", "-Werror", "-Wno-invalid-offsetof", "-o", "layouts", file])
+            .current_dir(desk.path())
+            .output();
+        let Ok(built) = built else {
+            skipped(format!("there is no {compiler}"));
+            continue;
+        };
+        assert!(built.status.success(), "{compiler}: {}", String::from_utf8_lossy(&built.stderr));
+        let said = Command::new(desk.path().join("layouts")).output().expect("it runs");
+        let found: Vec<String> = String::from_utf8_lossy(&said.stdout).lines().map(str::to_owned).collect();
+        assert_eq!(found, expected, "{compiler}");
+    }
+}
+
+#[test]
+fn the_python_module_is_that_of_this_program_and_has_the_layouts_of_the_wire() {
+    let desk = Desk::new();
+    let kept = std::fs::read_to_string(root().join("python/armplane/wire.py")).expect("the module in the repository");
+    assert_eq!(kept.trim_end(), wire(&desk, "python").trim_end(), "run: armplane wire --lang python > python/armplane/wire.py");
+    if !has_python("ctypes") {
+        return skipped("there is no python3");
+    }
+    let code = "import ctypes, armplane.wire as w\nfor s in [v for v in vars(w).values() if isinstance(v, type)]:\n    for f in s._fields_:\n        \
+                d = getattr(s, f[0])\n        print(s.__name__, f[0], d.offset, d.size)";
+    let said = Command::new("python3").args(["-c", code]).env("PYTHONPATH", root().join("python")).output().expect("python3 runs");
+    let found: Vec<String> = String::from_utf8_lossy(&said.stdout).lines().map(str::to_owned).collect();
+    assert_eq!(found, layouts(&wire(&desk, "json")), "{}", String::from_utf8_lossy(&said.stderr));
+}
+
+/// An estimator in Python, standard library only; the argument says how it goes wrong at tick 200 of its first incarnation.
+const ESTIMATOR: &str = r#"
+import os, struct, sys, time
+import armplane
+from armplane import wire
+
+HOW = sys.argv[1] if len(sys.argv) > 1 else ""
+
+class Estimator(armplane.Process):
+    q = None
+
+    def setup(self):
+        if HOW == "version":
+            self.exchange.head.program_version = 7
+        if HOW == "layout":
+            entry = wire.ExchangeTopic.from_buffer(self.exchange._map, self.exchange.head.topics_at)
+            entry.program_type[:] = list(b"armplane.SensorSample.v2".ljust(wire.EXCHANGE_TYPE, b"\0"))
+            entry.program_layout = 0x123
+        if HOW == "absent":
+            os._exit(0)
+        if HOW == "refuses":
+            raise RuntimeError("no licence")
+
+    def tick(self, tick):
+        sensor, estimate, n = self.topics["sensor"], self.topics["estimate"], self.dof
+        if self.q is None:
+            self.q, self.v = sensor.q_encoder[:n], [0.0] * n
+        w, dt = 300.0, self.dt
+        for i in range(n):
+            e = sensor.q_encoder[i] - (self.q[i] + self.v[i] * dt)
+            self.q[i] += self.v[i] * dt + 2 * w * dt * e
+            self.v[i] += w * w * dt * e
+        estimate.q[:n], estimate.qdot[:n] = self.q, self.v
+        estimate.drive, estimate.stale_ticks = sensor.drive, sensor.stale_ticks
+        if tick == 200 and self.incarnation == 1:
+            self.go_wrong(estimate)
+
+    def go_wrong(self, estimate):
+        exchange = self.exchange
+        if HOW == "dies":
+            os._exit(7)
+        if HOW == "nan":
+            estimate.q[1] = float("nan")
+        if HOW == "tick":
+            exchange.head.tick = 7
+        if HOW == "silent":
+            time.sleep(60)
+        if HOW == "count":
+            exchange._seen = 9999
+        if HOW == "code":
+            exchange.answer(77)
+            os._exit(0)
+        if HOW == "state":
+            exchange.head.state_bytes = 1 << 30
+            self.save = lambda: None
+        if HOW == "raises":
+            raise ValueError("no idea")
+        if HOW == "garbage":
+            exchange._map[:] = b"\xff" * len(exchange._map)
+            os._exit(0)
+
+    def save(self):
+        return struct.pack(f"{2 * self.dof}d", *self.q, *self.v)
+
+    def restore(self, state):
+        numbers = struct.unpack(f"{2 * self.dof}d", state)
+        self.q, self.v = list(numbers[: self.dof]), list(numbers[self.dof :])
+
+Estimator.run()
+"#;
+
+/// A short motion and a graph whose estimator is the program above.
+fn estimator(desk: &Desk, how: &str, restart: &str, faults: &str) -> PathBuf {
+    desk.file("estimator.py", ESTIMATOR);
+    let process = format!(
+        "extends = \"armplane\"\n[[process]]\nname = \"estimator\"\ncommand = [\"python3\", \"estimator.py\", \"{how}\"]\nexchange = true\n\
+         answer_limit_s = 1\nreads = [\"sensor\"]\nwrites = [\"estimate\"]\nrestart = \"{restart}\"\n"
+    );
+    desk.file("graph.toml", &process);
+    scenario(desk, faults)
+}
+
+fn scenario(desk: &Desk, faults: &str) -> PathBuf {
+    let text = "name = \"short\"\nrobot = \"puma560\"\ngraph = \"graph.toml\"\nsettle_s = 0.1\n[start]\nq_deg = [20, -60, 170, 0, 30, 0]\n\
+                [[segment]]\nby_m = [0.03, 0.0, -0.02]\nduration_s = 0.5\n";
+    desk.file("short.toml", &format!("{text}{faults}"))
+}
+
+fn restarts(summary: &Value, name: &str) -> u64 {
+    let processes = summary["processes"].as_array().expect("processes");
+    processes.iter().find(|process| process["name"] == name).and_then(|process| process["restarts"].as_u64()).expect("the process")
+}
+
+#[test]
+fn a_process_in_python_is_as_deterministic_as_ours_faults_included() {
+    if !has_python("") {
+        return skipped("there is no python3");
+    }
+    let desk = Desk::new();
+    let faults = "\n[[fault]]\nprocess = \"estimator\"\nkind = \"kill\"\nat_tick = 150\nfor_ticks = 2\n\
+                  \n[[fault]]\nprocess = \"estimator\"\nkind = \"drop\"\nat_tick = 300\nfor_ticks = 40\nprobability = 0.2\n";
+    estimator(&desk, "", "always", faults);
+    let (first, second) = (run(&desk, &["run", "short.toml", "--json"]), run(&desk, &["run", "short.toml", "--json"]));
+    assert_eq!(first.code, 0, "{}", first.err);
+    let (first, second) = (summary(&first), summary(&second));
+    assert_eq!(first["topics"], second["topics"], "the same bytes twice");
+    assert_eq!((restarts(&first, "estimator"), &first["outcome"]), (1, &Value::from("goal reached")), "{}", first["faults"]);
+    assert!(first["faults"].as_array().unwrap().iter().all(|fault| fault["injected"] == true), "{}", first["faults"]);
+    // What the program was told is on record: the controller behind it computes the same again.
+    let replayed = run(&desk, &["replay", "runs/short-001"]);
+    assert_eq!(replayed.code, 0, "{}{}", replayed.out, replayed.err);
+    let verified = run(&desk, &["verify", "short.toml", "--runs", "2", "--set", "segment.0.duration_s=0.3", "--json"]);
+    assert_eq!((verified.code, &summary(&verified)["identical"]), (0, &Value::from(true)), "{}", verified.err);
+}
+
+#[test]
+fn bad_programs_are_named_in_the_log_and_among_the_faults() {
+    if !has_python("") {
+        return skipped("there is no python3");
+    }
+    let cases = [
+        ("dies", "ended with exit code 7 at tick 200"),
+        ("nan", "wrote a number that is not finite into q of `estimate` at tick 200"),
+        ("tick", "answered tick 7 where tick 200 was asked"),
+        ("silent", "has not answered tick 200 within 1 s"),
+        ("count", "wrote the count of answers 9999 at tick 200"),
+        ("code", "gave the answer 77 at tick 200"),
+        ("state", "bytes; there is room for 4096"),
+        ("raises", "cannot go on at tick 200: ValueError: no idea"),
+        ("garbage", "wrote the count of answers 4294967295 at tick 200"),
+        ("version", "speaks version 7 of the exchange page, armplane speaks version 1"),
+        ("layout", "uses armplane.SensorSample.v2 (0000000000000123) for `sensor`, armplane uses armplane.SensorSample.v"),
+        ("absent", "ended with exit code 0 before it joined"),
+        ("refuses", "refuses the exchange page: RuntimeError: no licence"),
+    ];
+    for (how, expected) in cases {
+        let desk = Desk::new();
+        estimator(&desk, how, "never", "");
+        let said = run(&desk, &["run", "short.toml", "--no-record", "--json"]);
+        assert_eq!(said.code, 1, "{how}: {}", said.err);
+        assert!(said.err.contains(&format!("the program of estimator {expected}")), "{how}: {}", said.err);
+        let faults = &summary(&said)["faults"];
+        assert_eq!((&faults[0]["fault"]["process"], &faults[0]["origin"]), (&"estimator".into(), &"detected".into()), "{how}: {faults}");
+    }
+}
+
+#[test]
+fn the_graph_decides_whether_a_bad_program_is_started_again() {
+    if !has_python("") {
+        return skipped("there is no python3");
+    }
+    let desk = Desk::new();
+    estimator(&desk, "dies", "always", "");
+    let said = run(&desk, &["run", "short.toml", "--json"]);
+    assert_eq!(said.code, 0, "{}", said.err);
+    let first = summary(&said);
+    assert_eq!((restarts(&first, "estimator"), &first["outcome"]), (1, &Value::from("goal reached")), "{}", first["faults"]);
+    let faults = first["faults"].as_array().unwrap();
+    assert_eq!((faults.len(), &faults[0]["fault"]["at_tick"]), (1, &Value::from(200)), "{faults:?}");
+    assert!(faults[0]["recovered_ms"].is_number(), "{faults:?}");
+    // The run leaves the scenario in which that death is planned; the program lives, and the shell dies instead: the same bytes.
+    estimator(&desk, "", "always", "");
+    let again = summary(&run(&desk, &["run", "runs/short-001/scenario.toml", "--graph", "graph.toml", "--json"]));
+    assert_eq!(again["topics"], first["topics"]);
+}
+
+#[test]
+fn an_external_program_is_awaited() {
+    if !has_python("") {
+        return skipped("there is no python3");
+    }
+    let desk = Desk::new();
+    let program = desk.file("estimator.py", ESTIMATOR);
+    let graph =
+        "extends = \"armplane\"\n[[process]]\nname = \"estimator\"\nexternal = true\nreads = [\"sensor\"]\nwrites = [\"estimate\"]\n";
+    desk.file("graph.toml", graph);
+    scenario(&desk, "");
+    let mut launcher = armplane(&desk, &["run", "short.toml", "--no-record", "--json"]).spawn().expect("armplane starts");
+    let said = BufReader::new(launcher.stderr.take().expect("piped"));
+    let page = said.lines().map_while(Result::ok).find_map(|line| {
+        let (_, rest) = line.split_once("ARMPLANE_EXCHANGE=")?;
+        Some(rest.strip_suffix(" COMMAND")?.to_owned())
+    });
+    let page = page.expect("the run says what to start");
+    let started = Command::new("python3")
+        .arg(program)
+        .env("ARMPLANE_EXCHANGE", &page)
+        .env("PYTHONPATH", root().join("python"))
+        .env("PYTHONDONTWRITEBYTECODE", "1")
+        .status()
+        .expect("python3 runs");
+    let said = finish(launcher);
+    assert!(started.success() && said.code == 0, "{started}: {}", said.out);
+    assert_eq!(summary(&said)["outcome"], "goal reached");
+    assert_nothing_left(said.launcher);
+}
+
+#[test]
+fn an_observer_in_python_sees_every_tick() {
+    if !has_python("") {
+        return skipped("there is no python3");
+    }
+    let desk = Desk::new();
+    let watch = "import armplane\nclass W(armplane.Observer):\n    n = 0\n    def see(self, tick, plant_state=None, torque=None):\n        \
+                 assert plant_state.header.tick == torque.header.tick == tick == self.n, (tick, self.n)\n        self.n += 1\n    \
+                 def end(self):\n        armplane.say(f'saw {self.n} ticks')\nW.run()\n";
+    desk.file("watch.py", watch);
+    let graph = "extends = \"armplane\"\n[[process]]\nname = \"watch\"\ncommand = [\"python3\", \"watch.py\"]\nexchange = true\n\
+                 reads = [\"plant_state\", \"torque\"]\n";
+    desk.file("graph.toml", graph);
+    scenario(&desk, "");
+    let said = run(&desk, &["run", "short.toml", "--no-record", "--json"]);
+    assert_eq!(said.code, 0, "{}", said.err);
+    let ticks = summary(&said)["ticks"].as_u64().expect("ticks");
+    assert!(said.err.contains(&format!("saw {ticks} ticks")), "{ticks}: {}", said.err);
+}
+
+#[test]
+fn a_plant_in_one_c_file_runs_like_ours() {
+    let desk = Desk::new();
+    desk.file("armplane.h", &wire(&desk, "c"));
+    for file in ["plant.c", "graph.toml", "two-links.toml"] {
+        desk.file(file, &std::fs::read_to_string(root().join("examples/c").join(file)).expect("the example"));
+    }
+    let built = Command::new("cc")
+        .args(["-O2", "-std=gnu11", "-Wall", "-Wextra", "-Werror", "-o", "plant", "plant.c", "-lm"])
+        .current_dir(desk.path())
+        .output();
+    let Ok(built) = built else { return skipped("there is no cc") };
+    assert!(built.status.success(), "{}", String::from_utf8_lossy(&built.stderr));
+    let theirs = run(&desk, &["run", "two-links.toml", "--json"]);
+    assert_eq!(theirs.code, 0, "{}", theirs.err);
+    let again = summary(&run(&desk, &["run", "two-links.toml", "--no-record", "--json"]));
+    assert_eq!(again["topics"], summary(&theirs)["topics"], "the same bytes twice");
+    let ideal = ["--set", "plant.encoder_bits=0"];
+    desk.file("plain.toml", "extends = \"armplane\"\n");
+    let ours = run(&desk, &[&["run", "two-links.toml", "--graph", "plain.toml", "--out", "ours", "--json"], &ideal[..]].concat());
+    assert_eq!(ours.code, 0, "{}", ours.err);
+    let apart = furthest_apart(&desk.path().join("runs/two-links-001"), &desk.path().join("ours"));
+    assert!(apart < 1e-6, "joints {apart} rad apart");
+}
+
+/// The largest difference between the true joint positions of two runs; rad.
+fn furthest_apart(one: &Path, other: &Path) -> f64 {
+    let states = |folder: &Path| {
+        let mut log = LogReader::<PlantState>::open(&folder.join("messages")).expect("a message log");
+        std::iter::from_fn(|| log.next_message().expect("a whole log")).collect::<Vec<_>>()
+    };
+    let (one, other) = (states(one), states(other));
+    assert!(one.len().abs_diff(other.len()) <= 100 && one.len() > 100, "{} and {} ticks", one.len(), other.len());
+    let joints = |(a, b): (&PlantState, &PlantState)| a.q.iter().zip(&b.q).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    one.iter().zip(&other).map(joints).fold(0.0, f64::max)
+}
+
+#[test]
+fn mujoco_is_the_plant_of_figure_5() {
+    if !has_python("mujoco, numpy") {
+        return skipped("python3 has no mujoco, or there is none");
+    }
+    let desk = Desk::new();
+    let graph = root().join("examples/mujoco/graph.toml").display().to_string();
+    let args = ["run", "fig5-wrist-rotation", "--graph", &graph, "--json"];
+    let (first, second) = (run(&desk, &args), run(&desk, &args));
+    assert_eq!(first.code, 0, "{}", first.err);
+    let (first, second) = (summary(&first), summary(&second));
+    assert_eq!(first["topics"], second["topics"], "the same bytes twice");
+    assert_eq!(first["outcome"], "goal reached");
+    let replayed = run(&desk, &["replay", "runs/fig5-wrist-rotation-001"]);
+    assert_eq!(replayed.code, 0, "{}{}", replayed.out, replayed.err);
+    run(&desk, &["run", "fig5-wrist-rotation", "--out", "ours", "--json"]);
+    let apart = furthest_apart(&desk.path().join("runs/fig5-wrist-rotation-001"), &desk.path().join("ours"));
+    assert!(apart < 2e-3, "joints {apart} rad apart");
+}
+
+#[test]
+fn a_controller_in_python_follows_a_line() {
+    if !has_python("mujoco, numpy") {
+        return skipped("python3 has no mujoco, or there is none");
+    }
+    let desk = Desk::new();
+    let scenario = root().join("examples/python/line.toml").display().to_string();
+    let said = run(&desk, &["run", &scenario, "--no-record", "--json"]);
+    assert_eq!(said.code, 0, "{}", said.err);
+    assert!(said.err.contains("hand at"), "the observer prints: {}", said.err);
+    assert_eq!(summary(&said)["outcome"], "goal reached");
+}
