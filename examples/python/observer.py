@@ -13,7 +13,7 @@ class Watch(armplane.Observer):
         self.most = max(self.most, power)
         if tick % 1000 == 0:
             x, y, z = plant_state.p_BE
-            armplane.say(f"{tick * self.dt:.0f} s: hand at {x:+.3f} {y:+.3f} {z:+.3f} m, at most {self.most:.1f} W so far")
+            print(f"{tick * self.dt:.0f} s: hand at {x:+.3f} {y:+.3f} {z:+.3f} m, at most {self.most:.1f} W so far")
 
 
 if __name__ == "__main__":

@@ -1,11 +1,11 @@
 """Processes of an armplane run in Python, runs started from Python, and their results as tables."""
 
 from . import wire
-from .exchange import Exchange, WireError, say
+from .exchange import Exchange, WireError
 from .process import Controller, Observer, Plant, Process
 from .results import Run, load, run
 
-__all__ = ["Controller", "Exchange", "Observer", "Plant", "Process", "Run", "WireError", "load", "run", "say", "subscribe", "wire"]
+__all__ = ["Controller", "Exchange", "Observer", "Plant", "Process", "Run", "WireError", "load", "model", "run", "subscribe", "wire"]
 
 
 def subscribe(topic, run=None):
@@ -13,3 +13,10 @@ def subscribe(topic, run=None):
     from .live import Subscriber
 
     return Subscriber(topic, run)
+
+
+def model(robot, frame=None):
+    """An arm's kinematics, dynamics and singularities: `armplane.model("puma560").at(q).J` (needs numpy)."""
+    from .inspect_model import Model
+
+    return Model(robot, frame)

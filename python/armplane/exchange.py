@@ -6,7 +6,6 @@ import json
 import mmap
 import os
 import platform
-import sys
 
 from . import wire
 
@@ -86,15 +85,16 @@ class Exchange:
             raise WireError(f"{path} is no exchange page")
         self.head = head
         self._load, self._store = _words()
-        at = lambda name: ctypes.c_uint32.from_buffer(self._map, getattr(wire.ExchangeHead, name).offset)
-        self._requests, self._answers, self._program = at("requests"), at("answers"), at("program")
+        self._requests, self._answers, self._program = (self._word(name) for name in ("requests", "answers", "program"))
         self._requests_at = ctypes.addressof(self._requests)
         self._answers_at = ctypes.addressof(self._answers)
         self._seen = 0
-        head.program_pid = os.getpid()
         head.program_version = wire.EXCHANGE_VERSION
         if head.version != wire.EXCHANGE_VERSION:
-            self.refuse(f"armplane speaks version {head.version} of the exchange page, this package version {wire.EXCHANGE_VERSION}")
+            # Of another version only the first fields are known.
+            self._store(self._program, wire.PROGRAM_REFUSED)
+            raise WireError(f"armplane speaks version {head.version} of the exchange page, this package version {wire.EXCHANGE_VERSION}")
+        head.program_pid = os.getpid()
         self.topics = {}
         for i in range(head.topics):
             entry = wire.ExchangeTopic.from_buffer(self._map, head.topics_at + i * ctypes.sizeof(wire.ExchangeTopic))
@@ -108,6 +108,9 @@ class Exchange:
                 # armplane refuses it, with both names; the message must not be looked at with the wrong structure.
                 continue
             self.topics[name] = Topic(entry, structure.from_buffer(self._map, entry.at))
+
+    def _word(self, name):
+        return ctypes.c_uint32.from_buffer(self._map, getattr(wire.ExchangeHead, name).offset)
 
     def refuse(self, why):
         """Tells armplane that this program cannot take part, and raises the reason."""
@@ -169,8 +172,3 @@ class Exchange:
         """The job of the run: scenario, robot and graph, as in the run's job.json."""
         with open(os.path.join(os.path.dirname(self.path), "job.json")) as file:
             return json.load(file)
-
-
-def say(text):
-    """Writes a line for the log of the run."""
-    print(text, file=sys.stderr, flush=True)

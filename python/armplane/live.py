@@ -63,7 +63,3 @@ class Subscriber:
         with open(os.path.join(self.run, "job.json")) as file:
             return json.load(file)
 
-
-def subscribe(topic, run=None):
-    """As `Subscriber`."""
-    return Subscriber(topic, run)

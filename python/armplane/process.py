@@ -4,7 +4,7 @@ import sys
 import traceback
 
 from . import wire
-from .exchange import Exchange, WireError, say
+from .exchange import Exchange, WireError
 
 
 class Process:
@@ -45,6 +45,8 @@ class Process:
     @classmethod
     def run(cls):
         """Takes part in the run that started this program, to its end."""
+        # A line printed is a line in the log of the run, at once.
+        sys.stdout.reconfigure(line_buffering=True)
         try:
             exchange = Exchange()
         except (WireError, OSError) as error:
@@ -76,7 +78,7 @@ class Process:
                 else:
                     process.end()
                     if exchange.reason:
-                        say(exchange.reason)
+                        print(exchange.reason, file=sys.stderr)
                     return
             except Exception as error:
                 traceback.print_exc()

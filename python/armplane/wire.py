@@ -112,17 +112,17 @@ class SingularityState(ctypes.Structure):
     """One singularity at one posture, as Chang & Khatib 1995 describe it."""
 
     _fields_ = [
-        ("kind", ctypes.c_uint32),  # One of `codes::KINDS`
-        ("class", ctypes.c_uint32),  # One of `codes::TYPES`, latched while inside
+        ("kind", ctypes.c_uint32),  # One of `KINDS`
+        ("class_", ctypes.c_uint32),  # One of `TYPES`, latched while inside
         ("inside", ctypes.c_uint32),  # 1 inside the neighbourhood D_si (hysteretic: entered at η_in, left at η_out), else 0
         ("angular", ctypes.c_uint32),  # 1 where ζ is a rotation, 0 where it is a translation
         ("s", ctypes.c_double),  # Measure s_i(q), signed [dimensionless]
         ("s_rate", ctypes.c_double),  # ds_i/dt [1/s]
         ("eta_in", ctypes.c_double),  # Entry threshold on |s_i|
         ("eta_out", ctypes.c_double),  # Exit threshold on |s_i|
-        ("zeta_B", ctypes.c_double * 6),  # Singular direction ζ_i at C: a unit vector in its linear or its angular half [continuous in sign]
+        ("zeta_B", ctypes.c_double * 6),  # Singular direction ζ_i at C: a unit vector in its linear or its angular half; continuous in sign
         ("R_BS", ctypes.c_double * 9),  # Singular frame, rotation R_BS column-major, first axis along ζ_i
-        ("gain", ctypes.c_double),  # Velocity along ζ_i per unit of the auxiliary rate: ζᵀJ → g·aux as s grows [signed, m or dimensionless]
+        ("gain", ctypes.c_double),  # Velocity along ζ_i per unit of the auxiliary rate: ζᵀJ → g·aux as s grows; signed, m or dimensionless
         ("aux", ctypes.c_double),  # Regular auxiliary coordinate (elbow angle from full stretch, wrist φ, waist angle) [rad]
         ("aux_rate", ctypes.c_double),  # Its rate [rad/s]
         ("aux_bias", ctypes.c_double),  # Its acceleration at q̈ = 0 [rad/s²]
@@ -136,31 +136,31 @@ assert ctypes.sizeof(SingularityState) == 280
 
 
 class ExchangeHead(ctypes.Structure):
-    """The beginning of an exchange page. *armplane* or *program* says which of the two writes the field."""
+    """The beginning of an exchange page. *armplane* or *program* says which of the two writes the field. The fields up to `program` keep their places in every version, so that two versions can name each other."""
 
     _fields_ = [
         ("mark", ctypes.c_uint64),  # armplane: `EXCHANGE_MARK`, written last when the page is made
         ("version", ctypes.c_uint32),  # armplane: the version of the contract, `EXCHANGE_VERSION`
         ("bytes", ctypes.c_uint32),  # armplane: the size of the page [bytes]
+        ("program_version", ctypes.c_uint32),  # program: the version of the contract that it was written for
+        ("program", ctypes.c_uint32),  # program: one of `PROGRAMS`
         ("armplane_pid", ctypes.c_uint32),  # armplane: its process id; a program that waits and no longer finds this process ends itself
         ("lockstep", ctypes.c_uint32),  # armplane: 1 in lockstep, 0 in real time
         ("rate_hz", ctypes.c_uint32),  # armplane: ticks per second of the arm's time [Hz]
         ("dof", ctypes.c_uint32),  # armplane: joints of the arm; the first so many elements of an array of joints
         ("incarnation", ctypes.c_uint32),  # armplane: how often the process has been started in this run, from 1
         ("topics", ctypes.c_uint32),  # armplane: how many topics follow
-        ("topics_at", ctypes.c_uint32),  # armplane: the first `ExchangeTopic`; bytes from the start of the page, multiple of 8
-        ("state_at", ctypes.c_uint32),  # armplane: the room for the checkpoint; bytes from the start of the page, multiple of 8
+        ("topics_at", ctypes.c_uint32),  # armplane: the first `ExchangeTopic` [bytes from the start of the page, multiple of 8]
+        ("state_at", ctypes.c_uint32),  # armplane: the room for the checkpoint [bytes from the start of the page, multiple of 8]
         ("state_left", ctypes.c_uint32),  # armplane: how many bytes of checkpoint a predecessor left, 0 without one [bytes]
         ("state_room", ctypes.c_uint32),  # armplane: how much it may hold, `EXCHANGE_STATE` [bytes]
         ("requests", ctypes.c_uint32),  # armplane: counts requests; the futex word on which the program sleeps
-        ("request", ctypes.c_uint32),  # armplane: one of `codes::REQUESTS`
+        ("request", ctypes.c_uint32),  # armplane: one of `REQUESTS`
         ("tick", ctypes.c_uint64),  # armplane: the tick of the request
-        ("reason", ctypes.c_uint8 * 256),  # armplane: why it stops the program, UTF-8 ended by 0 [empty at the ordinary end of a run]
+        ("reason", ctypes.c_uint8 * 256),  # armplane: why it stops the program, UTF-8 ended by 0; empty at the ordinary end of a run
         ("program_pid", ctypes.c_uint32),  # program: its process id
-        ("program_version", ctypes.c_uint32),  # program: the version of the contract that it was written for
-        ("program", ctypes.c_uint32),  # program: one of `codes::PROGRAMS`
-        ("answer", ctypes.c_uint32),  # program: one of `codes::ANSWERS`
-        ("answers", ctypes.c_uint32),  # program: the count of the request that it has answered [the futex word on which armplane sleeps]
+        ("answer", ctypes.c_uint32),  # program: one of `ANSWERS`
+        ("answers", ctypes.c_uint32),  # program: the count of the request that it has answered; the futex word on which armplane sleeps
         ("state_bytes", ctypes.c_uint32),  # program: how many bytes of checkpoint it has written, 0 for none [bytes]
         ("answer_tick", ctypes.c_uint64),  # program: the tick that it has answered; any other than that of the request is refused
         ("complaint", ctypes.c_uint8 * 256),  # program: why it cannot go on, UTF-8 ended by 0
@@ -177,11 +177,11 @@ class ExchangeTopic(ctypes.Structure):
         ("name", ctypes.c_uint8 * 40),  # armplane: its name, ended by 0
         ("type_name", ctypes.c_uint8 * 136),  # armplane: the versioned name of its message's type, ended by 0
         ("layout", ctypes.c_uint64),  # armplane: the hash of the layout of its message
-        ("at", ctypes.c_uint32),  # armplane: where the message lies; bytes from the start of the page, multiple of 64
+        ("at", ctypes.c_uint32),  # armplane: where the message lies [bytes from the start of the page, multiple of 64]
         ("bytes", ctypes.c_uint32),  # armplane: the size of the message [bytes]
-        ("usage", ctypes.c_uint32),  # armplane: one of `codes::USES`
+        ("usage", ctypes.c_uint32),  # armplane: one of `USES`
         ("fresh", ctypes.c_uint32),  # armplane: 1 where the message belongs to the request, 0 where none has come and the bytes are those of an earlier one
-        ("program_type", ctypes.c_uint8 * 136),  # program: the name of the type that it uses for this topic, ended by 0 [empty where it does not use the topic]
+        ("program_type", ctypes.c_uint8 * 136),  # program: the name of the type that it uses for this topic, ended by 0; empty where it does not use the topic
         ("program_layout", ctypes.c_uint64),  # program: the hash of the layout of that type
     ]
 
@@ -196,7 +196,7 @@ class SensorSample(ctypes.Structure):
         ("header", Header),  # Tick, incarnation, stamps
         ("q_encoder", ctypes.c_double * 8),  # Encoder positions, quantised and noisy [rad (m for prismatic joints)]
         ("tau_drive", ctypes.c_double * 8),  # Torque the drives applied over the tick before, as they report it [N·m]
-        ("drive", ctypes.c_uint32),  # One of `codes::DRIVES`
+        ("drive", ctypes.c_uint32),  # One of `DRIVES`
         ("stale_ticks", ctypes.c_uint32),  # Ticks since the last fresh torque
     ]
 
@@ -220,8 +220,8 @@ class PlantState(ctypes.Structure):
         ("contacts", ctypes.c_uint32),  # Number of contact points
         ("limit_mask", ctypes.c_uint32),  # Bit i: joint i is at a limit stop
         ("saturation_mask", ctypes.c_uint32),  # Bit i: the drive limited the torque of joint i
-        ("drive", ctypes.c_uint32),  # One of `codes::DRIVES`
-        ("drive_flags", ctypes.c_uint32),  # Why the drive did not apply the commanded torque: a sum of `codes::DRIVE_FLAGS`
+        ("drive", ctypes.c_uint32),  # One of `DRIVES`
+        ("drive_flags", ctypes.c_uint32),  # Why the drive did not apply the commanded torque: a sum of `DRIVE_FLAGS`
         ("refused", ctypes.c_uint32),  # Commands refused since the start of the run
     ]
 
@@ -238,7 +238,7 @@ class StateEstimate(ctypes.Structure):
         ("qdot", ctypes.c_double * 8),  # Joint velocities [rad/s]
         ("tau_disturbance", ctypes.c_double * 8),  # Torque that the model does not explain (generalised-momentum observer), as it acts on the joints [N·m]
         ("innovation", ctypes.c_double * 8),  # Encoder minus predicted position [rad]
-        ("drive", ctypes.c_uint32),  # One of `codes::DRIVES`, passed on
+        ("drive", ctypes.c_uint32),  # One of `DRIVES`, passed on
         ("stale_ticks", ctypes.c_uint32),  # Ticks since the last fresh torque, passed on
     ]
 
@@ -255,7 +255,7 @@ class SingularityReport(ctypes.Structure):
         ("rank", ctypes.c_uint32),  # Rank of J at the stated tolerance
         ("sigma", ctypes.c_double * 6),  # Singular values of J at C with lengths divided by `length_m`, largest first
         ("det", ctypes.c_double),  # det J at E (unscaled) for square J, else √det JJᵀ; 0 for planar tasks that leave it undefined
-        ("condition", ctypes.c_double),  # σ_max/σ_min [1e18 where σ_min is 0]
+        ("condition", ctypes.c_double),  # σ_max/σ_min; 1e18 where σ_min is 0
         ("manipulability", ctypes.c_double),  # Yoshikawa's √det(JJᵀ), unit-scaled
         ("length_m", ctypes.c_double),  # The length that makes metres and radians comparable [m]
         ("p_BC", ctypes.c_double * 3),  # Position of C in B [m]
@@ -284,13 +284,13 @@ class ControlState(ctypes.Structure):
         ("beta", ctypes.c_double * 4),  # Per singularity: β_i, 1 outside (full operational control), 0 fully inside
         ("aux_d", ctypes.c_double * 4),  # Per singularity: reference of the auxiliary coordinate [rad]
         ("aux_rate_d", ctypes.c_double * 4),  # Per singularity: commanded rate of the auxiliary coordinate [rad/s]
-        ("planned_dq", ctypes.c_double * 8),  # Planned motion of each joint while ζ is turned by null-space motion, published before it begins; rad. Zero when nothing is planned
-        ("planned_s", ctypes.c_double),  # Planned duration of that motion, the governor's stretch included; s. Zero when nothing is planned
-        ("mode", ctypes.c_uint32 * 4),  # Per singularity: one of `codes::MODES`
+        ("planned_dq", ctypes.c_double * 8),  # Planned motion of each joint while ζ is turned by null-space motion, published before it begins. Zero when nothing is planned [rad]
+        ("planned_s", ctypes.c_double),  # Planned duration of that motion, the governor's stretch included. Zero when nothing is planned [s]
+        ("mode", ctypes.c_uint32 * 4),  # Per singularity: one of `MODES`
         ("segment", ctypes.c_uint32),  # Index of the task segment
         ("clipped", ctypes.c_uint32),  # 1 where the goal was beyond reach and has been clipped to the boundary
         ("planned", ctypes.c_uint32),  # 1 + the place of the singularity whose ζ is being turned as planned, 0 when none is
-        ("refusal", ctypes.c_uint32),  # One of `codes::REFUSALS`
+        ("refusal", ctypes.c_uint32),  # One of `REFUSALS`
         ("rate_mask", ctypes.c_uint32),  # Bit i: the law asked for a faster change of torque i than its drive accepts; the torque sent changes at the largest rate
         ("doubt_ticks", ctypes.c_uint32),  # Ticks in a row for which the estimate has been set aside, because no torque within the limits moves the arm so
     ]
@@ -305,7 +305,7 @@ class TorqueCommand(ctypes.Structure):
     _fields_ = [
         ("header", Header),  # Tick, incarnation, stamps
         ("tau", ctypes.c_double * 8),  # Commanded torque Γ [N·m]
-        ("phase", ctypes.c_uint32),  # One of `codes::PHASES`: the run is over when the task is
+        ("phase", ctypes.c_uint32),  # One of `PHASES`: the run is over when the task is
         ("saturation_mask", ctypes.c_uint32),  # Bit i: the torque of joint i is at its limit
     ]
 

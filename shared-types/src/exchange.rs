@@ -32,7 +32,8 @@ pub const EXCHANGE_STATE: usize = 4096;
 pub const EXCHANGE_VARIABLE: &str = "ARMPLANE_EXCHANGE";
 
 wire! {
-    /// The beginning of an exchange page. *armplane* or *program* says which of the two writes the field.
+    /// The beginning of an exchange page. *armplane* or *program* says which of the two writes the field. The fields up to `program` keep their
+    /// places in every version, so that two versions can name each other.
     ExchangeHead {
         /// armplane: `EXCHANGE_MARK`, written last when the page is made.
         mark: u64,
@@ -40,6 +41,10 @@ wire! {
         version: u32,
         /// armplane: the size of the page; bytes.
         bytes: u32,
+        /// program: the version of the contract that it was written for.
+        program_version: u32,
+        /// program: one of `codes::PROGRAMS`.
+        program: u32,
         /// armplane: its process id; a program that waits and no longer finds this process ends itself.
         armplane_pid: u32,
         /// armplane: 1 in lockstep, 0 in real time.
@@ -70,10 +75,6 @@ wire! {
         reason: [u8; EXCHANGE_TEXT],
         /// program: its process id.
         program_pid: u32,
-        /// program: the version of the contract that it was written for.
-        program_version: u32,
-        /// program: one of `codes::PROGRAMS`.
-        program: u32,
         /// program: one of `codes::ANSWERS`.
         answer: u32,
         /// program: the count of the request that it has answered; the futex word on which armplane sleeps.

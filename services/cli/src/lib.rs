@@ -25,6 +25,7 @@ mod run;
 mod soak;
 mod table;
 mod top;
+mod topics;
 mod verify;
 mod view;
 mod wire;
@@ -165,6 +166,9 @@ enum Command {
     /// Show which process reads and writes what.
     #[command(after_help = "Examples:\n  armplane graph\n  armplane graph --format dot | dot -Tsvg > graph.svg")]
     Graph(graph::GraphArgs),
+    /// List the topics of a graph: types, sizes, writers, readers.
+    #[command(after_help = "Examples:\n  armplane topics\n  armplane topics examples/energy/graph.toml --json")]
+    Topics(topics::TopicsArgs),
     /// Print the wire for programs in other languages: every message with offsets, sizes, units and meaning.
     #[command(
         long_about = "Prints the messages, the codes in them and the exchange page, by which a program in any language takes part in a run, from \
@@ -220,6 +224,7 @@ fn work() -> ExitCode {
         Command::List => list::list(json),
         Command::Inspect(args) => inspect::inspect(&args, json),
         Command::Graph(args) => graph::graph(&args, json),
+        Command::Topics(args) => topics::topics(&args, json),
         Command::Wire(args) => wire::wire(&args),
         Command::Doctor => doctor::doctor(json),
         Command::Clean => clean::clean(json),

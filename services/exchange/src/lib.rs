@@ -10,7 +10,9 @@
 //! describe/     the wire for other languages: `armplane wire`
 //! ```
 
+mod checkpoint;
 pub mod describe;
+mod ended;
 mod page;
 mod ports;
 mod program;
@@ -19,47 +21,20 @@ mod turn;
 use std::process::Command;
 use std::time::Duration;
 
-use runtime::{Interrupted, Mode, Origin, ProcessError, Shell, now_ns};
+use runtime::{Mode, Origin, ProcessError, Shell, now_ns};
 use shared_types::codes::{REQUEST_START, USE_FEEDBACK, USE_READS, USE_WRITES};
 use shared_types::exchange::EXCHANGE_STATE;
 use shared_types::fault::ScheduledFault;
 use shared_types::graph::{Graph, Process, Role};
 use shared_types::layout::MessageLayout;
-use shared_types::wire::wire;
 
+use checkpoint::ProgramCheckpoint;
+use ended::Ended;
 use page::{About, Page};
 use program::{Answer, Failure, Program};
 
 /// The longest that a program may take for an answer, where its graph does not say.
 const USUAL_LIMIT: Duration = Duration::from_secs(10);
-
-wire! {
-    /// What a program of an exchange page wants to find again after a death: bytes of its own meaning.
-    ProgramCheckpoint checkpoint version 1 {
-        /// How many bytes count.
-        bytes: u64,
-        /// The bytes.
-        state: [u8; EXCHANGE_STATE],
-    }
-}
-
-/// The end of a process before its time: of its own, or by its program.
-pub(crate) enum Ended {
-    Ours(ProcessError),
-    Theirs(u64, Failure),
-}
-
-impl From<ProcessError> for Ended {
-    fn from(error: ProcessError) -> Self {
-        Self::Ours(error)
-    }
-}
-
-impl From<Interrupted> for Ended {
-    fn from(error: Interrupted) -> Self {
-        Self::Ours(error.into())
-    }
-}
 
 /// Takes part for a program. `command` starts it; without one it is awaited. `length` is the planned number of ticks of the run.
 ///

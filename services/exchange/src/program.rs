@@ -105,7 +105,11 @@ impl<'a> Program<'a> {
             if self.shell.is_stopping() {
                 return Ok(false);
             }
-            self.look("before it joined")?;
+            // One that refuses the page ends at once: its reason counts.
+            match self.look("before it joined") {
+                Err(_) if self.page.program() != PROGRAM_AWAITED => break,
+                looked => looked?,
+            }
             if self.child.is_some() && began.elapsed() > LONGEST_START {
                 return Err(Failure::Absent { process: self.process.clone(), limit: LONGEST_START });
             }
@@ -152,8 +156,10 @@ impl<'a> Program<'a> {
             if self.is_hasty && self.shell.is_stopping() {
                 return Ok(Answer::Stopped);
             }
-            if self.page.answers().load(Ordering::Acquire) == found {
-                self.look(&format!("at tick {tick}"))?;
+            // One that fails ends behind its answer, which counts.
+            match self.look(&format!("at tick {tick}")) {
+                Err(_) if self.page.answers().load(Ordering::Acquire) != found => continue,
+                looked => looked?,
             }
             if began.elapsed() > self.limit {
                 return Err(Failure::Silent { process: self.process.clone(), tick, limit: self.limit });
@@ -215,7 +221,8 @@ impl<'a> Program<'a> {
 /// Starts the command so that it cannot outlive this process, which may be killed at any tick.
 fn start(mut command: Command, page: &Page) -> std::io::Result<Child> {
     let parent = getpid();
-    command.env(EXCHANGE_VARIABLE, page.path()).stdin(Stdio::null()).stdout(Stdio::null());
+    // What it prints goes into the log of the run.
+    command.env(EXCHANGE_VARIABLE, page.path()).stdin(Stdio::null()).stdout(std::io::stderr());
     // SAFETY: between fork and exec only two system calls are made; nothing is allocated or locked.
     unsafe {
         command.pre_exec(move || {

@@ -8,9 +8,10 @@ use shared_types::codes::{PHASE_DONE, PHASE_REFUSED, REQUEST_TICK, USE_FEEDBACK,
 use shared_types::layout::MessageLayout;
 use shared_types::{Message, TorqueCommand};
 
+use crate::checkpoint::ProgramCheckpoint;
+use crate::ended::Ended;
 use crate::ports::{self, Gathered, Input, Output};
 use crate::program::{Answer, Failure, Program};
-use crate::{Ended, ProgramCheckpoint};
 
 /// How long after the controller refused to go on the run lasts: time to come to rest; s.
 const REFUSED_S: u64 = 2;
@@ -52,16 +53,17 @@ fn step(program: &mut Program<'_>, outputs: &mut [Box<dyn Output>], tick: u64) -
 }
 
 /// Makes the ticks: the program moves the arm to the tick under the torque of the tick before, and reads its sensors.
+///
+/// It is asked as soon as that torque is there, before the tick is due: the time it takes does not delay the samples.
 pub(crate) fn world(shell: &Shell, topics: Topics<'_>, program: &mut Program<'_>, length: u64) -> Result<(), Ended> {
     let (mut inputs, mut outputs) = (inputs(shell, topics, USE_FEEDBACK)?, outputs(shell, topics)?);
     let torque = of_use(topics, USE_FEEDBACK).find(|(_, topic)| *topic == TorqueCommand::TOPIC).map(|(place, _)| place);
     let (refused_limit, limit) = (REFUSED_S * u64::from(shell.manifest().rate_hz), LONGEST.saturating_mul(length));
     let (mut source, mut refused) = (shell.tick_source(0), 0);
-    while let Some(tick) = source.next()? {
-        let answer = step(program, &mut outputs, tick)?;
-        if answer == Answer::Stopped {
-            break;
-        }
+    let mut answer = step(program, &mut outputs, 0)?;
+    while answer != Answer::Stopped
+        && let Some(tick) = source.next()?
+    {
         for output in &mut outputs {
             output.send(tick)?;
         }
@@ -74,6 +76,7 @@ pub(crate) fn world(shell: &Shell, topics: Topics<'_>, program: &mut Program<'_>
             source.finish()?;
             break;
         }
+        answer = step(program, &mut outputs, tick + 1)?;
     }
     Ok(())
 }

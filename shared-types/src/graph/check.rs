@@ -203,7 +203,7 @@ mod tests {
 
     #[test]
     fn each_wrong_graph_is_refused_with_its_line() {
-        let cases: [(&str, &str, &str); 12] = [
+        let cases: [(&str, &str, &str); 16] = [
             ("writes = [\"estimate\"]", "writes = [\"estimte\"]", "there is no topic `estimte`"),
             ("writes = [\"estimate\"]", "writes = [\"estimate\", \"sensor\"]", "already written by `plant`"),
             ("feedback = [\"torque\"]", "reads = [\"torque\"]", "needs `torque` in its `feedback`"),
@@ -216,6 +216,10 @@ mod tests {
             ("reads = [\"sensor\"]", "command = [\"mine\"]", "`estimator` reads nothing"),
             ("writes = [\"estimate\"]", "writes = [\"*\"]", "stands in `writes`"),
             ("feedback = [\"torque\"]", "command = [\"mine\"]\nreads = [\"torque\"]", "nothing makes the ticks"),
+            ("reads = [\"sensor\"]", "exchange = true\nreads = [\"sensor\"]", "exchanges messages with a program that is not named"),
+            ("reads = [\"sensor\"]", "external = true\ncommand = [\"mine\"]\nreads = [\"sensor\"]", "somebody else and has a command"),
+            ("reads = [\"sensor\"]", "answer_limit_s = 3\nreads = [\"sensor\"]", "and no exchange page"),
+            ("reads = [\"sensor\"]", "external = true", "`estimator` reads nothing"),
         ];
         for (right, wrong, expected) in cases {
             assert!(BUILT_IN.contains(right), "{right}");

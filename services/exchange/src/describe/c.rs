@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use shared_types::codes;
 
-use super::{Structure, about_and_unit, constants, elements, messages, parts, snake};
+use super::{Structure, about_and_unit, constants, elements, identifier, messages, parts, snake};
 
 /// The words by which the two sides of a page tell each other that something is written.
 const ATOMIC: [&str; 3] = ["requests", "answers", "program"];
@@ -14,6 +14,7 @@ const ATOMIC: [&str; 3] = ["requests", "answers", "program"];
 pub fn c() -> String {
     let mut text = String::from(include_str!("header_begin.h").trim_start());
     for (name, number, about) in constants() {
+        let number = if number > u64::from(u32::MAX) { format!("{number:#x}") } else { number.to_string() };
         let _ = writeln!(text, "#define ARMPLANE_{name} UINT64_C({number}) /* {about} */");
     }
     for (table, codes) in codes::TABLES {
@@ -50,11 +51,12 @@ fn print_structure(text: &mut String, structure: &Structure) {
         let array = count.map(|count| format!("[{count}]")).unwrap_or_default();
         let (about, unit) = about_and_unit(field);
         let unit = unit.map(|unit| format!(" [{unit}]")).unwrap_or_default();
-        let _ = writeln!(text, "    {element} {}{array};{}", field.name, comment(&format!("{about}{unit}")));
+        let _ = writeln!(text, "    {element} {}{array};{}", identifier(field), comment(&format!("{about}{unit}")));
     }
     let _ = writeln!(text, "}};\nARMPLANE_ASSERT(sizeof(struct {name}) == {}, \"size of {name}\");", structure.bytes);
     for field in structure.fields {
-        let _ = writeln!(text, "ARMPLANE_ASSERT(offsetof(struct {name}, {0}) == {1}, \"{name}.{0}\");", field.name, field.offset);
+        let (field, offset) = (identifier(field), field.offset);
+        let _ = writeln!(text, "ARMPLANE_ASSERT(offsetof(struct {name}, {field}) == {offset}, \"{name}.{field}\");");
     }
     if let Some((topic, type_name, hash)) = structure.message {
         let upper = topic.to_ascii_uppercase();

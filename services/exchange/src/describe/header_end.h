@@ -15,7 +15,7 @@ static inline long armplane_futex(ARMPLANE_ATOMIC_U32 *word, int operation, uint
 /* Tells armplane that the program refuses the page, and why. Returns 1. */
 static inline int armplane_refuse(struct armplane *a, const char *why) {
     snprintf(a->error, sizeof a->error, "%s", why);
-    if (a->head) {
+    if (a->page) {
         memcpy(a->head->complaint, a->error, sizeof a->error);
         ARMPLANE_STORE(a->head->program, ARMPLANE_PROGRAM_REFUSED);
     }
@@ -45,16 +45,17 @@ static inline int armplane_join(struct armplane *a) {
         snprintf(a->error, sizeof a->error, "%s is no exchange page", path);
         return 1;
     }
+    head->program_version = ARMPLANE_EXCHANGE_VERSION;
+    if (head->version != ARMPLANE_EXCHANGE_VERSION) {
+        snprintf(a->error, sizeof a->error, "armplane speaks version %u of the exchange page, this program version %u",
+                 (unsigned)head->version, (unsigned)ARMPLANE_EXCHANGE_VERSION);
+        /* Of another version only the first fields are known. */
+        ARMPLANE_STORE(head->program, ARMPLANE_PROGRAM_REFUSED);
+        return 1;
+    }
     a->page = (unsigned char *)page;
     a->head = head;
     head->program_pid = (uint32_t)getpid();
-    head->program_version = ARMPLANE_EXCHANGE_VERSION;
-    if (head->version != ARMPLANE_EXCHANGE_VERSION) {
-        char why[ARMPLANE_EXCHANGE_TEXT];
-        snprintf(why, sizeof why, "armplane speaks version %u of the exchange page, this program version %u", (unsigned)head->version,
-                 (unsigned)ARMPLANE_EXCHANGE_VERSION);
-        return armplane_refuse(a, why);
-    }
     a->topics = (struct armplane_exchange_topic *)(a->page + head->topics_at);
     return 0;
 }

@@ -76,13 +76,26 @@ fn elements(field: &Field) -> (&str, Option<usize>) {
     (&field.element, field.type_name.starts_with('[').then_some(field.size / bytes))
 }
 
-/// The sentence of a field and its unit, where it states one behind its last semicolon.
-fn about_and_unit(field: &Field) -> (&str, Option<&str>) {
+/// Units that a field can have; one with a remark begins with the unit.
+const UNITS: [&str; 14] = ["rad", "rad/s", "rad/s²", "m", "m/s", "N", "N·m", "J", "s", "1/s", "Hz", "ns", "bytes", "dimensionless"];
+
+/// The sentences of a field and its unit, where it states one behind a semicolon.
+fn about_and_unit(field: &Field) -> (String, Option<&str>) {
     let about = field.about.trim_end_matches('.');
-    match about.rsplit_once("; ") {
-        Some((sentence, unit)) if unit.len() <= 40 && !unit.contains(". ") => (sentence, Some(unit)),
-        _ => (about, None),
+    for (at, _) in about.rmatch_indices("; ") {
+        let (before, behind) = (&about[..at], &about[at + 2..]);
+        let (unit, more) = behind.split_once(". ").unwrap_or((behind, ""));
+        if UNITS.contains(&unit.split([' ', ',']).next().unwrap_or_default()) {
+            let about = if more.is_empty() { before.to_owned() } else { format!("{before}. {more}") };
+            return (about.replace("codes::", ""), Some(unit));
+        }
     }
+    (about.replace("codes::", ""), None)
+}
+
+/// The name of a field in languages in which it is a keyword.
+fn identifier(field: &Field) -> String {
+    if field.name == "class" { "class_".to_owned() } else { field.name.to_string() }
 }
 
 /// `SensorSample` as `sensor_sample`.
@@ -124,7 +137,14 @@ mod tests {
         let sensor = &messages()[0];
         let field = |name: &str| sensor.fields.iter().find(|field| field.name == name).unwrap();
         assert_eq!(about_and_unit(field("tau_drive")).1, Some("N·m"));
-        assert_eq!(about_and_unit(field("drive")), ("One of `codes::DRIVES`", None));
+        assert_eq!(about_and_unit(field("q_encoder")).1, Some("rad (m for prismatic joints)"));
+        assert_eq!(about_and_unit(field("drive")), ("One of `DRIVES`".to_owned(), None));
+        let parts = parts();
+        let reason = parts[2].fields.iter().find(|field| field.name == "reason").unwrap();
+        assert_eq!(about_and_unit(reason).1, None, "a half-sentence is no unit");
+        let state = messages().into_iter().find(|message| message.name == "ControlState").unwrap();
+        let planned = state.fields.iter().find(|field| field.name == "planned_s").unwrap();
+        assert_eq!(about_and_unit(planned).1, Some("s"));
         assert_eq!(snake("SensorSample"), "sensor_sample");
     }
 

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use shared_types::codes;
 
-use super::{Structure, about_and_unit, constants, elements, messages, parts};
+use super::{Structure, about_and_unit, constants, elements, identifier, messages, parts};
 
 /// The module `armplane/wire.py` of the Python package.
 #[must_use]
@@ -53,7 +53,7 @@ fn print_structure(text: &mut String, structure: &Structure) {
         let array = count.map(|count| format!(" * {count}")).unwrap_or_default();
         let (about, unit) = about_and_unit(field);
         let unit = unit.map(|unit| format!(" [{unit}]")).unwrap_or_default();
-        let _ = writeln!(text, "        (\"{}\", {element}{array}),  # {about}{unit}", field.name);
+        let _ = writeln!(text, "        (\"{}\", {element}{array}),  # {about}{unit}", identifier(field));
     }
     let _ = writeln!(text, "    ]\n\n\nassert ctypes.sizeof({name}) == {bytes}");
 }

@@ -1,0 +1,23 @@
+//! Why a turn ends before the run does.
+
+use runtime::{Interrupted, ProcessError};
+
+use crate::program::Failure;
+
+/// The end of a process before its time: of its own, or by its program.
+pub(crate) enum Ended {
+    Ours(ProcessError),
+    Theirs(u64, Failure),
+}
+
+impl From<ProcessError> for Ended {
+    fn from(error: ProcessError) -> Self {
+        Self::Ours(error)
+    }
+}
+
+impl From<Interrupted> for Ended {
+    fn from(error: Interrupted) -> Self {
+        Self::Ours(error.into())
+    }
+}
