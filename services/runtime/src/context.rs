@@ -9,7 +9,7 @@ use std::time::Duration;
 use shared_types::fault::{Kind, ScheduledFault, Way};
 use shared_types::wire::Header;
 
-use crate::bus::topic::Bus;
+use crate::bus::node::Bus;
 use crate::checkpoint::Commit;
 use crate::clock::now_ns;
 use crate::control_page::{ControlPage, PROGRESS, Phase, ProcessEntry, State, Stop};

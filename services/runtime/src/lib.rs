@@ -36,12 +36,11 @@ mod wait;
 #[cfg(test)]
 mod tests;
 
-pub use bus::collector::Collector;
+pub use bus::collector::{Collector, ForeignCollector};
 pub use bus::depth::{CHAIN_DEPTH, RECORDER_DEPTH};
-pub use bus::foreign::ForeignCollector;
+pub use bus::error::TopicError;
 pub use bus::hub::Hub;
 pub use bus::reader::Reader;
-pub use bus::topic::TopicError;
 pub use bus::writer::{Loan, SendError, Writer};
 pub use checkpoint::CheckpointSlots;
 pub use clock::{now_ns, sleep_until};

@@ -10,11 +10,14 @@ use std::time::Duration;
 use shared_types::fault::{Kind, ScheduledFault};
 use shared_types::{Checkpoint, Message};
 
-use crate::bus::collector::Collector;
+use crate::bus::collector::{Collector, ForeignCollector};
 use crate::bus::depth::{CHAIN_DEPTH, RECORDER_DEPTH, depth, least_depth};
-use crate::bus::foreign::{self, ForeignCollector};
+use crate::bus::error::TopicError;
+use crate::bus::format::Format;
+use crate::bus::node::join;
+use crate::bus::port::Receiver;
 use crate::bus::reader::Reader;
-use crate::bus::topic::{self, Subscribing, TopicError};
+use crate::bus::topic::Topic;
 use crate::bus::writer::{SendError, Writer};
 use crate::checkpoint::CheckpointSlots;
 use crate::clock::now_ns;
@@ -162,7 +165,7 @@ impl Shell {
         settle(&manifest, me);
         let disturbance = manifest.processes[me].disturbance;
         begin_disturbed(disturbance);
-        let bus = topic::join(&run, process, false)?;
+        let bus = join(&run, process, false)?;
         let stops_at = if manifest.processes[me].polled { Stop::Everything } else { Stop::Chain };
         let foreign = manifest.messages.iter().map(|message| depth(message.bytes));
         let least = foreign.fold(least_depth(&manifest.topics()), usize::min);
@@ -195,7 +198,7 @@ impl Shell {
     /// When the graph does not list this process as its reader, or the wire formats differ.
     pub fn reader<M: Message>(&self) -> Result<Reader<M>, TopicError> {
         self.declared::<M>("read")?;
-        Ok(Reader::new(Rc::clone(&self.shared), self.subscriber(CHAIN_DEPTH)?))
+        Ok(Reader::new(Rc::clone(&self.shared), self.receiver(Format::of::<M>(), CHAIN_DEPTH)?))
     }
 
     /// Reads everything of a topic, in order, in rounds of [`Shell::poll`]: for the recorder.
@@ -204,7 +207,7 @@ impl Shell {
     /// As [`Shell::reader`].
     pub fn collector<M: Message>(&self) -> Result<Collector<M>, TopicError> {
         self.declared::<M>("read")?;
-        Ok(Collector::new(Rc::clone(&self.shared), self.subscriber(RECORDER_DEPTH)?))
+        Ok(Collector::new(Rc::clone(&self.shared), self.receiver(Format::of::<M>(), RECORDER_DEPTH)?))
     }
 
     /// Reads everything of a topic whose message only the graph knows, in order, in rounds of [`Shell::poll`]: for the recorder.
@@ -215,9 +218,7 @@ impl Shell {
         let Some(message) = self.shared.manifest.message(topic).filter(|_| self.reads(topic)) else {
             return Err(TopicError::Unknown { topic: topic.to_owned(), known: self.shared.manifest.topics().join(", ") });
         };
-        let subscriber = foreign::subscriber(&self.shared.bus, message)?;
-        self.shared.attached.ports.borrow_mut().push(Rc::clone(&subscriber) as Rc<dyn Connect>);
-        Ok(ForeignCollector::new(Rc::clone(&self.shared), subscriber, message.bytes))
+        Ok(ForeignCollector::new(Rc::clone(&self.shared), self.receiver(Format::foreign(message), RECORDER_DEPTH)?))
     }
 
     /// Writes a topic; wakes the processes that the graph names as its readers.
@@ -226,15 +227,15 @@ impl Shell {
     /// When the graph does not list this process as its writer, or the wire formats differ.
     pub fn writer<M: Message>(&self) -> Result<Writer<M>, TopicError> {
         self.declared::<M>("write")?;
-        let publisher = Rc::new(topic::publisher(&self.shared.bus)?);
-        self.shared.attached.ports.borrow_mut().push(Rc::clone(&publisher) as Rc<dyn Connect>);
-        Writer::new(&self.shared, publisher)
+        let sender = Rc::new(Topic::open(&self.shared.bus, Format::of::<M>())?.sender()?);
+        self.shared.attached.ports.borrow_mut().push(Rc::clone(&sender) as Rc<dyn Connect>);
+        Writer::new(&self.shared, sender)
     }
 
-    fn subscriber<M: Message>(&self, depth: usize) -> Result<Rc<Subscribing<M>>, TopicError> {
-        let subscriber = Rc::new(topic::subscriber(&self.shared.bus, depth)?);
-        self.shared.attached.ports.borrow_mut().push(Rc::clone(&subscriber) as Rc<dyn Connect>);
-        Ok(subscriber)
+    fn receiver(&self, format: Format, depth: usize) -> Result<Rc<Receiver>, TopicError> {
+        let receiver = Rc::new(Topic::open(&self.shared.bus, format)?.receiver(depth)?);
+        self.shared.attached.ports.borrow_mut().push(Rc::clone(&receiver) as Rc<dyn Connect>);
+        Ok(receiver)
     }
 
     /// The checkpoint of this process: what the incarnation before committed, and the slot to fill at every tick before its last message.

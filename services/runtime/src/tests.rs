@@ -6,7 +6,10 @@ use shared_types::fault::{Fault, Kind, Target};
 use shared_types::process::Role;
 use shared_types::{PlantState, SensorSample, SingularityReport, StateEstimate};
 
-use crate::bus::topic::{TopicError, join, subscriber};
+use crate::bus::error::TopicError;
+use crate::bus::format::Format;
+use crate::bus::node::join;
+use crate::bus::topic::Topic;
 use crate::{
     CHAIN_DEPTH, ControlPage, Count, Hub, Interrupted, Manifest, Mode, Origin, Phase, Process, ProcessError, RECORDER_DEPTH, RunDir,
     SendError, Shell, State, Stop, now_ns,
@@ -178,7 +181,10 @@ fn stamps_tell_the_way_of_the_data() {
     let (plant, estimator) = (stage.shell("plant"), stage.shell("estimator"));
     let (mut sensors, mut inlet) = (plant.writer().unwrap(), estimator.reader::<SensorSample>().unwrap());
     let mut estimates = estimator.writer::<StateEstimate>().unwrap();
-    let key = || subscriber::<StateEstimate>(&join(&stage.run, "probe", false).unwrap(), CHAIN_DEPTH).unwrap();
+    let key = || {
+        let topic = Topic::open(&join(&stage.run, "probe", false).unwrap(), Format::of::<StateEstimate>()).unwrap();
+        topic.receiver(CHAIN_DEPTH).unwrap()
+    };
     let probe = key();
     let mut forged = sample(0);
     forged.header.stamps.sent_ns = [7; shared_types::wire::MAX_HOPS];
@@ -187,14 +193,14 @@ fn stamps_tell_the_way_of_the_data() {
     let mut estimate = StateEstimate::default();
     estimate.header.tick = tick;
     estimates.send(estimate).unwrap();
-    let stamps = probe.receive().unwrap().unwrap().payload().0.header.stamps;
+    let stamps = probe.receive().unwrap().unwrap().header().stamps;
     assert!(stamps.sent_ns[0] > 7, "only this hop's own time counts");
     assert!(stamps.sent_ns[0] <= stamps.received_ns[1] && stamps.received_ns[1] <= stamps.sent_ns[1]);
     assert_eq!((stamps.sent_ns[2], stamps.sent_ns[3]), (0, 0), "the data has not been there");
     // A message of another tick than the input's does not inherit its way.
     estimate.header.tick = tick + 1;
     estimates.send(estimate).unwrap();
-    assert_eq!(probe.receive().unwrap().unwrap().payload().0.header.stamps.sent_ns[0], 0);
+    assert_eq!(probe.receive().unwrap().unwrap().header().stamps.sent_ns[0], 0);
 }
 
 #[test]

@@ -6,8 +6,10 @@ use iceoryx2::prelude::*;
 use shared_types::Topic;
 use shared_types::topics::{self, Each, TOPICS, wire_hash};
 
-use crate::bus::foreign;
-use crate::bus::topic::{Bus, Keep, TopicError, create, join};
+use crate::bus::error::TopicError;
+use crate::bus::format::Format;
+use crate::bus::keeper::Keeper;
+use crate::bus::node::{Bus, join};
 use crate::control_page::ControlPage;
 use crate::manifest::Manifest;
 use crate::run_dir::RunDir;
@@ -15,7 +17,7 @@ use crate::run_dir::RunDir;
 /// The launcher's side: makes every topic of the run, keeps the last messages of each, and clears away what a dead process left in them.
 pub struct Hub {
     // Dropped in this order: the services first.
-    keepers: Vec<Box<dyn Keep>>,
+    keepers: Vec<Keeper>,
     node: Bus,
 }
 
@@ -37,9 +39,12 @@ impl Hub {
     pub(crate) fn create_speaking(run: &RunDir, manifest: &Manifest, wire: u64) -> Result<Self, TopicError> {
         let node = join(run, "launcher", true)?;
         run.make_private().map_err(|e| TopicError::Node { run: run.name().to_owned(), reason: e.to_string() })?;
-        let keepers = manifest.topics().into_iter().map(|topic| match manifest.message(topic) {
-            Some(message) => foreign::create(&node, run, manifest.readers_of(topic), message),
-            None => create_by_name(&node, run, topic, manifest.readers_of(topic), wire),
+        let keepers = manifest.topics().into_iter().map(|topic| {
+            let (format, layout) = match manifest.message(topic) {
+                Some(message) => (Format::foreign(message), message.hash),
+                None => (format_by_name(topic)?, wire),
+            };
+            Keeper::create(&node, run, format, manifest.readers_of(topic), layout)
         });
         Ok(Self { keepers: keepers.collect::<Result<_, _>>()?, node })
     }
@@ -49,7 +54,7 @@ impl Hub {
     /// # Errors
     /// When iceoryx2 fails.
     pub fn connect(&self) -> Result<(), TopicError> {
-        self.keepers.iter().try_for_each(|keeper| keeper.connect())
+        self.keepers.iter().try_for_each(Keeper::connect)
     }
 
     /// Copies the messages that the keepers hold to the files from which a replacement of the recorder recalls them.
@@ -57,7 +62,7 @@ impl Hub {
     /// # Errors
     /// When iceoryx2 fails.
     pub fn hand_over(&self) -> Result<(), TopicError> {
-        self.keepers.iter().try_for_each(|keeper| keeper.hand_over())
+        self.keepers.iter().try_for_each(Keeper::hand_over)
     }
 
     /// Hands over where a process has requested it; whether one has.
@@ -102,14 +107,13 @@ impl Hub {
 }
 
 /// A topic's name decides its message.
-fn create_by_name(node: &Bus, run: &RunDir, topic: &str, readers: usize, wire: u64) -> Result<Box<dyn Keep>, TopicError> {
-    struct Create<'a>(&'a Bus, &'a RunDir, usize, u64);
-    impl Each for Create<'_> {
-        type Output = Result<Box<dyn Keep>, TopicError>;
-        fn each<M: Topic>(&mut self) -> Self::Output {
-            create::<M>(self.0, self.1, self.2, self.3)
+fn format_by_name(topic: &str) -> Result<Format, TopicError> {
+    struct Listed;
+    impl Each for Listed {
+        type Output = Format;
+        fn each<M: Topic>(&mut self) -> Format {
+            Format::of::<M>()
         }
     }
-    topics::named(topic, &mut Create(node, run, readers, wire))
-        .unwrap_or_else(|| Err(TopicError::Unknown { topic: topic.to_owned(), known: TOPICS.join(", ") }))
+    topics::named(topic, &mut Listed).ok_or_else(|| TopicError::Unknown { topic: topic.to_owned(), known: TOPICS.join(", ") })
 }

@@ -2,28 +2,12 @@
 
 use std::rc::Rc;
 
-use iceoryx2::port::update_connections::UpdateConnections;
-use iceoryx2::prelude::ipc;
-use iceoryx2::sample::Sample;
-use shared_types::Message;
-
-use crate::bus::topic::{Publishing, Subscribing, Wire};
-use crate::context::{Connect, Context};
+use crate::bus::format::{Format, header};
+use crate::bus::port::{Incoming, Receiver};
+use crate::context::Context;
 use crate::control_page::Count;
 use crate::validation::Fence;
 use crate::wait::Interrupted;
-
-impl<M: Message> Connect for Subscribing<M> {
-    fn connect(&self, shared: &Context) -> Result<(), Interrupted> {
-        self.update_connections().map_err(|error| shared.port_failed(M::TOPIC, error))
-    }
-}
-
-impl<M: Message> Connect for Publishing<M> {
-    fn connect(&self, shared: &Context) -> Result<(), Interrupted> {
-        self.update_connections().map_err(|error| shared.port_failed(M::TOPIC, error))
-    }
-}
 
 /// The writers whose messages count.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -35,9 +19,9 @@ pub(crate) enum Admission {
 }
 
 /// Where messages enter the process.
-pub(crate) struct Inlet<M: Message> {
+pub(crate) struct Inlet {
     pub(crate) shared: Rc<Context>,
-    pub(crate) subscriber: Rc<Subscribing<M>>,
+    receiver: Rc<Receiver>,
     writer: Option<usize>,
     /// The topic's line on the control page.
     topic: usize,
@@ -47,25 +31,35 @@ pub(crate) struct Inlet<M: Message> {
     admission: Admission,
 }
 
-impl<M: Message> Inlet<M> {
-    pub(crate) fn new(shared: Rc<Context>, subscriber: Rc<Subscribing<M>>, admission: Admission) -> Self {
-        let (writer, topic) = (shared.manifest.writer_of(M::TOPIC), shared.topic_index(M::TOPIC));
-        Self { shared, subscriber, writer, topic, empty_at: None, fence: Fence::default(), admission }
+impl Inlet {
+    pub(crate) fn new(shared: Rc<Context>, receiver: Rc<Receiver>, admission: Admission) -> Self {
+        let topic = receiver.format().topic;
+        let (writer, topic) = (shared.manifest.writer_of(topic), shared.topic_index(topic));
+        Self { shared, receiver, writer, topic, empty_at: None, fence: Fence::default(), admission }
+    }
+
+    /// The messages of the topic.
+    pub(crate) fn format(&self) -> &Format {
+        self.receiver.format()
+    }
+
+    /// The next message, whether it counts or not.
+    pub(crate) fn receive_any(&self) -> Result<Option<Incoming>, Interrupted> {
+        self.receiver.receive().map_err(|error| self.shared.port_failed(self.format().topic, error))
     }
 
     /// The next message that counts, in shared memory still: of a living incarnation, and all its numbers finite.
     ///
     /// Where the writer has sent nothing since the buffer was empty, iceoryx2 is not asked: a look in vain costs one load.
     #[inline]
-    pub(crate) fn receive(&mut self) -> Result<Option<Incoming<M>>, Interrupted> {
+    pub(crate) fn receive(&mut self) -> Result<Option<Incoming>, Interrupted> {
         // Read before the look: what is delivered later is counted later.
         let sent = self.shared.control_page.topic(self.topic).sent();
         if self.empty_at == Some(sent) {
             return Ok(None);
         }
         loop {
-            let sample = self.subscriber.receive().map_err(|error| self.shared.port_failed(M::TOPIC, error))?;
-            let Some(message) = sample.map(Incoming) else {
+            let Some(message) = self.receive_any()? else {
                 self.empty_at = (sent > 0).then_some(sent);
                 return Ok(None);
             };
@@ -78,14 +72,17 @@ impl<M: Message> Inlet<M> {
 
     /// Whether a message counts; one that does not is counted as what it is.
     #[inline]
-    pub(crate) fn admits(&mut self, message: &M) -> bool {
+    pub(crate) fn admits(&mut self, message: &[u8]) -> bool {
         let living = match (self.shared.is_lockstep() || self.admission == Admission::InOrder, self.writer) {
             (false, Some(writer)) => Some(self.shared.control_page.process(writer).incarnation()),
             _ => None,
         };
-        let refused = if !self.fence.admits(message.header(), living) {
+        let format = self.receiver.format();
+        let refused = if message.len() != format.bytes {
+            Count::Refused
+        } else if !self.fence.admits(&header(message), living) {
             Count::Fenced
-        } else if !message.is_finite() {
+        } else if !(format.is_finite)(message) {
             Count::Refused
         } else {
             return true;
@@ -108,20 +105,10 @@ impl<M: Message> Inlet<M> {
 
     /// Whether there is something to receive, counted by its writer or not: a writer that was killed between the two has not.
     pub(crate) fn has_more(&mut self) -> Result<bool, Interrupted> {
-        let has_more = self.subscriber.has_samples().map_err(|error| self.shared.port_failed(M::TOPIC, error))?;
+        let has_more = self.receiver.has_samples().map_err(|error| self.shared.port_failed(self.format().topic, error))?;
         if has_more {
             self.empty_at = None;
         }
         Ok(has_more)
-    }
-}
-
-/// A received message, in shared memory still.
-pub(crate) struct Incoming<M: Message>(pub(crate) Sample<ipc::Service, Wire<M>, ()>);
-
-impl<M: Message> std::ops::Deref for Incoming<M> {
-    type Target = M;
-    fn deref(&self) -> &M {
-        &self.0.payload().0
     }
 }

@@ -1,11 +1,18 @@
 //! Topics on iceoryx2: the services, and the ends that processes read and write.
+//!
+//! Below, a message is bytes (`format`, `topic`, `port`, `keeper`, `inlet`, `gather`), and iceoryx2 is compiled once; types begin at the ends
+//! that a process holds (`reader`, `writer`, `collector`).
 
 pub(crate) mod collector;
 pub(crate) mod depth;
-pub(crate) mod foreign;
+pub(crate) mod error;
+pub(crate) mod format;
 mod gather;
 pub(crate) mod hub;
-pub(crate) mod inlet;
+mod inlet;
+mod keeper;
+pub(crate) mod node;
+pub(crate) mod port;
 pub(crate) mod reader;
 mod recall;
 pub(crate) mod topic;

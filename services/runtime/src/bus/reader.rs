@@ -1,11 +1,13 @@
 //! The end of a topic that a process of the chain reads: one borrowed message per tick.
 
+use std::marker::PhantomData;
 use std::rc::Rc;
 
+use bytemuck::try_from_bytes;
 use shared_types::Message;
 
-use crate::bus::inlet::{Admission, Incoming, Inlet};
-use crate::bus::topic::Subscribing;
+use crate::bus::inlet::{Admission, Inlet};
+use crate::bus::port::{Incoming, Receiver};
 use crate::context::Context;
 use crate::control_page::Count;
 use crate::wait::{Interrupted, Wait, Waited};
@@ -15,26 +17,74 @@ use crate::wait::{Interrupted, Wait, Waited};
 /// In lockstep a process works through tick after tick. A tick is over for a reader when its message has come, or when its writer has closed
 /// the tick and nothing of it is on the way: the writer is down, or what it sent was lost. Then this process closes the tick too, and
 /// so a fault anywhere in the chain is a tick without torque at its end, not a wait for what will never come.
-pub struct Reader<M: Message> {
+pub struct Reader<M: Message>(Ticks, PhantomData<fn(&M)>);
+
+impl<M: Message> Reader<M> {
+    pub(crate) fn new(shared: Rc<Context>, receiver: Rc<Receiver>) -> Self {
+        Self(Ticks::new(shared, receiver), PhantomData)
+    }
+
+    /// The next message: in lockstep that of the next tick that has one, in real time the newest one not yet seen. Waits for it.
+    ///
+    /// `None` when the run stops. In real time the ticks passed over are counted as lost.
+    ///
+    /// # Errors
+    /// When nothing comes within the limit, or in lockstep a tick was skipped that no fault accounts for.
+    #[allow(clippy::should_implement_trait, reason = "it lends from itself and can fail; `while let Some(m) = reader.next()?`")]
+    pub fn next(&mut self) -> Result<Option<&M>, Interrupted> {
+        Ok(self.0.next()?.and_then(typed))
+    }
+
+    /// The message of one tick that another input has named. Waits for it.
+    ///
+    /// `None` when the run stops, or when this message will not come: a later one is there, or in lockstep its writer has closed the tick.
+    ///
+    /// # Errors
+    /// As [`Reader::next`].
+    pub fn at(&mut self, tick: u64) -> Result<Option<&M>, Interrupted> {
+        Ok(self.0.at(tick)?.and_then(typed))
+    }
+
+    /// The newest message that arrives in the tick a [`TickSource`](crate::TickSource) has given out, for the process that makes the ticks: in
+    /// lockstep when its writer has closed the tick, in real time by `deadline_ns` on `CLOCK_MONOTONIC`, or as soon as that tick's own is there.
+    ///
+    /// `None` when none came that is newer than the last, or the run stops. It may be older than `tick`; its header gives its own.
+    ///
+    /// # Errors
+    /// As [`Reader::next`].
+    pub fn arriving(&mut self, tick: u64, deadline_ns: Option<u64>) -> Result<Option<&M>, Interrupted> {
+        Ok(self.0.arriving(tick, deadline_ns)?.and_then(typed))
+    }
+}
+
+/// A message of the topic, in place. Its type is the one that the topic was opened with.
+#[inline]
+fn typed<M: Message>(message: &Incoming) -> Option<&M> {
+    try_from_bytes(message).ok()
+}
+
+/// The ticks of a topic, message by message, whatever their type.
+struct Ticks {
     shared: Rc<Context>,
-    inlet: Inlet<M>,
+    inlet: Inlet,
+    topic: &'static str,
     bit: u32,
     /// The message lent last, borrowed from shared memory until the next one is.
-    current: Option<Incoming<M>>,
+    current: Option<Incoming>,
     /// The tick of that message.
     last: Option<u64>,
     /// A message that came before its time.
-    ahead: Option<Incoming<M>>,
+    ahead: Option<Incoming>,
 }
 
 /// The topic and writers of a wait.
-fn expected<M: Message>(shared: &Context, tick: Option<u64>) -> Wait {
+fn expected(shared: &Context, topic: &str, tick: Option<u64>) -> Wait {
     Wait {
         what: match tick {
-            Some(tick) => format!("tick {tick} of topic {:?}", M::TOPIC),
-            None => format!("a first message on topic {:?}", M::TOPIC),
+            Some(tick) => format!("tick {tick} of topic {topic:?}"),
+            None => format!("a first message on topic {topic:?}"),
         },
-        from: shared.manifest.writer_of(M::TOPIC).map_or("its writer".into(), |w| shared.manifest.processes[w].name.clone()),
+        from: shared.manifest.writer_of(topic).map_or("its writer".into(), |w| shared.manifest.processes[w].name.clone()),
     }
 }
 
@@ -47,41 +97,35 @@ enum Found {
     Nothing,
 }
 
-impl<M: Message> Reader<M> {
-    pub(crate) fn new(shared: Rc<Context>, subscriber: Rc<Subscribing<M>>) -> Self {
-        let bit = shared.topic_bit(M::TOPIC);
-        let inlet = Inlet::new(Rc::clone(&shared), subscriber, Admission::OfTheLiving);
+impl Ticks {
+    fn new(shared: Rc<Context>, receiver: Rc<Receiver>) -> Self {
+        let topic = receiver.format().topic;
+        let bit = shared.topic_bit(topic);
+        let inlet = Inlet::new(Rc::clone(&shared), receiver, Admission::OfTheLiving);
         // A replacement does not get messages of its down time.
         let last = shared.returns_at().checked_sub(1);
-        Self { shared, inlet, bit, current: None, last, ahead: None }
+        Self { shared, inlet, topic, bit, current: None, last, ahead: None }
     }
 
-    /// The next message: in lockstep that of the next tick that has one, in real time the newest one not yet seen. Waits for it.
-    ///
-    /// `None` when the run stops. In real time the ticks passed over are counted as lost.
-    ///
-    /// # Errors
-    /// When nothing comes within the limit, or in lockstep a tick was skipped that no fault accounts for.
-    #[allow(clippy::should_implement_trait, reason = "it lends from itself and can fail; `while let Some(m) = reader.next()?`")]
-    pub fn next(&mut self) -> Result<Option<&M>, Interrupted> {
+    fn next(&mut self) -> Result<Option<&Incoming>, Interrupted> {
         let shared = Rc::clone(&self.shared);
         if matches!(shared.start()?, Waited::Stopped) {
             return Ok(None);
         }
         shared.pause();
         loop {
-            let (tick, last) = (shared.tick.get(), self.last);
+            let (tick, topic, last) = (shared.tick.get(), self.topic, self.last);
             let found = shared.wait(
                 self.bit,
                 None,
-                || expected::<M>(&shared, last.map(|last| last + 1)),
+                || expected(&shared, topic, last.map(|last| last + 1)),
                 || {
                     if shared.is_lockstep() { self.look_for_next(tick) } else { self.look_for_newest() }
                 },
             )?;
             let Waited::Ready(found) = found else { return Ok(None) };
             // The tick in hand: in real time it is the message's.
-            let tick = if shared.is_lockstep() { tick } else { self.current.as_ref().map_or(tick, |message| message.header().tick) };
+            let tick = if shared.is_lockstep() { tick } else { self.current.as_ref().map_or(tick, |message| message.tick()) };
             shared.tick.set(tick);
             let goes_on = shared.apply_process_faults(tick);
             if goes_on > tick {
@@ -99,19 +143,14 @@ impl<M: Message> Reader<M> {
         }
     }
 
-    /// The message of one tick that another input has named. Waits for it.
-    ///
-    /// `None` when the run stops, or when this message will not come: a later one is there, or in lockstep its writer has closed the tick.
-    ///
-    /// # Errors
-    /// As [`Reader::next`].
-    pub fn at(&mut self, tick: u64) -> Result<Option<&M>, Interrupted> {
+    fn at(&mut self, tick: u64) -> Result<Option<&Incoming>, Interrupted> {
         let shared = Rc::clone(&self.shared);
         if matches!(shared.start()?, Waited::Stopped) {
             return Ok(None);
         }
         shared.pause();
-        let found = shared.wait(self.bit, None, || expected::<M>(&shared, Some(tick)), || self.look_for(tick))?;
+        let topic = self.topic;
+        let found = shared.wait(self.bit, None, || expected(&shared, topic, Some(tick)), || self.look_for(tick))?;
         match found {
             Waited::Ready(Found::Current) => {
                 self.last = Some(tick);
@@ -120,7 +159,7 @@ impl<M: Message> Reader<M> {
             Waited::Ready(Found::Nothing) => {
                 self.shared.entry().add(Count::Lost, 1);
                 if self.shared.is_lockstep() && self.shared.is_unharmed() {
-                    return Err(self.lost(tick, self.ahead.as_ref().map_or(tick + 1, |ahead| ahead.header().tick)));
+                    return Err(self.lost(tick, self.ahead.as_ref().map_or(tick + 1, |ahead| ahead.tick())));
                 }
                 Ok(None)
             }
@@ -128,14 +167,7 @@ impl<M: Message> Reader<M> {
         }
     }
 
-    /// The newest message that arrives in the tick a [`TickSource`](crate::TickSource) has given out, for the process that makes the ticks: in
-    /// lockstep when its writer has closed the tick, in real time by `deadline_ns` on `CLOCK_MONOTONIC`, or as soon as that tick's own is there.
-    ///
-    /// `None` when none came that is newer than the last, or the run stops. It may be older than `tick`; its header gives its own.
-    ///
-    /// # Errors
-    /// As [`Reader::next`].
-    pub fn arriving(&mut self, tick: u64, deadline_ns: Option<u64>) -> Result<Option<&M>, Interrupted> {
+    fn arriving(&mut self, tick: u64, deadline_ns: Option<u64>) -> Result<Option<&Incoming>, Interrupted> {
         let shared = Rc::clone(&self.shared);
         if matches!(shared.start()?, Waited::Stopped) {
             return Ok(None);
@@ -145,15 +177,15 @@ impl<M: Message> Reader<M> {
         if is_shaped && shared.is_lockstep() {
             shared.close(tick);
         }
-        let (before, mut newest) = (self.last, self.last);
+        let (topic, before, mut newest) = (self.topic, self.last, self.last);
         let found = shared.wait(
             self.bit,
             deadline_ns,
-            || expected::<M>(&shared, Some(tick)),
+            || expected(&shared, topic, Some(tick)),
             || {
                 loop {
                     while let Some(message) = self.inlet.receive()? {
-                        let came = message.header().tick;
+                        let came = message.tick();
                         if newest.is_some_and(|newest| came <= newest) {
                             shared.entry().add(Count::Repeated, 1);
                             shared.message_fault_detected();
@@ -183,7 +215,7 @@ impl<M: Message> Reader<M> {
         self.last = newest;
         if newest == before {
             if shared.is_unordered() && before.is_some() {
-                return Ok(self.current.as_deref());
+                return Ok(self.current.as_ref());
             }
             if shared.is_lockstep() && shared.is_unharmed() {
                 return Err(self.lost(tick, tick + 1));
@@ -195,14 +227,14 @@ impl<M: Message> Reader<M> {
     }
 
     /// The message in hand, for as long as the tick lasts.
-    fn lend(&self) -> Option<&M> {
-        let message = self.current.as_deref()?;
+    fn lend(&self) -> Option<&Incoming> {
+        let message = self.current.as_ref()?;
         self.shared.note_input(message.header());
         Some(message)
     }
 
     fn lost(&self, expected: u64, found: u64) -> Interrupted {
-        Interrupted::Lost { process: self.shared.name().to_owned(), topic: M::TOPIC, expected, found }
+        Interrupted::Lost { process: self.shared.name().to_owned(), topic: self.topic, expected, found }
     }
 
     /// The next message in order; or nothing, when the tick is over without one.
@@ -212,7 +244,7 @@ impl<M: Message> Reader<M> {
         }
         loop {
             while let Some(message) = self.inlet.receive()? {
-                if self.last.is_some_and(|last| message.header().tick <= last) {
+                if self.last.is_some_and(|last| message.tick() <= last) {
                     self.shared.entry().add(Count::Repeated, 1);
                     self.shared.message_fault_detected();
                     continue;
@@ -229,7 +261,7 @@ impl<M: Message> Reader<M> {
     }
 
     fn take_up_ahead(&mut self) -> bool {
-        match self.ahead.take().filter(|message| self.last.is_none_or(|last| message.header().tick > last)) {
+        match self.ahead.take().filter(|message| self.last.is_none_or(|last| message.tick() > last)) {
             Some(ahead) => {
                 self.current = Some(ahead);
                 true
@@ -241,7 +273,7 @@ impl<M: Message> Reader<M> {
     fn look_for_newest(&mut self) -> Result<Option<Found>, Interrupted> {
         let mut found = self.take_up_ahead().then_some(Found::Current);
         while let Some(message) = self.inlet.receive()? {
-            if self.last.is_some_and(|last| message.header().tick <= last) {
+            if self.last.is_some_and(|last| message.tick() <= last) {
                 self.shared.entry().add(Count::Repeated, 1);
                 self.shared.message_fault_detected();
                 continue;
@@ -260,11 +292,11 @@ impl<M: Message> Reader<M> {
                 None => self.inlet.receive()?,
             };
             match message {
-                Some(message) if message.header().tick == tick => {
+                Some(message) if message.tick() == tick => {
                     self.current = Some(message);
                     return Ok(Some(Found::Current));
                 }
-                Some(message) if message.header().tick > tick => {
+                Some(message) if message.tick() > tick => {
                     self.ahead = Some(message);
                     return Ok(Some(Found::Nothing));
                 }
@@ -276,8 +308,8 @@ impl<M: Message> Reader<M> {
         }
     }
 
-    fn accept(&mut self) -> Result<Option<&M>, Interrupted> {
-        let Some(tick) = self.current.as_ref().map(|message| message.header().tick) else { return Ok(None) };
+    fn accept(&mut self) -> Result<Option<&Incoming>, Interrupted> {
+        let Some(tick) = self.current.as_ref().map(|message| message.tick()) else { return Ok(None) };
         let expected = self.last.map_or(tick, |last| last + 1);
         if tick > expected {
             self.shared.entry().add(Count::Lost, tick - expected);

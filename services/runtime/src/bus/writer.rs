@@ -5,12 +5,11 @@ use std::collections::VecDeque;
 use std::ops::{Deref, DerefMut};
 use std::rc::Rc;
 
-use iceoryx2::prelude::ipc;
-use iceoryx2::sample_mut::SampleMut;
 use shared_types::Message;
 use shared_types::fault::{MOST_DELAY_TICKS, corrupted_topic, shaped_topic};
 
-use crate::bus::topic::{Publishing, TopicError, Wire};
+use crate::bus::error::TopicError;
+use crate::bus::port::{Outgoing, Sender};
 use crate::clock::now_ns;
 use crate::context::{Context, Outlet};
 use crate::control_page::Count;
@@ -60,7 +59,8 @@ struct Sending<M: Message> {
     output: usize,
     /// A corruption of the process's messages concerns this topic.
     is_corruptible: bool,
-    publisher: Rc<Publishing<M>>,
+    /// Of messages `M`.
+    sender: Rc<Sender>,
     bit: u32,
     /// The topic's line on the control page.
     topic: usize,
@@ -74,13 +74,13 @@ struct Sending<M: Message> {
 }
 
 impl<M: Message> Writer<M> {
-    pub(crate) fn new(shared: &Rc<Context>, publisher: Rc<Publishing<M>>) -> Result<Self, TopicError> {
+    pub(crate) fn new(shared: &Rc<Context>, sender: Rc<Sender>) -> Result<Self, TopicError> {
         let last_made = LastMade::open(&shared.run).map_err(|error| TopicError::Memory { topic: M::TOPIC, reason: error.to_string() })?;
         let topic = shared.topic_index(M::TOPIC);
         shared.control_page.topic(topic).begin_writer();
         let outlet = Rc::new(Sending {
             shared: Rc::clone(shared),
-            publisher,
+            sender,
             is_corruptible: corrupted_topic(&shared.manifest.processes[shared.me].writes) == Some(M::TOPIC),
             output: shared.manifest.processes[shared.me].writes.iter().position(|topic| topic == M::TOPIC).unwrap_or(0),
             bit: shared.topic_bit(M::TOPIC),
@@ -120,12 +120,9 @@ impl<M: Message> Writer<M> {
     }
 
     fn loan_with(&mut self, prepare: impl FnOnce(*mut M)) -> Result<Loan<'_, M>, SendError> {
-        let mut sample = self.outlet.publisher.loan_uninit().map_err(|error| self.outlet.failed(error))?;
-        prepare(sample.payload_mut().as_mut_ptr().cast());
-        // SAFETY: `Wire<M>` is transparent over `M`, which is `Pod`: every bit pattern is a message, and the memory is a mapped file, whose bytes
-        // are those of an earlier message or zero.
-        let sample = unsafe { sample.assume_init() };
-        Ok(Loan { sample, outlet: &self.outlet, usage: &mut self.usage })
+        let message = self.outlet.sender.loan().map_err(|error| self.outlet.failed(error))?;
+        prepare(message.payload().cast());
+        Ok(Loan { message, outlet: &self.outlet, usage: &mut self.usage })
     }
 
     /// Sends a message that was made elsewhere, for which it is copied once into shared memory; otherwise as [`Loan::send`].
@@ -140,7 +137,7 @@ impl<M: Message> Writer<M> {
 
 /// A message in shared memory that has not been sent yet.
 pub struct Loan<'a, M: Message> {
-    sample: SampleMut<ipc::Service, Wire<M>, ()>,
+    message: Outgoing,
     outlet: &'a Sending<M>,
     usage: &'a mut Usage,
 }
@@ -148,13 +145,15 @@ pub struct Loan<'a, M: Message> {
 impl<M: Message> Deref for Loan<'_, M> {
     type Target = M;
     fn deref(&self) -> &M {
-        &self.sample.payload().0
+        // SAFETY: on loan from the sender of a topic of messages `M`, and `M` is `Pod`: every bit pattern is a message.
+        unsafe { &*self.message.payload().cast() }
     }
 }
 
 impl<M: Message> DerefMut for Loan<'_, M> {
     fn deref_mut(&mut self) -> &mut M {
-        &mut self.sample.payload_mut().0
+        // SAFETY: as above; the loan is held by `self` alone.
+        unsafe { &mut *self.message.payload().cast() }
     }
 }
 
@@ -185,14 +184,14 @@ impl<M: Message> Loan<'_, M> {
         let header = (!shared.is_lockstep()).then(|| *self.header());
         if shared.is_shaped() && shaped_topic(M::TOPIC) {
             let message = *self;
-            drop(self.sample);
+            drop(self.message);
             outlet.last_made.keep(&message);
             outlet.shape(&message)?;
             if !shared.is_lockstep() {
                 outlet.flush(shared.tick.get());
             }
         } else {
-            outlet.deliver(self.sample)?;
+            outlet.deliver(self.message)?;
         }
         // With shaped messages in lockstep a tick is closed when its inputs are exhausted, for one message may be several or none.
         if is_last && !(shared.is_shaped() && shared.is_lockstep()) {
@@ -234,8 +233,8 @@ impl<M: Message> Sending<M> {
         SendError::Port { process: self.shared.name().to_owned(), topic: M::TOPIC, reason: reason.to_string() }
     }
 
-    fn deliver(&self, sample: SampleMut<ipc::Service, Wire<M>, ()>) -> Result<(), SendError> {
-        sample.send().map_err(|error| self.failed(error))?;
+    fn deliver(&self, message: Outgoing) -> Result<(), SendError> {
+        message.send().map_err(|error| self.failed(error))?;
         self.shared.control_page.topic(self.topic).count_sent();
         self.shared.entry().add(Count::Sent, 1);
         Ok(())
@@ -243,8 +242,10 @@ impl<M: Message> Sending<M> {
 
     /// Delivers a message that a fault has held back, doubled or changed: a copy, for it is not the one that was on loan.
     fn deliver_copy(&self, message: &M) -> Result<(), SendError> {
-        let sample = self.publisher.loan_uninit().map_err(|error| self.failed(error))?;
-        self.deliver(sample.write_payload(Wire(*message)))
+        let copy = self.sender.loan().map_err(|error| self.failed(error))?;
+        // SAFETY: on loan from the sender of a topic of messages `M`.
+        unsafe { copy.payload().cast::<M>().write(*message) };
+        self.deliver(copy)
     }
 
     /// The message before that of a tick, for a fault that repeats it. Where no fault has shaped messages until now, the writer has kept none: in

@@ -1,0 +1,58 @@
+//! A message as the transport sees it: plain bytes that begin with a header, under a versioned type name.
+
+use bytemuck::{pod_read_unaligned, try_from_bytes};
+use shared_types::Message;
+use shared_types::topics::{TOPICS, wire_hash};
+use shared_types::wire::Header;
+
+use crate::manifest::ForeignMessage;
+
+/// The messages of a topic. The transport compares name, size and layout; types begin where a message is read or written.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Format {
+    pub(crate) topic: &'static str,
+    pub(crate) type_name: &'static str,
+    /// Bytes of a message; a multiple of 8, no fewer than a header has.
+    pub(crate) bytes: usize,
+    /// Hash of the layout; that of all messages of armplane, if this is one of them.
+    pub(crate) layout: u64,
+    /// Whether every `f64` in a message of this size is finite.
+    pub(crate) is_finite: fn(&[u8]) -> bool,
+}
+
+impl Format {
+    /// That of a message whose type this program knows.
+    pub(crate) fn of<M: Message>() -> Self {
+        let layout = if TOPICS.contains(&M::TOPIC) { wire_hash() } else { M::layout_hash() };
+        let is_finite = |bytes: &[u8]| read(bytes, M::is_finite).unwrap_or(false);
+        Self { topic: M::TOPIC, type_name: M::TYPE_NAME, bytes: size_of::<M>(), layout, is_finite }
+    }
+
+    /// That of a message of which only the graph and other programs know the type. Its names stay for the life of the process: a run has few.
+    pub(crate) fn foreign(message: &ForeignMessage) -> Self {
+        let stays = |name: &str| -> &'static str { Box::leak(name.to_owned().into_boxed_str()) };
+        let (topic, type_name) = (stays(&message.topic), stays(&message.type_name));
+        Self { topic, type_name, bytes: message.bytes, layout: message.hash, is_finite: |_| true }
+    }
+
+    /// Whether armplane itself has this message.
+    pub(crate) fn is_listed(&self) -> bool {
+        TOPICS.contains(&self.topic)
+    }
+}
+
+/// Reads a message in place, or a copy of it where the bytes are not aligned; `None` where they are not as many as the message has.
+pub(crate) fn read<M: Message, T>(bytes: &[u8], read: impl FnOnce(&M) -> T) -> Option<T> {
+    if bytes.len() != size_of::<M>() {
+        return None;
+    }
+    Some(match try_from_bytes(bytes) {
+        Ok(message) => read(message),
+        Err(_) => read(&pod_read_unaligned(bytes)),
+    })
+}
+
+/// The header of a message; that of a message too short for one is empty.
+pub(crate) fn header(message: &[u8]) -> Header {
+    message.get(..size_of::<Header>()).map(pod_read_unaligned).unwrap_or_default()
+}
