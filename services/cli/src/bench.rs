@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use clap::{Args, ValueEnum};
 use lab::benchmarks::hour::{EVERY_S, Hour, Look};
 use lab::benchmarks::realtime::Ran;
-use lab::benchmarks::{self, Distribution, Recorded, Row};
+use lab::benchmarks::{self, Distribution, Only, Recorded, Row};
 use lab::faults;
 use serde_json::json;
 use session::{Failure, load};
@@ -24,6 +24,10 @@ pub(crate) struct BenchArgs {
     /// Samples of each hop and cycle.
     #[arg(long, value_name = "N", default_value_t = 20_000, value_parser = clap::value_parser!(u64).range(1000..=10_000_000))]
     samples: u64,
+    /// Measure only the rows of `hop` and `cycle` that have each of these words in placement or mechanism, or this number of bytes; with their
+    /// floor. Example: --only 4096 --only "same core".
+    #[arg(long, value_name = "WORD")]
+    only: Vec<String>,
     /// How long each paced measurement lasts; s [default: 5; `realtime` 60 at 1 kHz and 20 at 4 kHz; `hour` 3600; `soak` 1800].
     #[arg(long, value_name = "S", value_parser = clap::value_parser!(u64).range(1..=86_400))]
     seconds: Option<u64>,
@@ -84,10 +88,16 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
     let observer: session::Observer<'_> = &|progress| terminal.show(progress);
     let (mut rows, mut record, mut realtime, mut hour) = (Vec::new(), None, Vec::new(), None);
     if chosen(Bench::Hop) {
-        rows.extend(benchmarks::hop(args.samples, observer)?);
+        rows.extend(benchmarks::hop(args.samples, &Only(&args.only), observer)?);
     }
     if chosen(Bench::Cycle) {
-        rows.extend(benchmarks::cycle(args.samples, observer)?);
+        rows.extend(benchmarks::cycle(args.samples, &Only(&args.only), observer)?);
+    }
+    if rows.is_empty() && !args.only.is_empty() {
+        return Err(Failure::Input(format!(
+            "no row of `hop` or `cycle` has all of --only {}: see the table without it",
+            args.only.join(" --only ")
+        )));
     }
     if chosen(Bench::Paced) {
         for rate_hz in [1_000, 4_000] {

@@ -242,7 +242,8 @@ impl Drop for RunDir {
 }
 
 /// Bytes free in shared memory; none where there is no such file system, which the first file says better.
-fn free_bytes() -> u64 {
+#[must_use]
+pub fn free_bytes() -> u64 {
     rustix::fs::statvfs(SHM).map_or(u64::MAX, |space| space.f_bavail.saturating_mul(space.f_frsize))
 }
 

@@ -1,10 +1,33 @@
 //! Hand-overs between processes: half a round trip, once around four processes, and the same on a grid of time.
 
 use runtime::realtime::allowed_cores;
-use session::{Failure, Observer};
+use session::{Failure, Observer, Progress};
 
 use super::distribution::{Distribution, Row};
 use super::ring::{Mechanism, Ring};
+use super::transports::{BLOCK_TOPICS, BLOCKS};
+
+/// A choice among the rows: each word must be the number of bytes, or occur in the row's bench, placement or mechanism.
+pub struct Only<'a>(pub &'a [String]);
+
+impl Only<'_> {
+    fn admits(&self, bench: &str, placement: &str, bytes: usize, mechanism: Mechanism) -> bool {
+        let is_in = |word: &String| match word.parse::<usize>() {
+            Ok(number) => number == bytes,
+            Err(_) => [bench, placement, mechanism.name()].iter().any(|text| text.contains(word.as_str())),
+        };
+        self.0.iter().all(is_in)
+    }
+
+    /// The mechanisms that are measured: those chosen, and their floor; none where none is chosen.
+    fn choose(&self, bench: &str, placement: &str, bytes: usize, mechanisms: Vec<Mechanism>) -> Vec<Mechanism> {
+        let is_chosen = |one: &Mechanism| self.admits(bench, placement, bytes, *one);
+        match mechanisms.iter().any(is_chosen) {
+            true => mechanisms.into_iter().filter(|one| *one == Mechanism::Futex || is_chosen(one)).collect(),
+            false => Vec::new(),
+        }
+    }
+}
 
 /// Where the processes of a ring are, by name.
 fn placements(count: usize) -> Vec<(&'static str, Vec<Option<usize>>)> {
@@ -16,9 +39,6 @@ fn placements(count: usize) -> Vec<(&'static str, Vec<Option<usize>>)> {
     }
     placements
 }
-
-/// Bytes of the blocks of a hop: only their headers are touched.
-const BLOCKS: [usize; 6] = [64, 1024, 4096, 16_384, 262_144, 4_194_304];
 
 /// Up to here blocks go through every way of waking a reader; bytes.
 const SMALL: usize = 4096;
@@ -37,7 +57,7 @@ fn names(topics: &[&str]) -> Vec<String> {
 ///
 /// # Errors
 /// A process fails, or the machine refuses memory.
-pub fn hop(samples: u64, observer: Observer<'_>) -> Result<Vec<Row>, Failure> {
+pub fn hop(samples: u64, only: &Only<'_>, observer: Observer<'_>) -> Result<Vec<Row>, Failure> {
     use shared_types::{PlantState, SensorSample, SingularityReport, TorqueCommand};
     let (mut rows, rounds) = (Vec::new(), samples.div_ceil(TRIPS));
     for (placement, cores) in placements(2) {
@@ -52,13 +72,27 @@ pub fn hop(samples: u64, observer: Observer<'_>) -> Result<Vec<Row>, Failure> {
             trips: TRIPS,
             period_ns: None,
         };
-        let mut measure = |ring: Ring, bytes: usize| -> Result<(), Failure> {
+        let mut measure = |mut ring: Ring, bytes: usize| -> Result<(), Failure> {
+            ring.mechanisms = only.choose("hop", placement, bytes, ring.mechanisms);
+            if ring.mechanisms.is_empty() {
+                return Ok(());
+            }
             let measured = ring.measure(observer)?.into_iter().map(|one| (one.mechanism, one.trip.divided_by(2.0)));
             rows.extend(against_floor("hop", placement, bytes, Mechanism::Futex, measured.collect()));
             Ok(())
         };
-        for bytes in BLOCKS {
-            let mut mechanisms = vec![Mechanism::Futex, Mechanism::Doorbell, Mechanism::Pipe];
+        for (bytes, topics) in BLOCKS.into_iter().zip(&BLOCK_TOPICS) {
+            let mut mechanisms = vec![Mechanism::Futex, Mechanism::Topic, Mechanism::Doorbell, Mechanism::Pipe];
+            let (needed, free) = (runtime::topic_bytes(bytes) * topics.len() as u64, runtime::free_bytes());
+            if needed > free {
+                mechanisms.retain(|one| *one != Mechanism::Topic);
+                let mb = |bytes: u64| bytes.div_ceil(1_000_000);
+                observer(Progress::Line(&format!(
+                    "left out: topics of {bytes} bytes, which need {} MB of shared memory; {} MB are free",
+                    mb(needed),
+                    mb(free)
+                )));
+            }
             if bytes <= SMALL {
                 mechanisms.extend([Mechanism::Listener, Mechanism::WaitSet]);
             }
@@ -66,7 +100,7 @@ pub fn hop(samples: u64, observer: Observer<'_>) -> Result<Vec<Row>, Failure> {
                 mechanisms.extend([Mechanism::Spin, Mechanism::Poll]);
             }
             let rounds = if bytes > LARGE { (rounds / 10).max(2) } else { rounds };
-            measure(Ring { rounds, ..ring(&["sensor", "plant_state"], Some(bytes), mechanisms) }, bytes)?;
+            measure(Ring { rounds, ..ring(topics, Some(bytes), mechanisms) }, bytes)?;
         }
         for (topics, bytes) in [
             (["sensor", "plant_state"], size_of::<SensorSample>().midpoint(size_of::<PlantState>())),
@@ -89,10 +123,14 @@ fn cycle_bytes() -> usize {
 ///
 /// # Errors
 /// As [`hop`].
-pub fn cycle(samples: u64, observer: Observer<'_>) -> Result<Vec<Row>, Failure> {
+pub fn cycle(samples: u64, only: &Only<'_>, observer: Observer<'_>) -> Result<Vec<Row>, Failure> {
     let mut rows = Vec::new();
     for (placement, cores) in placements(4).into_iter().chain([("not pinned, no FIFO", vec![None; 4])]) {
         let mechanisms = vec![Mechanism::Futex, Mechanism::Topic, Mechanism::Doorbell, Mechanism::Pipe];
+        let mechanisms = only.choose("cycle", placement, cycle_bytes(), mechanisms);
+        if mechanisms.is_empty() {
+            continue;
+        }
         let ring = Ring {
             topics: names(&CYCLE),
             block_bytes: None,

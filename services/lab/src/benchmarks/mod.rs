@@ -12,7 +12,7 @@ mod steps;
 mod transports;
 
 pub use distribution::{Distribution, Row};
-pub use hop::{cycle, hop, paced};
+pub use hop::{Only, cycle, hop, paced};
 pub use machine::{machine, machine_line};
 pub use picture::picture;
 pub use record::{Recorded, record};

@@ -3,14 +3,15 @@
 use std::path::Path;
 use std::process::Command;
 
+use bytemuck::{bytes_of, pod_read_unaligned};
 use launcher::{Child, End, Event, Launcher, Limits, Plan, Restart};
-use runtime::{Process, ProcessError, Reader, Shell, Writer, now_ns, realtime, sleep_until};
+use runtime::{ForeignMessage, Process, ProcessError, Reader, Shell, Writer, now_ns, realtime, sleep_until};
 use serde::{Deserialize, Serialize};
 use session::{Failure, Observer, Progress};
 use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
 
 use super::distribution::{Distribution, histogram};
-use super::transports::{Bare, Block, HEADER_BYTES, HEADER_WORDS, Iceoryx, IceoryxWake, Mailboxes, Wake, is_whole};
+use super::transports::{BLOCKS, BlockMessage, HEADER_BYTES, HEADER_WORDS, Iceoryx, IceoryxWake, Mailboxes, Wake, is_whole, message_words};
 
 const TASK: &str = "ring.json";
 const MEASURED: &str = "measured.json";
@@ -120,7 +121,7 @@ impl Ring {
             mode: runtime::Mode::Lockstep,
             rate_hz: 1000,
             children: children.collect(),
-            messages: Vec::new(),
+            messages: self.block_bytes.map_or(Vec::new(), block_messages),
             limits: Limits::of(runtime::Mode::Lockstep),
             faults: Vec::new(),
         };
@@ -161,12 +162,7 @@ pub fn peer(name: &str, run: &Path) -> Result<(), ProcessError> {
     let count = ring.topics.len();
     let (reads, writes) = (ring.topics[(index + count - 1) % count].as_str(), ring.topics[index].as_str());
     match (ring.block_bytes, reads, writes) {
-        (Some(64), ..) => go(&ring, index, run, Blocks::<{ words(64) }>::open),
-        (Some(1024), ..) => go(&ring, index, run, Blocks::<{ words(1024) }>::open),
-        (Some(4096), ..) => go(&ring, index, run, Blocks::<{ words(4096) }>::open),
-        (Some(16_384), ..) => go(&ring, index, run, Blocks::<{ words(16_384) }>::open),
-        (Some(262_144), ..) => go(&ring, index, run, Blocks::<{ words(262_144) }>::open),
-        (Some(4_194_304), ..) => go(&ring, index, run, Blocks::<{ words(4_194_304) }>::open),
+        (Some(bytes), ..) => go_with_blocks(&ring, index, run, bytes),
         (None, "plant_state", "sensor") => go(&ring, index, run, Messages::<PlantState, SensorSample>::open),
         (None, "sensor", "plant_state") => go(&ring, index, run, Messages::<SensorSample, PlantState>::open),
         (None, "torque", "singularity") => go(&ring, index, run, Messages::<TorqueCommand, SingularityReport>::open),
@@ -174,7 +170,7 @@ pub fn peer(name: &str, run: &Path) -> Result<(), ProcessError> {
         (None, "torque", "sensor") => go(&ring, index, run, Messages::<TorqueCommand, SensorSample>::open),
         (None, "sensor", "estimate") => go(&ring, index, run, Messages::<SensorSample, StateEstimate>::open),
         (None, "estimate", "singularity") => go(&ring, index, run, Messages::<StateEstimate, SingularityReport>::open),
-        (bytes, ..) => Err(ProcessError::setup(format!("no ring leads from {reads} to {writes} with {bytes:?} bytes"))),
+        (None, ..) => Err(ProcessError::setup(format!("no ring leads from {reads} to {writes}"))),
     }
 }
 
@@ -192,15 +188,11 @@ struct Place {
     to: usize,
 }
 
-fn foreign(mechanism: Mechanism) -> ProcessError {
-    ProcessError::setup(format!("{} cannot carry this payload", mechanism.name()))
-}
-
 /// Messages: by topic, bare on iceoryx2, and by the machine's own means.
 struct Messages<In: Message, Out: Message> {
     reader: Reader<In>,
     writer: Writer<Out>,
-    iceoryx: Iceoryx<Bare<In>, Bare<Out>>,
+    iceoryx: Iceoryx,
     mailboxes: Mailboxes,
     place: Place,
     /// Messages sent on the topic: their ticks follow each other.
@@ -209,7 +201,7 @@ struct Messages<In: Message, Out: Message> {
 
 impl<In: Message + Default, Out: Message + Default> Messages<In, Out> {
     fn open(shell: &Shell, mailboxes: Mailboxes, place: Place) -> Result<Self, ProcessError> {
-        let iceoryx = Iceoryx::open(shell, place.from, place.me, place.to)?;
+        let iceoryx = Iceoryx::open(shell, [place.from, place.me, place.to], size_of::<Out>())?;
         Ok(Self { reader: shell.reader()?, writer: shell.writer()?, iceoryx, mailboxes, place, sent: 0 })
     }
 }
@@ -222,8 +214,8 @@ impl<In: Message + Default, Out: Message + Default> Ends for Messages<In, Out> {
                 self.sent += 1;
                 Ok(loan.send()?)
             }
-            // SAFETY: the whole message is written: zeros, as a topic's loan has them.
-            Means::Iceoryx(wake) => unsafe { self.iceoryx.send(wake, |payload| payload.write_bytes(0, 1)) },
+            // The whole message is written: zeros, as a topic's loan has them.
+            Means::Iceoryx(wake) => self.iceoryx.send(wake, |payload| payload.fill(0)),
             Means::Machine(wake) => {
                 let message = std::hint::black_box(Out::default());
                 self.mailboxes.send(wake, self.place.me, &message).map_err(ProcessError::setup)
@@ -252,47 +244,100 @@ impl<In: Message + Default, Out: Message + Default> Ends for Messages<In, Out> {
     }
 }
 
-/// Blocks of a header and `N` words that nobody touches: bare on iceoryx2, and by the machine's own means.
-struct Blocks<const N: usize> {
-    iceoryx: Iceoryx<Block<N>, Block<N>>,
+/// Blocks of a header and words that nobody touches: by topic, bare on iceoryx2, and by the machine's own means.
+struct Blocks<In: Message, Out: Message> {
+    reader: Reader<In>,
+    writer: Writer<Out>,
+    iceoryx: Iceoryx,
     mailboxes: Mailboxes,
     place: Place,
+    /// Blocks sent by other means than the topic.
     sent: u64,
+    /// Messages sent on the topic: their ticks follow each other.
+    ticks: u64,
 }
 
-impl<const N: usize> Blocks<N> {
-    fn open(shell: &Shell, mailboxes: Mailboxes, place: Place) -> Result<Self, ProcessError> {
-        Ok(Self { iceoryx: Iceoryx::open(shell, place.from, place.me, place.to)?, mailboxes, place, sent: 0 })
+impl<In: Message, Out: Message> Blocks<In, Out> {
+    fn open(shell: &Shell, mailboxes: Mailboxes, place: Place, bytes: usize) -> Result<Self, ProcessError> {
+        let iceoryx = Iceoryx::open(shell, [place.from, place.me, place.to], bytes)?;
+        Ok(Self { reader: shell.reader()?, writer: shell.writer()?, iceoryx, mailboxes, place, sent: 0, ticks: 0 })
     }
 }
 
-impl<const N: usize> Ends for Blocks<N> {
+impl<In: Message, Out: Message> Ends for Blocks<In, Out> {
     fn send(&mut self, mechanism: Mechanism) -> Result<(), ProcessError> {
+        if mechanism == Mechanism::Topic {
+            let loan = self.writer.loan_as_is(self.ticks)?;
+            self.ticks += 1;
+            return Ok(loan.send()?);
+        }
         self.sent += 1;
         let header = [self.sent; HEADER_WORDS];
         match mechanism.means() {
-            // SAFETY: the header is written, and the words behind it may be anything.
-            Means::Iceoryx(wake) => unsafe { self.iceoryx.send(wake, |block| (&raw mut (*block).header).write(header)) },
+            Means::Iceoryx(wake) => self.iceoryx.send(wake, |block| block[..HEADER_BYTES].copy_from_slice(bytes_of(&header))),
             Means::Machine(wake) => self.mailboxes.send_block(wake, self.place.me, &header).map_err(ProcessError::setup),
-            Means::Topic => Err(foreign(mechanism)),
-            Means::None => Ok(()),
+            Means::Topic | Means::None => Ok(()),
         }
     }
 
     fn receive(&mut self, mechanism: Mechanism) -> Result<(), ProcessError> {
         let header = match mechanism.means() {
-            Means::Iceoryx(wake) => self.iceoryx.receive(wake, |block| block.header)?,
+            Means::Topic => {
+                let message = self.reader.next()?.ok_or_else(|| ProcessError::setup("stopped before the end"))?;
+                std::hint::black_box(message);
+                return Ok(());
+            }
+            Means::Iceoryx(wake) => self.iceoryx.receive(wake, |block| pod_read_unaligned(&block[..HEADER_BYTES]))?,
             Means::Machine(wake) => self.mailboxes.receive_block(wake, self.place.from).map_err(ProcessError::setup)?,
-            Means::Topic => return Err(foreign(mechanism)),
             Means::None => return Ok(()),
         };
         if is_whole(&header) { Ok(()) } else { Err(ProcessError::setup(format!("{} handed over a torn header", mechanism.name()))) }
     }
 }
 
-/// Words of a block of so many bytes behind its header.
-const fn words(bytes: usize) -> usize {
-    (bytes - HEADER_BYTES) / size_of::<u64>()
+/// One arm for each of [`BLOCKS`]: what is generic over a block, for the block of so many bytes.
+macro_rules! for_block {
+    ($bytes:expr, $call:ident, $none:expr) => {
+        match BLOCKS.iter().position(|one| *one == $bytes) {
+            Some(0) => $call!(0),
+            Some(1) => $call!(1),
+            Some(2) => $call!(2),
+            Some(3) => $call!(3),
+            Some(4) => $call!(4),
+            Some(5) => $call!(5),
+            _ => $none,
+        }
+    };
+}
+
+type There<const BLOCK: usize, const N: usize> = BlockMessage<BLOCK, N, 0>;
+type Back<const BLOCK: usize, const N: usize> = BlockMessage<BLOCK, N, 1>;
+
+/// The messages of the topics of blocks of so many bytes.
+fn block_messages(bytes: usize) -> Vec<ForeignMessage> {
+    fn of<M: Message>() -> ForeignMessage {
+        ForeignMessage { topic: M::TOPIC.into(), type_name: M::TYPE_NAME.into(), bytes: size_of::<M>(), hash: M::layout_hash() }
+    }
+    macro_rules! both {
+        ($block:literal) => {
+            vec![of::<There<$block, { message_words($block) }>>(), of::<Back<$block, { message_words($block) }>>()]
+        };
+    }
+    for_block!(bytes, both, Vec::new())
+}
+
+fn go_with_blocks(ring: &Ring, index: usize, run: &Path, bytes: usize) -> Result<(), ProcessError> {
+    macro_rules! peers {
+        ($block:literal) => {{
+            type Forth = There<$block, { message_words($block) }>;
+            type Return = Back<$block, { message_words($block) }>;
+            match index {
+                0 => go(ring, index, run, |shell, mailboxes, place| Blocks::<Return, Forth>::open(shell, mailboxes, place, bytes)),
+                _ => go(ring, index, run, |shell, mailboxes, place| Blocks::<Forth, Return>::open(shell, mailboxes, place, bytes)),
+            }
+        }};
+    }
+    for_block!(bytes, peers, Err(ProcessError::setup(format!("no block has {bytes} bytes"))))
 }
 
 fn go<E: Ends>(

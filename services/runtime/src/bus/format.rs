@@ -48,8 +48,15 @@ pub(crate) fn read<M: Message, T>(bytes: &[u8], read: impl FnOnce(&M) -> T) -> O
     }
     Some(match try_from_bytes(bytes) {
         Ok(message) => read(message),
-        Err(_) => read(&pod_read_unaligned(bytes)),
+        Err(_) => read_copy(bytes, read),
     })
+}
+
+/// Apart, for the copy takes room on the stack.
+#[cold]
+#[inline(never)]
+fn read_copy<M: Message, T>(bytes: &[u8], read: impl FnOnce(&M) -> T) -> T {
+    read(&pod_read_unaligned(bytes))
 }
 
 /// The header of a message; that of a message too short for one is empty.

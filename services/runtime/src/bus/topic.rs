@@ -22,6 +22,12 @@ pub(crate) const MORE_READERS: usize = 3;
 const MAX_WRITERS: usize = 2;
 const WIRE_ATTRIBUTE: &str = "armplane.wire";
 
+/// Shared memory that a topic with one reader takes at most, for messages of so many bytes: what the reader and the keeper may leave unread and hold.
+#[must_use]
+pub const fn topic_bytes(message_bytes: usize) -> u64 {
+    ((1 + MORE_READERS) * (depth(message_bytes) + MAX_BORROWED) * message_bytes + 2 * depth(message_bytes) * message_bytes) as u64
+}
+
 /// A topic of the run, made by the launcher and opened by the processes that the graph names.
 pub(crate) struct Topic {
     format: Format,

@@ -1,6 +1,6 @@
 //! The end of a topic that a process writes: messages are filled in place in loaned shared memory.
 
-use std::cell::{Cell, RefCell};
+use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::ops::{Deref, DerefMut};
 use std::rc::Rc;
@@ -69,8 +69,8 @@ struct Sending<M: Message> {
     last_made: LastMade<M>,
     /// Messages that faults hold back, with the tick at which they leave.
     held: RefCell<VecDeque<(u64, M)>>,
-    /// The message that a fault repeats.
-    stale: Cell<Option<M>>,
+    /// The message that a fault repeats, if there is one; the room for it is taken before the first tick.
+    stale: RefCell<Vec<M>>,
 }
 
 impl<M: Message> Writer<M> {
@@ -88,7 +88,7 @@ impl<M: Message> Writer<M> {
             readers: shared.manifest.woken_by(M::TOPIC).collect(),
             last_made,
             held: RefCell::new(VecDeque::with_capacity(MOST_HELD)),
-            stale: Cell::new(None),
+            stale: RefCell::new(Vec::with_capacity(1)),
         });
         shared.add_outlet(Rc::clone(&outlet) as Rc<dyn Outlet>);
         Ok(Self { outlet, usage: Usage::now() })
@@ -183,13 +183,7 @@ impl<M: Message> Loan<'_, M> {
         // In real time only: for the account of late messages.
         let header = (!shared.is_lockstep()).then(|| *self.header());
         if shared.is_shaped() && shaped_topic(M::TOPIC) {
-            let message = *self;
-            drop(self.message);
-            outlet.last_made.keep(&message);
-            outlet.shape(&message)?;
-            if !shared.is_lockstep() {
-                outlet.flush(shared.tick.get());
-            }
+            outlet.send_shaped(self.message)?;
         } else {
             outlet.deliver(self.message)?;
         }
@@ -240,6 +234,21 @@ impl<M: Message> Sending<M> {
         Ok(())
     }
 
+    /// Sends what faults make of a message, in place of it. Apart from the path of a message without faults, for it takes room on the stack.
+    #[cold]
+    #[inline(never)]
+    fn send_shaped(&self, loaned: Outgoing) -> Result<(), SendError> {
+        // SAFETY: on loan from the sender of a topic of messages `M`.
+        let message = unsafe { *loaned.payload().cast::<M>() };
+        drop(loaned);
+        self.last_made.keep(&message);
+        self.shape(&message)?;
+        if !self.shared.is_lockstep() {
+            self.flush(self.shared.tick.get());
+        }
+        Ok(())
+    }
+
     /// Delivers a message that a fault has held back, doubled or changed: a copy, for it is not the one that was on loan.
     fn deliver_copy(&self, message: &M) -> Result<(), SendError> {
         let copy = self.sender.loan().map_err(|error| self.failed(error))?;
@@ -270,11 +279,12 @@ impl<M: Message> Sending<M> {
             shape(&mut message, tick, self.is_corruptible, shared.faults.known.borrow().of(shared.me, tick), injected);
         if is_stale {
             // Its own old header with it: whoever reads ticks knows it again.
-            let old = self.stale.get().or_else(|| self.before(label)).unwrap_or(message);
-            self.stale.set(Some(old));
+            let repeated = self.stale.borrow_mut().pop();
+            let old = repeated.or_else(|| self.before(label)).unwrap_or(message);
+            self.stale.borrow_mut().push(old);
             message = old;
         } else {
-            self.stale.set(None);
+            self.stale.borrow_mut().clear();
         }
         for _ in 0..copies {
             if due == tick {

@@ -4,26 +4,13 @@
 
 use std::fmt::Display;
 
-use bytemuck::Pod;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use runtime::{DoorbellPort, ProcessError, Shell};
-
-use super::block::Block;
-
-// SAFETY: plain words without pointers.
-unsafe impl<const N: usize> ZeroCopySend for Block<N> {}
-
-/// A message without its topic.
-#[derive(Clone, Copy, Debug)]
-#[repr(transparent)]
-pub(crate) struct Bare<M>(pub M);
-
-// SAFETY: plain old data without pointers.
-unsafe impl<M: Pod> ZeroCopySend for Bare<M> {}
 
 /// How the reader learns of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,11 +27,13 @@ pub(crate) enum Wake {
 
 type Ipc = ipc::Service;
 
-/// One process's ends of a ring of processes: it reads the payloads of the process before it.
-pub(crate) struct Iceoryx<In: ZeroCopySend + std::fmt::Debug + 'static, Out: ZeroCopySend + std::fmt::Debug + 'static> {
+/// One process's ends of a ring of processes: it reads the payloads of the process before it, bytes aligned to 8.
+pub(crate) struct Iceoryx {
     doorbell: DoorbellPort,
-    publisher: Publisher<Ipc, Out, ()>,
-    subscriber: Subscriber<Ipc, In, ()>,
+    publisher: Publisher<Ipc, [u8], ()>,
+    subscriber: Subscriber<Ipc, [u8], ()>,
+    /// Of a payload that is sent.
+    bytes: usize,
     notifier: Notifier<Ipc>,
     listener: &'static Listener<Ipc>,
     waitset: &'static WaitSet<Ipc>,
@@ -54,18 +43,18 @@ pub(crate) struct Iceoryx<In: ZeroCopySend + std::fmt::Debug + 'static, Out: Zer
     to: usize,
 }
 
-impl<In: ZeroCopySend + std::fmt::Debug + 'static, Out: ZeroCopySend + std::fmt::Debug + 'static> Iceoryx<In, Out> {
-    /// Opens the ends of process `me`, which reads from `from` and writes to `to`; all are places in the manifest.
+impl Iceoryx {
+    /// Opens the ends of process `me`, which reads from `from` and writes payloads of so many bytes to `to`; all are places in the manifest.
     ///
     /// # Errors
     /// [`ProcessError`] when iceoryx2 refuses.
-    pub(crate) fn open(shell: &Shell, from: usize, me: usize, to: usize) -> Result<Self, ProcessError> {
+    pub(crate) fn open(shell: &Shell, [from, me, to]: [usize; 3], bytes: usize) -> Result<Self, ProcessError> {
         let doorbell = DoorbellPort::of(shell);
         let publisher = {
-            let service = data::<Out>(&doorbell, me)?;
-            service.publisher_builder().max_loaned_samples(1).create().map_err(refused)?
+            let service = data(&doorbell, me)?;
+            service.publisher_builder().max_loaned_samples(1).initial_max_slice_len(bytes).create().map_err(refused)?
         };
-        let subscriber = data::<In>(&doorbell, from)?.subscriber_builder().create().map_err(refused)?;
+        let subscriber = data(&doorbell, from)?.subscriber_builder().create().map_err(refused)?;
         let events = |writer: usize| {
             let builder = doorbell.node().service_builder(&name("event", writer)?).event();
             builder.event_id_max_value(7).open_or_create().map_err(refused)
@@ -76,21 +65,19 @@ impl<In: ZeroCopySend + std::fmt::Debug + 'static, Out: ZeroCopySend + std::fmt:
         let waitset = WaitSetBuilder::new().signal_handling_mode(SignalHandlingMode::Disabled).create::<Ipc>().map_err(refused)?;
         let waitset: &'static _ = Box::leak(Box::new(waitset));
         let attached = waitset.attach_notification(listener).map_err(refused)?;
-        Ok(Self { doorbell, publisher, subscriber, notifier, listener, waitset, _attached: attached, to })
+        Ok(Self { doorbell, publisher, subscriber, bytes, notifier, listener, waitset, _attached: attached, to })
     }
 
     /// Loans a sample, lets `fill` write it in place, sends it and wakes its reader.
     ///
-    /// # Safety
-    /// `fill` writes every part of the payload whose type demands a value.
-    ///
     /// # Errors
     /// [`ProcessError`] when iceoryx2 fails.
-    pub(crate) unsafe fn send(&mut self, wake: Wake, fill: impl FnOnce(*mut Out)) -> Result<(), ProcessError> {
-        let mut sample = self.publisher.loan_uninit().map_err(refused)?;
-        fill(sample.payload_mut().as_mut_ptr());
-        // SAFETY: filled as the caller promises.
-        unsafe { sample.assume_init() }.send().map_err(refused)?;
+    pub(crate) fn send(&mut self, wake: Wake, fill: impl FnOnce(&mut [u8])) -> Result<(), ProcessError> {
+        let sample = self.publisher.loan_slice_uninit(self.bytes).map_err(refused)?;
+        // SAFETY: the memory is a mapped file, whose bytes are those of an earlier payload or zero.
+        let mut sample = unsafe { sample.assume_init() };
+        fill(sample.payload_mut());
+        sample.send().map_err(refused)?;
         match wake {
             Wake::Doorbell => self.doorbell.ring(self.to),
             Wake::Listener | Wake::WaitSet => {
@@ -105,7 +92,7 @@ impl<In: ZeroCopySend + std::fmt::Debug + 'static, Out: ZeroCopySend + std::fmt:
     ///
     /// # Errors
     /// [`ProcessError`] when iceoryx2 fails, nothing comes within the run's limit (a doorbell), or the run stops.
-    pub(crate) fn receive<R>(&mut self, wake: Wake, read: impl FnOnce(&In) -> R) -> Result<R, ProcessError> {
+    pub(crate) fn receive<R>(&mut self, wake: Wake, read: impl FnOnce(&[u8]) -> R) -> Result<R, ProcessError> {
         let stopped = || ProcessError::setup("stopped before the end");
         if wake == Wake::Doorbell {
             let sample = self.doorbell.wait(|| self.subscriber.receive())?.ok_or_else(stopped)?;
@@ -141,11 +128,9 @@ fn name(what: &str, writer: usize) -> Result<ServiceName, ProcessError> {
 }
 
 /// The service on which a process writes. One reader holds one sample: large payloads take no more memory than they must.
-fn data<P: ZeroCopySend + std::fmt::Debug + 'static>(
-    doorbell: &DoorbellPort,
-    writer: usize,
-) -> Result<iceoryx2::service::port_factory::publish_subscribe::PortFactory<Ipc, P, ()>, ProcessError> {
-    let builder = doorbell.node().service_builder(&name("data", writer)?).publish_subscribe::<P>();
+fn data(doorbell: &DoorbellPort, writer: usize) -> Result<PortFactory<Ipc, [u8], ()>, ProcessError> {
+    let aligned = Alignment::new(align_of::<u64>()).ok_or_else(|| refused("the alignment"))?;
+    let builder = doorbell.node().service_builder(&name("data", writer)?).publish_subscribe::<[u8]>().payload_alignment(aligned);
     let builder = builder.max_publishers(1).max_subscribers(1).subscriber_max_borrowed_samples(1);
     builder.history_size(0).subscriber_max_buffer_size(2).open_or_create().map_err(refused)
 }

@@ -15,6 +15,7 @@ use session::{Failure, Observer, Progress, load};
 use shared_types::codes::{DRIVE_ACTIVE, DRIVE_BRAKED};
 use shared_types::fault::{Fault, Kind, ScheduledFault, Way};
 use shared_types::job::{Job, Mode};
+use shared_types::process::Program;
 use shared_types::scenario::Scenario;
 use shared_types::summary::{Summary, TopicSummary};
 use shared_types::{MAX_DOF, Message, PlantState, SensorSample};
@@ -132,7 +133,7 @@ impl<'a> Drill<'a> {
     fn cell(&self, plan: &Plan, base: &Ran) -> Result<Cell, Failure> {
         let live = plan.iter().enumerate().map(|(i, fault)| self.scheduled(fault, random(self.job.scenario.seed, i as u64)));
         // The picture costs time, and only the recorder's faults concern it.
-        let records = plan.iter().any(|fault| fault.process == "recorder");
+        let records = plan.iter().any(|fault| fault.process == Program::Recorder.name());
         let ran = self.run(&self.job.scenario, &live.collect::<Result<Vec<_>, _>>()?, records)?;
         let planned = ran.summary.faults.iter().filter_map(|fault| fault.fault.clone()).collect();
         let again = self.run(&Scenario { fault: planned, ..self.job.scenario.clone() }, &[], records)?;
@@ -245,7 +246,7 @@ fn ends_world(fault: &Fault) -> bool {
         Kind::Hang => fault.way == Some(Way::ForEver),
         _ => false,
     };
-    fault.process == "plant" && is_end
+    fault.process == Program::Plant.name() && is_end
 }
 
 /// Largest distance in joint space from the base's path; rad. Not the time lost on it: each posture is compared with those that the base had

@@ -1,6 +1,7 @@
 //! The verdict on a round: the guarantees that hold under every fault.
 
 use launcher::{End, Exit, Failure};
+use shared_types::process::Program;
 
 use super::super::motion::Motion;
 
@@ -10,8 +11,8 @@ const LOST_PER_DEATH_S: f64 = 0.1;
 /// A process that dies later than this before the end of the run may miss it; s.
 const TIME_TO_RETURN_S: f64 = 2.0;
 
-/// The robot and the limits of the arm.
-const WORLD: &str = "plant";
+/// The process that makes the ticks: its end is that of the run.
+const WORLD: &str = Program::Plant.name();
 
 /// A death that was brought about, and what came of it.
 #[derive(Clone, Debug, Default, PartialEq)]

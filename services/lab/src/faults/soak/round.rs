@@ -13,6 +13,7 @@ use session::{Failure, load};
 use shared_types::fault::Kind;
 use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
+use shared_types::process::Program;
 use shared_types::scenario::Scenario;
 use shared_types::summary::{Deadlines, Summary};
 
@@ -200,7 +201,7 @@ impl Seen {
         self.read_recording(out, &mut files);
         let mut injected: Vec<Injected> = self.executed.iter().filter_map(|executed| self.injected(executed, rate_hz)).collect();
         blame(&mut injected, &stops, rate_hz);
-        let recorder_counts = self.outcome.processes.iter().find(|process| process.name == "recorder").map(|one| one.counts);
+        let recorder_counts = self.outcome.processes.iter().find(|process| process.name == Program::Recorder.name()).map(|one| one.counts);
         let (refused, fenced) = recorder_counts.map_or((0, 0), |counts| (counts.refused, counts.fenced));
         let sent = self.outcome.processes.iter().map(|process| process.counts.sent).sum::<u64>();
         let in_files: u64 = kept.iter().sum();
@@ -227,7 +228,12 @@ impl Seen {
             motion,
             messages,
             files,
-            recorder_deaths: self.outcome.processes.iter().find(|one| one.name == "recorder").map_or(0, |one| u64::from(one.restarts)),
+            recorder_deaths: self
+                .outcome
+                .processes
+                .iter()
+                .find(|one| one.name == Program::Recorder.name())
+                .map_or(0, |one| u64::from(one.restarts)),
             full_at: self.full_at(),
             recording_error,
             deaths: self.deaths(),
@@ -372,7 +378,7 @@ impl Seen {
     /// The planned that was to end the run, and whether it fell.
     fn fatal(&self) -> Option<(String, bool)> {
         // A busy machine may have continued the plant too late.
-        if let Some(stopped) = self.events.silenced.iter().find(|process| *process == "plant" && self.was_stopped(process)) {
+        if let Some(stopped) = self.events.silenced.iter().find(|process| *process == Program::Plant.name() && self.was_stopped(process)) {
             return Some((stopped.clone(), true));
         }
         let mut fatal = self.executed.iter().filter(|executed| executed.planned.is_fatal);

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
+use shared_types::process::Program;
 
 use super::judge::Messages;
 use super::round::{Injected, Round};
@@ -162,7 +163,7 @@ impl Totals {
             totals.stale_ticks = totals.stale_ticks.max(round.stale_ticks);
             totals.stopped_s += round.stops.iter().map(|stop| (stop.until - stop.from) as f64).sum::<f64>() / f64::from(round.rate_hz);
         }
-        let deaths = totals.restarts.get("recorder").copied().unwrap_or_default();
+        let deaths = totals.restarts.get(Program::Recorder.name()).copied().unwrap_or_default();
         totals.lost_per_death_of_recorder = totals.messages.lost as f64 / deaths.max(1) as f64;
         totals
     }
