@@ -4,6 +4,8 @@
 
 use model::{Refused, Robot};
 use shared_types::codes::{PHASE_REFUSED, REFUSALS, name_of};
+use shared_types::fault::{Kind, ScheduledFault};
+use shared_types::graph::{BUILT_IN, Graph};
 use shared_types::scenario::Scenario;
 use shared_types::topics::{self, ByTopic, Each, Topic, Whole};
 
@@ -16,6 +18,9 @@ pub struct Chain {
     estimator: Box<dyn estimator::Step>,
     analyzer: Box<dyn analyzer::Step>,
     controller: Box<dyn controller::Step>,
+    faults: Vec<ScheduledFault>,
+    /// Those that concern the tick in hand.
+    in_force: Vec<ScheduledFault>,
     tick: u64,
 }
 
@@ -23,24 +28,24 @@ impl Chain {
     /// All cycles at tick 0.
     ///
     /// # Errors
-    /// [`Refused`] by the first cycle that does not accept the robot or the scenario, or where the scenario plans faults: they happen to
-    /// processes, and there are none here. [`without_faults`] takes them out.
+    /// [`Refused`] by the first cycle that does not accept the robot or the scenario, or where the scenario plans faults other than those of the
+    /// arm's sensors and drives: they happen to processes, and there are none here. [`without_faults`] takes all of them out.
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
-        if !scenario.fault.is_empty() {
-            let what = format_args!("{} plans faults, and they happen to processes: one thread cannot compute it", scenario.name);
-            return Err(Refused::because(what));
-        }
+        let faults = hardware_faults(scenario)?;
         Ok(Self {
             plant: plant::cycle(robot, scenario)?,
             estimator: estimator::cycle(robot, scenario)?,
             analyzer: analyzer::cycle(robot, scenario)?,
             controller: controller::cycle(robot, scenario)?,
+            in_force: Vec::with_capacity(faults.len()),
+            faults,
             tick: 0,
         })
     }
 
     /// One tick: sample, estimate, analyse, control, move. Fills the messages of the chain; those of other processes stay as they are.
     pub fn step(&mut self, tick: &mut Tick) {
+        self.apply_faults();
         let Tick { sensor, plant_state, estimate, singularity, control_state, torque } = tick;
         self.plant.sample(self.tick, sensor, plant_state);
         self.estimator.step(sensor, estimate);
@@ -49,6 +54,16 @@ impl Chain {
         topics::each(&mut First(tick));
         self.plant.step(Some(&tick.torque));
         self.tick += 1;
+    }
+
+    /// As the plant process does it: also at the first tick that a fault no longer concerns.
+    fn apply_faults(&mut self) {
+        let (tick, had_faults) = (self.tick, !self.in_force.is_empty());
+        self.in_force.clear();
+        self.in_force.extend(self.faults.iter().filter(|fault| fault.concerns(tick)));
+        if had_faults || !self.in_force.is_empty() {
+            self.plant.apply_faults(tick, &self.in_force);
+        }
     }
 
     /// Why the path cannot be followed, found before the first tick, in words.
@@ -62,6 +77,23 @@ impl Chain {
     pub fn is_over(&self) -> bool {
         self.plant.is_over()
     }
+}
+
+/// The planned faults, which must be those of sensors and drives: physics has them, with or without processes.
+///
+/// # Errors
+/// [`Refused`] where one of them happens to a process, or makes no sense.
+pub fn hardware_faults(scenario: &Scenario) -> Result<Vec<ScheduledFault>, Refused> {
+    if scenario.fault.is_empty() {
+        return Ok(Vec::new());
+    }
+    if let Some(fault) = scenario.fault.iter().find(|fault| !matches!(fault.kind, Kind::Sensor | Kind::Drive)) {
+        let (name, kind, process) = (&scenario.name, fault.kind.name(), &fault.process);
+        let what = format_args!("{name} plans the fault `{kind}` of `{process}`, which happens to a process: one thread cannot compute it");
+        return Err(Refused::because(what));
+    }
+    let graph = Graph::parse("graph.toml", BUILT_IN).map_err(Refused::because)?;
+    scenario.scheduled_faults(&graph).map_err(Refused::because)
 }
 
 /// Makes each message one of its process's first incarnation.
