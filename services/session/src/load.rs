@@ -38,43 +38,96 @@ pub fn scenario(name: &str, settings: &[String], seed: Option<u64>) -> Result<Lo
 /// # Errors
 /// As [`scenario`], and as [`graph`].
 pub fn scenario_in(graph_file: Option<&Path>, name: &str, settings: &[String], seed: Option<u64>) -> Result<Loaded, Failure> {
-    let (file, text, folder) = match scenarios::text(name) {
-        Some(text) => (format!("{name}.toml"), text.to_owned(), None),
-        None => {
-            let path = Path::new(name);
-            if !name.ends_with(".toml") && !path.exists() {
-                return Err(Failure::Input(unknown(
-                    "scenario",
-                    name,
-                    scenarios::names(),
-                    "or give the path of a scenario file (.toml); see `armplane list`",
-                )));
-            }
-            (name.to_owned(), read(path)?, path.parent().map(Path::to_owned))
-        }
-    };
-    let mut scenario = Scenario::parse(&file, &text, settings)?;
+    let source = Source::read(name)?;
+    let mut scenario = source.parse(settings)?;
     scenario.seed = seed.unwrap_or(scenario.seed);
-    let located = |complaint: Complaint| Failure::from(complaint.locate(&file, &text));
-    let robot = robot(&scenario.robot, folder.as_deref()).map_err(|failure| match failure {
-        Failure::Input(sentence) => located(Complaint::new("robot", sentence, "")),
-        other => other,
-    })?;
-    if !scenario.frame.is_empty() && !robot.frames.iter().any(|frame| frame.name == scenario.frame) {
-        let names = robot.frames.iter().map(|frame| frame.name.as_str());
-        return Err(located(Complaint::new("frame", unknown("frame", &scenario.frame, names, ""), "")));
-    }
-    let beside = |file: &String| folder.as_deref().map_or_else(|| PathBuf::from(file), |folder| folder.join(file));
-    let own_graph = Some(&scenario.graph).filter(|file| !file.is_empty()).map(beside);
+    let robot = source.robot(&scenario)?;
+    let own_graph = Some(&scenario.graph).filter(|file| !file.is_empty()).map(|file| source.beside(file));
     let graph = graph(graph_file.or(own_graph.as_deref()))?;
-    scenario.scheduled_faults(&graph).map_err(located)?;
-    let beyond = |fault: &shared_types::fault::Fault| fault.joint.is_some_and(|joint| joint as usize > robot.dof());
-    if let Some(i) = scenario.fault.iter().position(beyond) {
-        let sentence = format!("{} has {} joints", robot.name, robot.dof());
-        return Err(located(Complaint::new(format!("fault.{i}.joint"), sentence, "joints count from 1")));
-    }
-    robot.start_posture(&scenario.start).map_err(|error| located(Complaint::new("start", error.to_string(), "")))?;
+    source.check(&scenario, &robot, &graph)?;
     Ok(Loaded { scenario, robot, graph })
+}
+
+/// The text of a scenario, and where it comes from.
+#[derive(Clone, Debug)]
+pub struct Source {
+    /// The file as the user gave it; of a built-in scenario `NAME.toml`.
+    pub file: String,
+    /// The file's text.
+    pub text: String,
+    /// The folder from which the paths in it count; none for a built-in scenario.
+    pub folder: Option<PathBuf>,
+}
+
+impl Source {
+    /// The text of a scenario by built-in name or path.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] where there is no such scenario.
+    pub fn read(name: &str) -> Result<Self, Failure> {
+        if let Some(text) = scenarios::text(name) {
+            return Ok(Self { file: format!("{name}.toml"), text: text.to_owned(), folder: None });
+        }
+        let path = Path::new(name);
+        if !name.ends_with(".toml") && !path.exists() {
+            return Err(Failure::Input(unknown(
+                "scenario",
+                name,
+                scenarios::names(),
+                "or give the path of a scenario file (.toml); see `armplane list`",
+            )));
+        }
+        Ok(Self { file: name.to_owned(), text: read(path)?, folder: path.parent().map(Path::to_owned) })
+    }
+
+    /// The scenario with settings laid over it, not yet checked against robot and graph.
+    ///
+    /// # Errors
+    /// [`Failure::File`] where text or settings are invalid.
+    pub fn parse(&self, settings: &[String]) -> Result<Scenario, Failure> {
+        Ok(Scenario::parse(&self.file, &self.text, settings)?)
+    }
+
+    /// The robot that a scenario from here names.
+    ///
+    /// # Errors
+    /// [`Failure::File`] where there is no such robot, or its description is invalid.
+    pub fn robot(&self, scenario: &Scenario) -> Result<Robot, Failure> {
+        robot(&scenario.robot, self.folder.as_deref()).map_err(|failure| match failure {
+            Failure::Input(sentence) => self.located(Complaint::new("robot", sentence, "")),
+            other => other,
+        })
+    }
+
+    /// Checks a scenario from here against its robot and graph.
+    ///
+    /// # Errors
+    /// [`Failure::File`] where its frame, its faults or its start posture do not fit.
+    pub fn check(&self, scenario: &Scenario, robot: &Robot, graph: &Graph) -> Result<(), Failure> {
+        let located = |complaint: Complaint| self.located(complaint);
+        if !scenario.frame.is_empty() && !robot.frames.iter().any(|frame| frame.name == scenario.frame) {
+            let names = robot.frames.iter().map(|frame| frame.name.as_str());
+            return Err(located(Complaint::new("frame", unknown("frame", &scenario.frame, names, ""), "")));
+        }
+        scenario.scheduled_faults(graph).map_err(located)?;
+        let beyond = |fault: &shared_types::fault::Fault| fault.joint.is_some_and(|joint| joint as usize > robot.dof());
+        if let Some(i) = scenario.fault.iter().position(beyond) {
+            let sentence = format!("{} has {} joints", robot.name, robot.dof());
+            return Err(located(Complaint::new(format!("fault.{i}.joint"), sentence, "joints count from 1")));
+        }
+        robot.start_posture(&scenario.start).map_err(|error| located(Complaint::new("start", error.to_string(), "")))?;
+        Ok(())
+    }
+
+    /// The path of a file that a scenario from here names.
+    #[must_use]
+    pub fn beside(&self, file: &str) -> PathBuf {
+        self.folder.as_deref().map_or_else(|| PathBuf::from(file), |folder| folder.join(file))
+    }
+
+    fn located(&self, complaint: Complaint) -> Failure {
+        Failure::from(complaint.locate(&self.file, &self.text))
+    }
 }
 
 /// A robot by built-in name, or a URDF with an optional description beside it (`arm.urdf`, `arm.toml`).
