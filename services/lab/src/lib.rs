@@ -1,5 +1,6 @@
 //! Experiments on sessions: whether the program does what it has done ([`conformance`]), what faults do to the arm ([`faults`]), what
-//! it costs ([`benchmarks`]), and how control laws compare ([`studies`]). Each experiment stands beside its pictures.
+//! it costs ([`benchmarks`]), how control laws compare ([`studies`]), and how a scenario goes under many settings ([`sweeps`]). Each
+//! experiment stands beside its pictures.
 //!
 //! This crate prints nothing: results are returned, and what happens meanwhile goes to a [`session::Observer`].
 #![allow(non_snake_case)]
@@ -8,6 +9,7 @@ pub mod benchmarks;
 pub mod conformance;
 pub mod faults;
 pub mod studies;
+pub mod sweeps;
 
 mod cpu_load;
 mod folder;

@@ -14,5 +14,6 @@ pub use law::{laws, name_of};
 pub use race::{Race, Racer, race};
 pub use scenarios::{Compared, Request, compare};
 pub use score::Score;
+pub(crate) use score::scored;
 pub use sweep::{KINDS, SWEEP, Sweep, SweepSize, missed, quantile};
 pub use tune::{Point, Ranked, tune, worth};

@@ -86,19 +86,29 @@ impl Score {
 /// # Errors
 /// [`Refused`] where a cycle does not accept the robot or the scenario.
 pub(super) fn score(robot: &Robot, scenario: &Scenario) -> Result<Score, Refused> {
-    with_dof!(robot.dof(), N => sized::<N>(robot, scenario)).unwrap_or_else(|| Err(Refused::size(robot)))
+    scored(robot, scenario, &mut |_| ()).map(|(score, _)| score)
 }
 
-fn sized<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<Score, Refused> {
+/// Runs a scenario on one thread, scores and judges it, and hands each tick to `each`.
+///
+/// # Errors
+/// As [`score`].
+pub(crate) fn scored(robot: &Robot, scenario: &Scenario, each: &mut dyn FnMut(&chain::Tick)) -> Result<(Score, Verdict), Refused> {
+    with_dof!(robot.dof(), N => sized::<N>(robot, scenario, each)).unwrap_or_else(|| Err(Refused::size(robot)))
+}
+
+fn sized<const N: usize>(robot: &Robot, scenario: &Scenario, each: &mut dyn FnMut(&chain::Tick)) -> Result<(Score, Verdict), Refused> {
     let planned = scenario.duration_s() * f64::from(scenario.rate_hz);
     let mut judge = Judge::new(limits(robot), scenario.goal.clone(), planned);
     let mut meter = Meter::<N>::new(robot, scenario)?;
     chain::run(robot, scenario, |tick| {
+        each(tick);
         let Some(tick) = recorder::Tick::of(&tick.lent()) else { return };
         judge.tick(tick);
         meter.tick(&tick);
     })?;
-    Ok(meter.score(judge.verdict(), scenario))
+    let verdict = judge.verdict();
+    Ok((meter.score(&verdict, scenario), verdict))
 }
 
 /// Measures beyond those of the recorder's judge.
@@ -159,7 +169,7 @@ impl<const N: usize> Meter<N> {
     }
 
     /// S1 and S2 of the specification.
-    fn score(self, verdict: Verdict, scenario: &Scenario) -> Score {
+    fn score(self, verdict: &Verdict, scenario: &Scenario) -> Score {
         let (task, joints) = (&verdict.task, &verdict.joints);
         let saturated_s = joints.saturated_ticks as f64 * scenario.dt_s();
         let [along_mm, along_deg] = self.along;
@@ -180,8 +190,8 @@ impl<const N: usize> Meter<N> {
         Score {
             law: scenario.control.strategy.name().to_owned(),
             completed: verdict.completed,
-            outcome: verdict.outcome,
-            reason: verdict.reason,
+            outcome: verdict.outcome.clone(),
+            reason: verdict.reason.clone(),
             along_max_mm: along_mm,
             along_max_deg: along_deg,
             orthogonal_max_mm: orthogonal_mm,
