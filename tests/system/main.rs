@@ -20,5 +20,6 @@ mod recording;
 mod replay;
 mod run;
 mod steady;
+mod sweep;
 mod top;
 mod verify;

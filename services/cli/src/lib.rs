@@ -23,6 +23,7 @@ mod replay;
 mod report;
 mod run;
 mod soak;
+mod sweep;
 mod table;
 mod top;
 mod topics;
@@ -104,6 +105,20 @@ enum Command {
         after_help = "Examples:\n  armplane compare fig5-wrist-rotation elbow-in-and-out\n  armplane compare sweep --count 90 --speed 0.5 --json\n  armplane compare my.toml --law blended,damped-least-squares --set control.baseline.damped_least_squares.largest=0.1\n  armplane compare sweep --tune --count 30"
     )]
     Compare(compare::CompareArgs),
+    /// Run a scenario under many settings, a grid or a sample, on all cores, into Parquet.
+    #[command(
+        long_about = "Computes a scenario once for each point of a grid, or of a seeded sample, over any keys that `armplane run --set` takes: one run on \
+                      one thread per core, without processes and shared memory, with the same bytes on every topic as `armplane run`. Each run is \
+                      a row of runs/*.parquet (zstd; units and provenance in the files' metadata). A sweep that was stopped or killed goes on \
+                      with the same command: no run is lost, none is computed twice.\n\n\
+                      SWEEP.toml:\n\n  \
+                      name = \"gains\"\n  scenario = \"fig5-wrist-rotation\"   # or a file beside this one\n\n  \
+                      [[key]]\n  key = \"control.k_p\"\n  values = [100, 400, 900]\n\n  \
+                      [[key]]\n  key = \"plant.mass_factor\"\n  from = 0.8\n  to = 1.2\n  steps = 5                          # scale = \"log\" is possible\n\n  \
+                      [sample]                           # instead of steps: drawn at random\n  runs = 1000\n  seed = 1",
+        after_help = "Examples:\n  armplane sweep gains.toml\n  armplane sweep report runs/gains --by orientation_max_deg --map control.k_p,plant.mass_factor\n  armplane sweep gains.toml --shard 3/16 --out shards/3\n  armplane sweep --merge shards/* --out gains\n\nExit code 1: stopped before its end; the same command goes on."
+    )]
+    Sweep(sweep::SweepArgs),
     /// Draw the paper's Figures 1, 2, 4 and 5 from runs made for it.
     #[command(
         long_about = "Runs the scenarios of Chang & Khatib's Figures 1, 2, 4 and 5 on one thread and draws them: arm postures, errors, joint motion, \
@@ -212,6 +227,7 @@ fn work() -> ExitCode {
         Command::Replay(args) => replay::replay(&args, json),
         Command::Bench(args) => bench::bench(&args, json),
         Command::Compare(args) => compare::compare(&args, json),
+        Command::Sweep(args) => sweep::sweep(&args, json),
         Command::Figures(args) => figures::figures(&args, json),
         Command::Top(args) => top::top(&args, json),
         Command::BenchPeer(args) => bench::peer(&args),
