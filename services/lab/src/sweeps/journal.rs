@@ -3,6 +3,7 @@
 //! A kill between two writes loses nothing, a kill within one leaves a line without end or with a wrong check sum: it is cut off when the
 //! journal is read, and that run is computed again.
 
+use std::collections::BTreeSet;
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
 use std::path::Path;
@@ -31,11 +32,11 @@ impl Journal {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
             Err(error) => return Err(error),
         };
-        let (mut finished, mut sound) = (Vec::<Finished>::new(), 0);
+        let (mut finished, mut known, mut sound) = (Vec::<Finished>::new(), BTreeSet::new(), 0);
         for line in text.split_inclusive(|byte| *byte == b'\n') {
             let Some(run) = read(line) else { break };
             sound += line.len() as u64;
-            if finished.iter().all(|(known, _)| *known != run.0) {
+            if known.insert(run.0) {
                 finished.push(run);
             }
         }

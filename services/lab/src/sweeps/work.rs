@@ -1,6 +1,6 @@
 //! Computes a sweep's runs on all cores, and goes on where it was stopped.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -130,7 +130,8 @@ impl<'a> Board<'a> {
             } else if journal.exists() {
                 let mut begun = Open::begin(&journal)?;
                 begun.finished.retain(|(run, cells)| own.contains(run) && cells.len() == sweep.results());
-                pending.extend(own.clone().filter(|run| begun.finished.iter().all(|(known, _)| known != run)));
+                let known: BTreeSet<u64> = begun.finished.iter().map(|(run, _)| *run).collect();
+                pending.extend(own.clone().filter(|run| !known.contains(run)));
                 if begun.finished.len() as u64 == own.end - own.start {
                     complete(sweep, folder, partition, begun.finished)?;
                 } else {
