@@ -156,7 +156,7 @@ fn a_sweep_that_cannot_be_is_refused_in_a_sentence() {
     refused("[[key]]\nkey = \"start.q_deg.4\"\nunit = \"rad\"\nvalues = [1.0]\n", "is in °, not in rad");
     refused("[[key]]\nkey = \"start.q_rad\"\nvalues = [[0.0]]\n", "given 2 times");
     let kill = "set = [\"fault=[{process='controller', kind='kill', at_tick=10}]\"]\n[[key]]\nkey = \"seed\"\nvalues = [1]\n";
-    refused(kill, "which happens to a process");
+    refused(kill, "they happen to processes");
     let grid = |values: &str| sweep_file(&desk, "grid", &format!("[[key]]\nkey = \"control.k_p\"\nvalues = {values}\n"));
     grid("[100, 200]");
     assert_eq!(desk.armplane(&["sweep", "grid.toml"]).code, 0);

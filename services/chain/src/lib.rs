@@ -89,7 +89,7 @@ pub fn hardware_faults(scenario: &Scenario) -> Result<Vec<ScheduledFault>, Refus
     }
     if let Some(fault) = scenario.fault.iter().find(|fault| !matches!(fault.kind, Kind::Sensor | Kind::Drive)) {
         let (name, kind, process) = (&scenario.name, fault.kind.name(), &fault.process);
-        let what = format_args!("{name} plans the fault `{kind}` of `{process}`, which happens to a process: one thread cannot compute it");
+        let what = format_args!("{name} plans faults, and they happen to processes: one thread cannot compute the `{kind}` of `{process}`");
         return Err(Refused::because(what));
     }
     let graph = Graph::parse("graph.toml", BUILT_IN).map_err(Refused::because)?;
