@@ -241,6 +241,7 @@ mod tests {
             ("name = \"energy\"\ntype", "name = \"torque\"\ntype", "there is a topic `torque` already", 3),
             ("armplane.Energy.v1", "an energy", "cannot be the name of a type", 4),
             ("writes = [\"energy\"]", "writes = [\"energy\", \"torque\"]", "already written by `controller`", 10),
+            ("writes = [\"energy\"]", "writes = [\"energy\"]\nexchange = true", "which only this graph knows, by an exchange page", 10),
             ("writes = [\"energy\"]", "writes = [\"energie\"]", "no process writes `energy`", 3),
             ("reads = [\"estimate\"]", "reads = [\"estimate\", \"energy\"]", "`energy` waits for itself", 9),
             ("reads = [\"estimate\"]\n", "", "`energy` reads nothing", 7),
