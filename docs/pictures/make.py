@@ -33,9 +33,9 @@ PICTURES = {
     "timing": (["run", "fig5-wrist-rotation"], 1.0, "timing"),
 }
 
-# The race: frames per second, its part of the window (left, top, right, bottom), width of a frame.
+# The race: frames per second, the window, its part that is kept (left, top, right, bottom), width of a frame.
 RACE = ["compare", "fig5-wrist-rotation", "--race"]
-RATE, PART, WIDTH = 10, (0, 54, 676, 690), 560
+RATE, WINDOW, PART, WIDTH = 10, "1280x860", (0, 54, 676, 830), 676
 COLOURS = 200
 
 
@@ -71,7 +71,7 @@ def race(command, scratch):
     folder = scratch / "race.gif"
     armplane(command, RACE, folder)
     frames = []
-    with Viewer([folder / "run.rrd"]) as viewer:
+    with Viewer([folder / "run.rrd"], WINDOW) as viewer:
         for k in range(int(4.4 * RATE)):
             viewer.at(k / RATE)
             frame = Image.open(io.BytesIO(viewer.picture())).convert("RGB").crop(PART)
