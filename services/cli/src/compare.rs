@@ -5,7 +5,9 @@ use std::process::ExitCode;
 
 use clap::Args;
 use control::Kind;
-use lab::studies::compare::{self, ArmSweep, Compared, KINDS, Ranked, Request, SWEEP, Score, Sweep, SweepSize, missed, quantile, worth};
+use lab::studies::compare::{
+    self, ArmSweep, Compared, KINDS, Ranked, Request, SWEEP, Score, Sweep, SweepSize, failures, margin, missed, quantile, verdicts, worth,
+};
 use serde_json::json;
 use session::{Failure, load};
 use shared_types::scenario::{Scenario, Strategy};
@@ -13,7 +15,7 @@ use shared_types::scenario::{Scenario, Strategy};
 use crate::compare_arm;
 use crate::out::say;
 use crate::progress::Terminal;
-use crate::table::{digits, number, table};
+use crate::table::{digits, fitted, number, table};
 
 /// How many of the best settings are shown.
 const SHOWN: usize = 5;
@@ -197,78 +199,45 @@ fn percent(ratio: f64) -> String {
 
 fn print(scenario: &Scenario, scores: &[Score]) {
     say!("{}: {} (seed {})", scenario.name, scenario.title, scenario.seed);
-    let headings = [
-        "law",
-        "along ζ, mm",
-        "°",
-        "orthogonal, mm",
-        "°",
-        "end, mm",
-        "°",
-        "speed",
-        "torque",
-        "torque step",
-        "chatter",
-        "jumps, J",
-        "time",
-        "success",
-    ];
-    let mut rows = table(&headings);
-    for score in scores {
+    let mut rows = fitted(&["law", "⊥ ζ, mm", "°", "∥ ζ, mm", "°", "speed", "torque", "time", "verdict"]);
+    for (score, verdict) in scores.iter().zip(verdicts(scores)) {
         let error = |value: f64| number(if score.completed { digits(value) } else { "–".to_owned() });
         rows.add_row([
             score.law.clone().into(),
-            error(score.along_max_mm),
-            error(score.along_max_deg),
             error(score.orthogonal_max_mm),
             error(score.orthogonal_max_deg),
-            error(score.final_mm),
-            error(score.final_deg),
+            error(score.along_max_mm),
+            error(score.along_max_deg),
             number(percent(score.speed_max_ratio)),
             number(percent(score.torque_max_ratio)),
-            number(percent(score.torque_step_max_ratio)),
-            number(score.chatter),
-            number(digits(score.jump_energy_j)),
             number(format!("× {:.2}", score.time_stretch)),
-            score.success().into(),
+            verdict.into(),
         ]);
     }
     say!("{rows}");
+    failures(scores).iter().chain(&margin(scores)).for_each(|line| say!("{line}"));
+    say!("⊥ ζ: largest error orthogonal to the singular directions, ∥ ζ: along them; speed, torque: of the joints' limits.");
+    say!("S1 asks for less than 1 mm and 0.5° orthogonal to ζ, S2 for 1 mm and 3°, and 10 mm and 5° along ζ.");
 }
 
 fn print_sweep(sweep: &Sweep) {
     say!("sweep: {} lines at {} m/s (seed {})", sweep.near.len(), sweep.speed, sweep.seed);
-    let mut rows = table(&[
-        "law",
-        "S1 %",
-        "S2 %",
-        "elbow S1 S2",
-        "wrist S1 S2",
-        "overhead S1 S2",
-        "ends %",
-        "orthogonal p95, mm",
-        "torque step p95",
-        "jumps p95, J",
-        "time p90",
-        "S2 missed by",
-    ]);
+    let mut rows =
+        fitted(&["law", "S1 %", "S2 %", "elbow", "wrist", "overhead", "ends %", "orthogonal p95, mm", "time p90", "S2 missed by"]);
     for (law, scores) in &sweep.laws {
         let share = |near: Option<Kind>, so: &dyn Fn(&Score) -> bool| {
             let (yes, all) = sweep.count(scores, near, so);
             format!("{:.1}", 100.0 * yes as f64 / all.max(1) as f64)
         };
-        let both = |kind: Kind| format!("{} {}", share(Some(kind), &|score| score.s1), share(Some(kind), &|score| score.s2));
         let mut row = vec![law.name().into(), number(share(None, &|score| score.s1)), number(share(None, &|score| score.s2))];
-        row.extend(KINDS.map(|kind| number(both(kind))));
+        row.extend(KINDS.map(|kind| number(share(Some(kind), &|score| score.s2))));
         row.extend([
             number(share(None, &Score::ended)),
             number(digits(quantile(scores, 0.95, |score| score.orthogonal_max_mm))),
-            number(digits(quantile(scores, 0.95, |score| score.torque_step_p95_ratio))),
-            number(digits(quantile(scores, 0.95, |score| score.jump_energy_j))),
             number(format!("× {:.2}", quantile(scores, 0.9, |score| score.time_stretch))),
             missed(scores).into(),
         ]);
         rows.add_row(row);
     }
-    say!("{rows}");
+    say!("{rows}\nelbow, wrist, overhead: S2 % of the lines near that lock");
 }

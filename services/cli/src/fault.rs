@@ -14,7 +14,7 @@ use shared_types::graph::Role;
 use shared_types::job::Job;
 
 use crate::out::say;
-use crate::table::table;
+use crate::table::fitted;
 
 /// How long to wait for the next tick of a run.
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -180,7 +180,7 @@ fn list(as_json: bool) -> Result<(), Failure> {
         say!("{}", serde_json::to_string_pretty(&kinds).map_err(Failure::work)?);
         return Ok(());
     }
-    let mut rows = table(&["kind", "what happens", "to", "usually for", "as (usual amount)"]);
+    let mut rows = fitted(&["kind", "what happens", "to", "usually for", "as (usual amount)"]);
     for &kind in Kind::ALL {
         let ways: Vec<_> = kind
             .ways()

@@ -16,6 +16,15 @@ pub(crate) fn table(headings: &[&str]) -> Table {
     table
 }
 
+/// A table that fits into 100 columns where there is no terminal to fit it to.
+pub(crate) fn fitted(headings: &[&str]) -> Table {
+    let mut table = table(headings);
+    if table.width().is_none() {
+        table.set_width(100);
+    }
+    table
+}
+
 /// A right-aligned cell, for numbers.
 pub(crate) fn number(text: impl ToString) -> Cell {
     Cell::new(text).set_alignment(CellAlignment::Right)

@@ -9,7 +9,7 @@ use session::Failure;
 use session::observation::{Observation, ObservedFault, ObservedProcess, ObservedSingularity, Observer, Times, choose};
 
 use crate::out::say;
-use crate::table::{digits, number, table};
+use crate::table::{digits, fitted, number};
 
 #[derive(Args)]
 pub(crate) struct TopArgs {
@@ -56,8 +56,8 @@ fn in_words(times: &Times) -> String {
 
 fn print(run: &Observation) {
     say!("{}: {}, {} Hz", run.run, run.mode, run.rate_hz);
-    let mut rows =
-        table(&["process", "state", "pid", "starts", "core", "ticks", "ticks/s", "step µs", "age µs", "missed", "lost", "refused"]);
+    let mut rows = fitted(&["process", "state", "pid", "starts", "core", "ticks", "ticks/s"]);
+    let mut times = fitted(&["process", "step, µs", "age, µs", "missed", "lost", "refused"]);
     for ObservedProcess { name, state, pid, starts, core, ticks, ticks_per_s, missed, counts, step_us, age_us } in &run.processes {
         rows.add_row([
             name.into(),
@@ -67,6 +67,9 @@ fn print(run: &Observation) {
             number(core.map_or("any".to_owned(), |core| core.to_string())),
             number(ticks),
             number(format!("{ticks_per_s:.0}")),
+        ]);
+        times.add_row([
+            name.into(),
             number(in_words(step_us)),
             number(in_words(age_us)),
             number(missed),
@@ -74,7 +77,7 @@ fn print(run: &Observation) {
             number(counts.not_finite + counts.fenced),
         ]);
     }
-    say!("{rows}");
+    say!("{rows}\n{times}");
     say!("step: input to output; age: since the tick's sample; p50 / p99 / longest");
     let stale = if run.stale_ticks > 0 { format!(", no fresh torque for {} ticks", run.stale_ticks) } else { String::new() };
     say!("arm   drive {}{stale}; task {}", run.drive, run.phase);

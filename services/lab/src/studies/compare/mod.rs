@@ -8,6 +8,7 @@ mod scenarios;
 mod score;
 mod sweep;
 mod tune;
+mod verdict;
 
 pub use arm_sweep::{ArmLines, ArmSweep, Line, Outcome};
 pub use law::{laws, name_of};
@@ -17,3 +18,4 @@ pub use score::Score;
 pub(crate) use score::scored;
 pub use sweep::{KINDS, SWEEP, Sweep, SweepSize, missed, quantile};
 pub use tune::{Point, Ranked, tune, worth};
+pub use verdict::{failures, margin, verdicts};

@@ -6,6 +6,7 @@ use viz::plot::{Axis, BLUE, Color, GREY, Page, Panel, RED, Row, digits, numbered
 use super::law::name_of;
 use super::score::Score;
 use super::sweep::{KINDS, Sweep};
+use super::verdict::{failures, margin, verdicts};
 
 /// Height of the row of a law, and of what surrounds the rows; points.
 const LAW: f64 = 22.0;
@@ -47,7 +48,8 @@ pub(super) fn scenario(scenario: &Scenario, scores: &[Score]) -> Page {
         });
         Row::of(LAW * scores.len() as f64 + AROUND, panels)
     });
-    let notes = scores.iter().map(|score| format!("{}: {}", score.law, score.success())).collect();
+    let mut notes: Vec<String> = scores.iter().zip(verdicts(scores)).map(|(score, verdict)| format!("{}: {verdict}", score.law)).collect();
+    notes.extend(failures(scores).into_iter().chain(margin(scores)));
     Page {
         title: format!("{}, every law on the same plant and seed", scenario.name),
         subtitle: scenario.title.clone(),

@@ -16,7 +16,7 @@ const BACK_WITHIN_S: f64 = 0.010;
 const SATURATED_S: f64 = 0.010;
 
 /// The result of a run, judged on the simulator's truth. Ratios are shares of the robot's own limits.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct Score {
     /// The control law.
     pub law: String,
