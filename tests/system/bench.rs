@@ -43,7 +43,9 @@ fn hops_and_cycles_are_measured_beside_their_floors() {
             assert_eq!((number("ratio_p50"), number("ratio_p99")), (1.0, 1.0), "{row}");
         }
     }
-    for (file, begins) in [("bench.json", &b"{"[..]), ("bench.svg", b"<svg"), ("bench.png", b"\x89PNG")] {
+    for (file, begins) in
+        [("bench.json", &b"{"[..]), ("bench-hop.svg", b"<svg"), ("bench-hop.png", b"\x89PNG"), ("bench-record.svg", b"<svg")]
+    {
         assert!(std::fs::read(desk.path().join("bench").join(file)).unwrap().starts_with(begins), "{file}");
     }
 }

@@ -40,7 +40,7 @@ pub(crate) struct BenchArgs {
     /// Run `realtime` without the competing load.
     #[arg(long)]
     idle: bool,
-    /// Save bench.json and a picture of the distributions, bench.svg and bench.png, in this folder.
+    /// Save bench.json and a picture for each benchmark, such as bench-hop.svg and bench-hop.png, in this folder.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
@@ -161,7 +161,7 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
         match &out {
             Some(_) => pictures.iter().for_each(|path| say!("{}", path.display())),
             None if rows.is_empty() => {}
-            None => say!("a picture of the distributions: --out DIR"),
+            None => say!("pictures: --out DIR"),
         }
     }
     match soaked.as_ref().map(|soaked| (soaked.passed, soaked.interrupted.as_deref())) {
@@ -188,8 +188,8 @@ fn save(out: &Path, whole: &serde_json::Value, rows: &[Row], machine: &str) -> R
     let text = serde_json::to_vec_pretty(whole).map_err(Failure::work)?;
     std::fs::write(&path, text).map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))?;
     let mut paths = vec![path];
-    if !rows.is_empty() {
-        paths.extend(benchmarks::picture(rows, machine).save(&out.join("bench")).map_err(Failure::work)?);
+    for (bench, page) in benchmarks::pictures(rows, machine) {
+        paths.extend(page.save(&out.join(format!("bench-{bench}"))).map_err(Failure::work)?);
     }
     Ok(paths)
 }

@@ -14,7 +14,7 @@ mod transports;
 pub use distribution::{Distribution, Row};
 pub use hop::{Only, cycle, hop, paced};
 pub use machine::{machine, machine_line};
-pub use picture::picture;
+pub use picture::pictures;
 pub use record::{Recorded, record};
 pub use ring::peer;
 pub use steps::{model, steps};

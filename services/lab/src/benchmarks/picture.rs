@@ -1,45 +1,88 @@
-//! The distributions of a bench as a picture.
+//! The times of a bench as pictures: one for each question that it answers.
 
-use viz::plot::{Axis, Page, Panel, Row as PlotRow, numbered};
+use viz::plot::{Axis, BLUE, Color, GREY, Page, Panel, Row as PlotRow, digits};
 
 use super::distribution::Row;
 
-/// One panel for each bench, placement and payload: how long the slowest share of samples took.
-pub fn picture(rows: &[Row], machine: &str) -> Page {
-    type Key<'a> = (&'a str, &'a str, usize);
-    let mut panels: Vec<(Key<'_>, Panel, usize)> = Vec::new();
-    for row in rows {
-        let key = (row.bench.as_str(), row.placement.as_str(), row.payload_bytes);
-        let place = panels.iter().position(|(known, ..)| *known == key).unwrap_or_else(|| {
-            let bytes = if row.payload_bytes > 0 { format!(", {} bytes", row.payload_bytes) } else { String::new() };
-            let title = format!("{}, {}{bytes}; µs", row.bench, row.placement);
-            panels.push((key, Panel::new(&title, Axis::named("share above: 10 to the minus"), Axis::default().logarithmic()), 0));
-            panels.len() - 1
-        });
-        let (_, panel, lines) = &mut panels[place];
-        panel.line(&row.mechanism, numbered(*lines), &row.distribution.curve);
-        *lines += 1;
-    }
-    for (key, panel, _) in &mut panels {
-        // Whole powers of ten, so that there are at least two to read.
-        let of_panel = rows.iter().filter(|row| *key == (row.bench.as_str(), row.placement.as_str(), row.payload_bytes));
-        let times = || of_panel.clone().flat_map(|row| &row.distribution.curve).map(|point| point.1).filter(|time| *time > 0.0);
-        let (least, most) = (times().fold(f64::INFINITY, f64::min), times().fold(0.0, f64::max));
-        if most > 0.0 {
-            panel.y_within(10_f64.powf(least.log10().floor())..10_f64.powf(most.log10().ceil()));
+/// A benchmark and the question that its picture answers.
+const QUESTIONS: [(&str, &str); 7] = [
+    ("hop", "How long does a message take from one process to another?"),
+    ("cycle", "How long do the messages of one tick take around four processes?"),
+    ("paced", "How late is what happens on a grid of ticks?"),
+    ("model", "How long does the arm's dynamics take?"),
+    ("control", "How long does a tick of estimator, analyzer and controller take?"),
+    ("plant", "How long does the simulated arm take for a tick?"),
+    ("record", "How much work is a tick for the recorder?"),
+];
+
+/// Height of a bar's row, and of what surrounds the rows; points.
+const BAR: f64 = 24.0;
+const AROUND: f64 = 84.0;
+
+/// Pictures with the names of their benchmarks: a bar for each mechanism, in µs.
+pub fn pictures(rows: &[Row], machine: &str) -> Vec<(String, Page)> {
+    let mut benches: Vec<&str> = rows.iter().map(|row| row.bench.as_str()).collect();
+    benches.sort_unstable();
+    benches.dedup();
+    benches.into_iter().map(|bench| (bench.replace(' ', "-"), picture(bench, rows, machine))).collect()
+}
+
+fn picture(bench: &str, rows: &[Row], machine: &str) -> Page {
+    let of_bench: Vec<&Row> = rows.iter().filter(|row| row.bench == bench).collect();
+    // One scale for all panels, in whole powers of ten.
+    let times = || of_bench.iter().flat_map(|row| [row.distribution.p50_us, row.distribution.p99_us]).filter(|time| *time > 0.0);
+    let (least, most) = (times().fold(f64::INFINITY, f64::min), times().fold(0.0, f64::max));
+    let range = if most > 0.0 { 10_f64.powf((0.8 * least).log10().floor())..10_f64.powf((1.5 * most).log10().ceil()) } else { 0.1..10.0 };
+    let mut keys: Vec<(&str, usize)> = Vec::new();
+    for row in &of_bench {
+        if !keys.contains(&(row.placement.as_str(), row.payload_bytes)) {
+            keys.push((&row.placement, row.payload_bytes));
         }
     }
-    let mut panels: Vec<Panel> = panels.into_iter().map(|(_, panel, _)| panel).collect();
+    let panels: Vec<(usize, Panel)> = keys
+        .iter()
+        .map(|(placement, bytes)| {
+            let shown: Vec<&&Row> = of_bench.iter().filter(|row| row.placement == *placement && row.payload_bytes == *bytes).collect();
+            let title = if *bytes > 0 { format!("{placement}, {bytes} bytes") } else { (*placement).to_owned() };
+            let names = Axis::names(shown.iter().map(|row| row.mechanism.clone()));
+            let mut panel = Panel::new(&title, Axis::named("µs").logarithmic().within(range.clone()), names);
+            for (place, row) in shown.iter().enumerate() {
+                let times = &row.distribution;
+                panel.bar(place, times.p99_us, Color { 3: 0.35, ..GREY }, String::new());
+                panel.bar(place, times.p50_us, BLUE, format!("{} ({})", digits(times.p50_us), digits(times.p99_us)));
+            }
+            (shown.len(), panel)
+        })
+        .collect();
     let mut pairs = Vec::new();
-    while !panels.is_empty() {
-        let rest = panels.split_off(panels.len().min(2));
-        pairs.push(PlotRow::of(240.0, std::mem::replace(&mut panels, rest)));
+    let mut panels = panels.into_iter().peekable();
+    while panels.peek().is_some() {
+        let pair: Vec<(usize, Panel)> = panels.by_ref().take(2).collect();
+        let most = pair.iter().map(|(bars, _)| *bars).max().unwrap_or(1);
+        pairs.push(PlotRow::of(AROUND + BAR * most as f64, pair.into_iter().map(|(_, panel)| panel)));
     }
+    let question = QUESTIONS.iter().find(|(known, _)| bench.starts_with(known)).map_or(bench, |(_, question)| *question);
     Page {
-        title: "armplane bench".to_owned(),
-        subtitle: format!("0: all samples, 2: the slowest hundredth, 3: the slowest thousandth. {}", machine),
+        title: question.to_owned(),
+        subtitle: format!("blue: half of the samples are quicker; grey, and in brackets: 99 of 100 are. {machine}"),
         rows: pairs,
-        width: 1600.0,
+        width: 1100.0,
         ..Page::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::distribution::{Distribution, histogram};
+    use super::*;
+
+    #[test]
+    fn each_question_has_a_picture_of_its_own() {
+        let mut times = histogram();
+        (1..=1000).for_each(|nanoseconds| times.saturating_record(nanoseconds));
+        let rows = ["hop", "model", "hop"].map(|bench| Row::alone(bench, "x", Distribution::of(&times)));
+        let pictures = pictures(&rows, "a machine");
+        assert_eq!(pictures.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(), ["hop", "model"]);
+        assert!(pictures.iter().all(|(_, page)| page.title.ends_with('?') && page.rows.len() == 1), "{pictures:?}");
     }
 }
