@@ -4,6 +4,9 @@ use viz::plot::{Axis, BLUE, Color, Page, Panel, RED, Row, digits};
 
 use super::cell::Cell;
 
+/// Colour of a fault that cannot happen to a process.
+const NONE: Color = Color { 0: 222, 1: 224, 2: 229, 3: 1.0 };
+
 /// White to blue by the size of a value on a logarithmic scale; red where an invariant is broken.
 fn shade(value: f64, range: std::ops::Range<f64>, is_broken: bool) -> Color {
     if is_broken {
@@ -28,6 +31,13 @@ pub(super) fn picture(cells: &[Cell]) -> Page {
     }
     let place = |title: &str, value: &dyn Fn(&Cell) -> Option<f64>, range: std::ops::Range<f64>| {
         let mut panel = Panel::new(title, Axis::names(processes.clone()), Axis::names(faults.clone()));
+        for (column, process) in processes.iter().enumerate() {
+            for (row, fault) in faults.iter().enumerate() {
+                if !singles.iter().any(|cell| cell.process == *process && name(cell) == *fault) {
+                    panel.cell(column, row, NONE, "n/a".to_owned());
+                }
+            }
+        }
         for cell in &singles {
             let column = processes.iter().position(|process| *process == cell.process).unwrap_or_default();
             let row = faults.iter().position(|fault| *fault == name(cell)).unwrap_or_default();
@@ -49,7 +59,7 @@ pub(super) fn picture(cells: &[Cell]) -> Page {
             cells.len()
         ),
         rows: vec![Row::of(80.0 + 19.0 * faults.len() as f64, [off_path, detected])],
+        notes: vec!["n/a: this fault cannot happen to this process. –: nothing detected it.".to_owned()],
         width: 1100.0,
-        ..Page::default()
     }
 }
