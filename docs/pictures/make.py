@@ -3,11 +3,12 @@
 
     docs/pictures/make.py [--armplane target/release/armplane] [--only NAME,…]
 
-Needs `cargo build --release`, what viewer.py names, and Pillow (`pip install pillow`).
+Needs `cargo build --release`, what viewer.py names, Pillow (`pip install pillow`), and for the report Chromium or its path in BROWSER.
 """
 
 import argparse
 import io
+import os
 import pathlib
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from viewer import Viewer
 HERE = pathlib.Path(__file__).resolve().parent
 DOCS = HERE.parent
 FAULTS = HERE / "faults.toml"
+BROWSER = os.environ.get("BROWSER", "chromium")
 
 # Picture: what is run, when it is seen (s), and the layout where it is not the scenario's.
 PICTURES = {
@@ -90,15 +92,36 @@ def race(command, scratch):
         sys.exit(f"{path} has {path.stat().st_size} bytes; 3 MB are the most")
 
 
+def figure(command, scratch):
+    """Figure 3 of the paper, as `armplane figures` draws it."""
+    folder = scratch / "figures"
+    subprocess.run([command, "figures", "--out", str(folder)], capture_output=True, check=True)
+    small((folder / "fig3.png").read_bytes()).save(DOCS / "fig3.png", optimize=True)
+
+
+def report(command, scratch):
+    """The first page of a report, in a browser."""
+    folder, page, shot = scratch / "report", scratch / "report.html", scratch / "report.png"
+    armplane(command, ["run", "fig5-wrist-rotation"], folder)
+    subprocess.run([command, "report", str(folder), "--out", str(page)], capture_output=True, check=True)
+    browser = [BROWSER, "--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", f"--user-data-dir={scratch / 'browser'}"]
+    subprocess.run([*browser, "--window-size=1280,1080", f"--screenshot={shot}", page.as_uri()], capture_output=True, check=True)
+    small(shot.read_bytes()).save(DOCS / "report.png", optimize=True)
+
+
+# Pictures that need no viewer, or several of its frames.
+OTHERS = {"race.gif": race, "fig3": figure, "report": report}
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--armplane", default=str(DOCS.parent / "target/release/armplane"))
-    parser.add_argument("--only", default=",".join([*PICTURES, "race.gif"]), help="names, separated by commas")
+    parser.add_argument("--only", default=",".join([*PICTURES, *OTHERS]), help="names, separated by commas")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         for name in arguments.only.split(","):
-            if name == "race.gif":
-                race(arguments.armplane, pathlib.Path(scratch))
+            if name in OTHERS:
+                OTHERS[name](arguments.armplane, pathlib.Path(scratch))
             else:
                 picture(arguments.armplane, name, pathlib.Path(scratch))
             print(name, flush=True)

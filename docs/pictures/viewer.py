@@ -8,6 +8,7 @@ import base64
 import json
 import os
 import pathlib
+import signal
 import socket
 import subprocess
 import tempfile
@@ -36,14 +37,14 @@ class Viewer:
         arguments = ["-"] if piped else [str(file) for file in files]
         self.viewer = subprocess.Popen(
             [COMMAND, *arguments, "--headless", "--bind", "127.0.0.1", "--port", str(port), "--window-size", size],
-            env=environment, stdin=subprocess.PIPE if piped else quiet, stdout=quiet, stderr=quiet,
+            env=environment, stdin=subprocess.PIPE if piped else quiet, stdout=quiet, stderr=quiet, start_new_session=True,
         )
         if piped:
             for file in files:
                 self.viewer.stdin.write(pathlib.Path(file).read_bytes())
             self.viewer.stdin.close()
         self.control = subprocess.Popen(
-            [COMMAND, "viewer-mcp"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=quiet, text=True, bufsize=1
+            [COMMAND, "viewer-mcp"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=quiet, text=True, bufsize=1, start_new_session=True,
         )
         self.number = 0
         hello = {"protocolVersion": "2024-11-05", "capabilities": {}, "clientInfo": {"name": "armplane-pictures", "version": "1"}}
@@ -57,11 +58,12 @@ class Viewer:
 
     def __exit__(self, *_):
         for process in (self.control, self.viewer):
-            process.terminate()
+            # The whole group: pip's `rerun` is a script that starts the viewer proper.
+            os.killpg(process.pid, signal.SIGTERM)
             try:
                 process.wait(10)
             except subprocess.TimeoutExpired:
-                process.kill()
+                os.killpg(process.pid, signal.SIGKILL)
         self.folder.cleanup()
 
     def send(self, message):

@@ -163,9 +163,14 @@ fn a_report_stands_alone() {
     assert_eq!(said.code, 0, "{}", said.err);
     let page = desk.read("results/report.html");
     assert!(page.matches("<svg").count() >= 4 && page.contains("<polyline"), "plots");
-    for foreign in ["<script", "<link", "src=", "url(", "@import"] {
+    for foreign in ["<script ", "<link", "src=", "url(", "@import", "fetch(", "import(", "XMLHttpRequest", "<img", "<iframe"] {
         assert!(!page.contains(foreign), "{foreign}");
     }
+    assert!(page.contains("default-src 'none'") && page.len() < 5_000_000, "no network, and {} bytes", page.len());
+    let poses = page.matches("<figure class=\"pose\"").count();
+    assert!((3..=5).contains(&poses) && page.contains("<b>Locked</b>") && page.contains("<b>End</b>"), "{poses} poses");
+    assert!(page.find("class=\"poses\"").unwrap() < page.find("<h2>").unwrap(), "the page begins with the arm");
+    assert!(page.matches("class=\"cursor\"").count() >= 8 && page.contains("type=\"range\""), "a slider, and its line in every plot");
     let hash = summary["topics"]["torque"]["hash"].as_str().expect("a hash");
     for expected in ["goal reached", "wrist", "type 2", "reorient", hash, env!("CARGO_PKG_VERSION"), "Linux", "No fault, refusal or loss."]
     {

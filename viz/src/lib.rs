@@ -42,6 +42,7 @@ mod sink;
 mod solid;
 #[cfg(test)]
 mod synthetic;
+mod tint;
 
 pub use export::{ExportError, ExportFormat, ExportNews, export};
 pub use read::{About, Damage, Piece, ReadError, Rows, read};
@@ -49,3 +50,4 @@ pub use recording::{Level, Options, Recording, RunInfo, Written, part_name, part
 pub use report::{ReportError, report};
 pub use signals::{ChainHops, HOP_NAMES, Signal, TickRow, chain_hops};
 pub use sink::{FileInfo, RecordError, Storage};
+pub use tint::singularity_ink;

@@ -126,7 +126,7 @@ impl Situation {
         let mark = if run.fault.is_some() { "###" } else { "##" };
         let locks = self.inside().count();
         if locks == 0 {
-            let _ = writeln!(text, "{mark} Free: the hand can move in every direction\n\n*{}*\n", run.title);
+            let _ = writeln!(text, "{mark} {}\n\nFree: the hand can move in every direction.\n", run.title);
             let near = self.singularities[..self.count].iter().enumerate().find(|(_, one)| one.mode != MODE_REGULAR);
             if let Some((i, one)) = near {
                 let _ = writeln!(text, "Near the **{}** singularity: {}.\n", singularity_name(one.kind, i), doing(one.mode));
@@ -184,12 +184,14 @@ pub(crate) fn label(one: &SingularityState, index: usize) -> String {
     format!("{}: {verb}", singularity_name(one.kind, index))
 }
 
-fn capital(name: &str) -> String {
+/// With a capital letter.
+pub(crate) fn capital(name: &str) -> String {
     let mut letters = name.chars();
     letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
 }
 
-fn lost(angular: bool) -> &'static str {
+/// What the hand cannot do.
+pub(crate) fn lost(angular: bool) -> &'static str {
     if angular { "turn about ζ" } else { "move along ζ" }
 }
 
@@ -204,7 +206,8 @@ fn reason(kind: u32, joints: usize) -> &'static str {
     }
 }
 
-fn doing(mode: u32) -> &'static str {
+/// The arm's response in a mode.
+pub(crate) fn doing(mode: u32) -> &'static str {
     match mode {
         MODE_REGULAR => "plain operational-space control",
         MODE_BLEND => "control along ζ passes between hand and null space",

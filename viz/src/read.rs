@@ -78,6 +78,26 @@ pub enum Piece<'a> {
         /// Its new state.
         state: String,
     },
+    /// Where something drawn was.
+    Place {
+        /// When.
+        tick: u64,
+        /// Its path, like `/world/arm/link3`.
+        of: &'a str,
+        /// Its origin; base axes, m.
+        p: [f32; 3],
+        /// Its rotation, a unit quaternion.
+        xyzw: [f32; 4],
+    },
+    /// The words at a mark, from the tick at which the arm enters the neighbourhood.
+    Label {
+        /// When.
+        tick: u64,
+        /// Its path.
+        of: &'a str,
+        /// Its words.
+        text: String,
+    },
     /// The rest of a file cannot be read; the next file follows.
     Damaged(Damage<'a>),
 }
@@ -209,6 +229,18 @@ fn read_part<E: From<ReadError>>(path: &Path, about: &mut About, each: &mut impl
             for (tick, state) in ticks(&chunk).into_iter().zip(texts(&chunk, "StateChange:state")) {
                 each(Piece::State { tick, lane: lane.clone(), state })?;
             }
+        } else if chunk.components().contains_component("Transform3D:translation".into()) {
+            let (places, turns) = (vectors::<3>(&chunk, "Transform3D:translation"), vectors::<4>(&chunk, "Transform3D:quaternion"));
+            for (row, (tick, p)) in ticks(&chunk).into_iter().zip(places).enumerate() {
+                let xyzw = turns.get(row).copied().flatten().unwrap_or([0.0, 0.0, 0.0, 1.0]);
+                if let Some(p) = p {
+                    each(Piece::Place { tick, of: &at, p, xyzw })?;
+                }
+            }
+        } else if chunk.components().contains_component("Points3D:labels".into()) {
+            for (tick, text) in ticks(&chunk).into_iter().zip(texts(&chunk, "Points3D:labels")) {
+                each(Piece::Label { tick, of: &at, text })?;
+            }
         }
     }
     if !any {
@@ -255,6 +287,19 @@ fn numbers(lists: &ListArray) -> Vec<f64> {
 fn texts(chunk: &Chunk, component: &'static str) -> Vec<String> {
     let values = chunk.components().get(component.into()).and_then(|column| column.list_array.values().as_string_opt::<i32>().cloned());
     values.map_or(Vec::new(), |values| values.iter().map(|text| text.unwrap_or_default().to_owned()).collect())
+}
+
+/// The first vector of each row of a component; `None` where a row has none.
+fn vectors<const K: usize>(chunk: &Chunk, component: &'static str) -> Vec<Option<[f32; K]>> {
+    let Some(column) = chunk.components().get(component.into()) else { return Vec::new() };
+    let lists = &column.list_array;
+    let Some(all) = lists.values().as_fixed_size_list_opt() else { return Vec::new() };
+    let Some(numbers) = all.values().as_primitive_opt::<Float32Type>() else { return Vec::new() };
+    let first = |ends: &[i32]| {
+        let place = ends[0] as usize;
+        (ends[1] > ends[0]).then(|| numbers.values().get(K * place..K * (place + 1)))??.try_into().ok()
+    };
+    lists.value_offsets().windows(2).map(first).collect()
 }
 
 /// The signals that a chunk has.

@@ -14,6 +14,7 @@ mod write;
 
 pub use file::save_blueprint;
 pub use parts::{part_name, parts_in};
+pub(crate) use pieces::eye;
 pub use state::{Level, Options, Recording, RunInfo, Written};
 
 #[cfg(test)]

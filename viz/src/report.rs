@@ -1,18 +1,30 @@
 //! A run as one HTML page that needs nothing else, for people without a viewer.
 
+mod camera;
+mod drawing;
 mod html;
+mod moments;
+mod path;
+mod poses;
 mod recorded;
+mod solids;
+mod stage;
 
 use std::path::{Path, PathBuf};
 
-use shared_types::job::Job;
+use model::{Robot, RobotSource};
+use shared_types::job::{Job, RobotText};
 use shared_types::summary::{Machine, Summary};
 
-use crate::plot::{Axis, Panel, PlotError, RED, digits, numbered};
+use crate::blueprint::{ACROSS, ALONG, JOINTS};
+use crate::plot::{Axis, Color, PlotError, RED, digits, numbered};
 use crate::read::{Damage, ReadError};
 use crate::signals::Signal;
+use crate::tint::ink;
+use drawing::Named;
 use html::{Html, escaped};
 use recorded::Recorded;
+use stage::Stage;
 
 /// Lines of the log that are shown.
 const LOG_LINES: usize = 200;
@@ -46,6 +58,7 @@ pub fn report(
     let title = escaped(title);
     page.add(format_args!(
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'\">\
          <title>{title} · armplane</title><style>{}</style></head><body>\n<h1>{title}</h1>",
         include_str!("report/report.css")
     ));
@@ -59,25 +72,32 @@ pub fn report(
     if !job.scenario.about.is_empty() {
         page.add(format_args!("<p>{}</p>", escaped(&job.scenario.about)));
     }
-    let simulated_s = summary.ticks as f64 / f64::from(summary.rate_hz.max(1));
-    page.facts(&[
-        ("scenario", summary.scenario.clone()),
-        ("robot", summary.robot.clone()),
-        ("mode", format!("{}, seed {}", summary.mode, summary.seed)),
-        (
-            "length",
-            format!("{} ticks at {} Hz: {simulated_s:.3} s of the arm's time in {:.2} s", summary.ticks, summary.rate_hz, summary.wall_s),
-        ),
-        ("run", summary.run.clone()),
-    ]);
-    tables(&mut page, summary);
-    if recorded.lines.is_empty() {
-        page.add(format_args!("<p class=\"soft\">There is no recording, hence no plots.</p>"));
-    } else {
-        plots(&mut page, job, recorded, path)?;
+    let singularities = Named::all(&recorded.singularities);
+    let RobotText { name, description, urdf } = job.robot.clone();
+    let robot = Robot::from_source(&RobotSource { name, description, urdf }).ok();
+    let mut stage = robot.as_ref().and_then(|robot| Stage::new(robot, job, recorded, &singularities));
+    if let Some(stage) = &mut stage {
+        stage.moments(&mut page, job, summary, recorded, &singularities);
     }
+    if recorded.lines.is_empty() {
+        page.add(format_args!("<p class=\"soft\">There is no recording, hence neither pictures nor plots.</p>"));
+    } else {
+        page.heading("Arm and signals");
+        page.add(format_args!("<div class=\"desk\">"));
+        if let Some(stage) = &stage {
+            stage.slider(&mut page, recorded.end_s);
+        }
+        page.add(format_args!("<div class=\"plots\">"));
+        let turns = robot.is_none_or(|robot| robot.task.0[3..].contains(&true));
+        plots(&mut page, job, recorded, &singularities, turns, path)?;
+        page.add(format_args!("</div></div>"));
+    }
+    tables(&mut page, summary);
     happened(&mut page, summary, recorded);
     provenance(&mut page, summary);
+    if let Some(stage) = &mut stage {
+        stage.script(&mut page);
+    }
     page.add(format_args!("</body></html>"));
     Ok(page.text)
 }
@@ -122,56 +142,89 @@ fn tables(page: &mut Html, summary: &Summary) {
     page.table(&["singularity", "type", "min |s|", "inside, ticks", "entries", "ζ turned, °"], &singularities);
 }
 
-fn plots(page: &mut Html, job: &Job, recorded: &Recorded, path: &Path) -> Result<(), PlotError> {
-    let rate_hz = f64::from(job.scenario.rate_hz.max(1));
-    let own = |name: &str| name.to_owned();
-    let joint = |name: &str| format!("q{name}");
-    page.heading("Signals");
+/// Least |s|/η and least error that a plot shows: what is smaller is as good as zero.
+const LEAST: f64 = 1e-4;
 
-    let mut measure = Panel::new("s_i(q): 0 is singular", recorded.time_axis(), Axis::default());
-    for (i, line) in recorded.lines.get(Signal::Measure.name()).into_iter().flatten().enumerate() {
-        let mut shade = numbered(i);
-        shade.3 = 0.12;
-        recorded.stretches(&line.name, rate_hz).into_iter().for_each(|stretch| measure.band("", shade, stretch));
+/// `turns`: whether the task has an orientation.
+fn plots(page: &mut Html, job: &Job, recorded: &Recorded, singularities: &[Named], turns: bool, path: &Path) -> Result<(), PlotError> {
+    let rate_hz = f64::from(job.scenario.rate_hz.max(1));
+    let joint = |name: &str| format!("q{name}");
+    let joints: Vec<Color> = JOINTS.map(ink).to_vec();
+    let own: Vec<Color> = singularities.iter().map(|one| ink(one.colour)).collect();
+    let analysis = &job.scenario.analysis;
+
+    let mut near = recorded.blank("|s|/η: how near to each singularity", Axis::default().logarithmic().within(1e-3..30.0));
+    near.floor("treated as singular", Color { 3: 0.13, ..RED }, 1.0);
+    for (i, one) in singularities.iter().enumerate() {
+        let shade = Color { 3: 0.13, ..own[i] };
+        recorded.stretches(&format!("mode/{}", one.name), "regular", rate_hz).into_iter().for_each(|stretch| near.band("", shade, stretch));
     }
-    let eta: Vec<f64> = job.scenario.analysis.eta_in.named().iter().map(|(_, eta)| *eta).collect();
-    let (least, largest) = (eta.iter().copied().fold(f64::INFINITY, f64::min), eta.iter().copied().fold(0.0, f64::max));
-    for (i, level) in [least, -least, largest, -largest].into_iter().take(if least < largest { 4 } else { 2 }).enumerate() {
-        measure.dashed(if i == 0 { "± η, entry" } else { "" }, RED, &[(0.0, level), (recorded.end_s, level)]);
-    }
-    recorded.draw(&mut measure, Signal::Measure, own);
+    recorded.draw_scaled(&mut near, Signal::Measure, &own, |i, s| {
+        let eta = singularities.get(i).map_or(1.0, |one| analysis.eta_in.of(one.kind));
+        (s.abs() / eta.max(1e-12)).clamp(LEAST, 1e6)
+    });
     page.broad_figure(
         path,
-        measure,
-        "How near the arm is to each singularity. Within ± η it is treated as singular. Shaded: control there is not the regular one \
-         (blending, tracking by null-space motion, reorienting, holding).",
+        near,
+        "Below 1 the arm is treated as singular. Upright bands: control there is not the regular one (blending, tracking by null-space \
+         motion, reorienting, holding).",
     )?;
 
-    let position = recorded.panel("position error, mm", Signal::PositionError, Axis::default(), |name| format!("{name} ζ"));
-    let orientation = recorded.panel("orientation error, °", Signal::OrientationError, Axis::default(), |name| format!("{name} ζ"));
-    page.figure(path, [position, orientation], "Desired against true pose, split at the singular directions ζ that the arm is inside of.")?;
+    let errors = [ink(ACROSS), ink(ALONG)];
+    let error = |title: &str, signal, tolerance: f64, most: f64| {
+        let mut panel = recorded.blank(title, Axis::default().logarithmic().within(LEAST..most));
+        recorded.draw_scaled(&mut panel, signal, &errors, |_, value| value.clamp(LEAST, most));
+        if tolerance < most {
+            panel.dashed("goal", RED, &[(0.0, tolerance), (recorded.end_s, tolerance)]);
+        }
+        panel
+    };
+    let goal = &job.scenario.goal;
+    let position = error("position error, mm", Signal::PositionError, goal.position_mm, 100.0);
+    let orientation = error("orientation error, °", Signal::OrientationError, goal.orientation_deg, 100.0);
+    page.figure(
+        path,
+        std::iter::once(position).chain(turns.then_some(orientation)),
+        "Desired against true pose, orthogonal to and along the singular directions ζ that the arm is inside of.",
+    )?;
 
     let (torque, of) =
         recorded.over_limit([Signal::TorqueTaskRatio, Signal::TorqueNullRatio], [Signal::TorqueTask, Signal::TorqueNull], "N·m");
-    let task = recorded.panel(&format!("torque that acts at the hand{of}"), torque[0], Axis::default(), joint);
-    let null = recorded.panel(&format!("torque in the null space{of}"), torque[1], Axis::default(), joint);
-    let range = recorded.panel("joints between their limits ±1", Signal::PositionInRange, Axis::default().within(-1.05..1.05), joint);
+    let task = recorded.panel(&format!("torque that acts at the hand{of}"), torque[0], Axis::default(), &joints, joint);
+    let null = recorded.panel(&format!("torque in the null space{of}"), torque[1], Axis::default(), &joints, joint);
+    let range =
+        recorded.panel("joints between their limits ±1", Signal::PositionInRange, Axis::default().within(-1.05..1.05), &joints, joint);
     let ([speed], of) = recorded.over_limit([Signal::SpeedRatio], [Signal::Speed], "rad/s");
-    let speed = recorded.panel(&format!("joint speeds{of}"), speed, Axis::default(), joint);
+    let speed = recorded.panel(&format!("joint speeds{of}"), speed, Axis::default(), &joints, joint);
     page.figure(path, [task, null, range, speed], "The joints; colours are the same in all four.")?;
 
-    let mut scale = Panel::new("β (1: hand, 0: null space) and governor", recorded.time_axis(), Axis::default().within(-0.05..1.05));
-    recorded.draw(&mut scale, Signal::Beta, |name| format!("β {name}"));
+    let mut scale = recorded.blank("β (1: hand, 0: null space) and governor", Axis::default().within(-0.05..1.05));
+    recorded.draw(&mut scale, Signal::Beta, &own, |name| format!("β {name}"));
     for (i, line) in recorded.lines.get(Signal::Scale.name()).into_iter().flatten().enumerate() {
         scale.dashed(&line.name, numbered(i + 4), &line.points);
     }
-    let latency = recorded.panel("time per hop, µs", Signal::Latency, Axis::default().logarithmic(), own);
+    let latency = recorded.panel("time per hop, µs", Signal::Latency, Axis::default().logarithmic(), &joints, str::to_owned);
     page.figure(
         path,
         [scale, latency],
         "Who controls what, and how fast path time, task torque and null-space torque are let through; and the hops of each tick, the \
          whole chain among them: in lockstep they say how fast the machine is, not how punctual.",
     )
+}
+
+/// The run's own description.
+fn facts(page: &mut Html, summary: &Summary) {
+    let simulated_s = summary.ticks as f64 / f64::from(summary.rate_hz.max(1));
+    page.facts(&[
+        ("scenario", summary.scenario.clone()),
+        ("robot", summary.robot.clone()),
+        ("mode", format!("{}, seed {}", summary.mode, summary.seed)),
+        (
+            "length",
+            format!("{} ticks at {} Hz: {simulated_s:.3} s of the arm's time in {:.2} s", summary.ticks, summary.rate_hz, summary.wall_s),
+        ),
+        ("run", summary.run.clone()),
+    ]);
 }
 
 fn happened(page: &mut Html, summary: &Summary, recorded: &Recorded) {
@@ -210,6 +263,7 @@ fn happened(page: &mut Html, summary: &Summary, recorded: &Recorded) {
 
 fn provenance(page: &mut Html, summary: &Summary) {
     page.heading("Provenance");
+    facts(page, summary);
     let Machine { cpu, cores, kernel } = &summary.machine;
     let recording = match (summary.recorder.file.as_str(), summary.recorder.error.as_str()) {
         ("", "") => "none".to_owned(),

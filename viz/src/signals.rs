@@ -275,6 +275,8 @@ pub(crate) enum Drawn {
     Gravity,
     /// Torques in the null space; the same.
     Null,
+    /// 0 while a fault is in force, nothing else: a bar in the plots of a run with planned faults.
+    Fault,
 }
 
 /// Steps of what is drawn to one.
@@ -283,7 +285,7 @@ pub(crate) const SHARES: f64 = 2048.0;
 const NEAREST: f64 = -3.0;
 
 impl Drawn {
-    pub(crate) const ALL: &[Self] = &[Self::Nearness, Self::InRange, Self::Speed, Self::Hand, Self::Gravity, Self::Null];
+    pub(crate) const ALL: &[Self] = &[Self::Nearness, Self::InRange, Self::Speed, Self::Hand, Self::Gravity, Self::Null, Self::Fault];
 
     pub(crate) const fn component(self) -> &'static str {
         match self {
@@ -293,6 +295,7 @@ impl Drawn {
             Self::Hand => "drawn:torque_hand",
             Self::Gravity => "drawn:torque_gravity",
             Self::Null => "drawn:torque_null",
+            Self::Fault => "drawn:fault",
         }
     }
 }

@@ -42,10 +42,12 @@ pub(crate) struct Mesh {
     pub(crate) normals: Vec<[f32; 3]>,
     pub(crate) colours: Vec<Rgba>,
     pub(crate) triangles: Vec<[u32; 3]>,
+    /// The first vertex of each convex solid in it: rings of [`FACETS`] vertices, the first and the last of which are its ends.
+    pub(crate) solids: Vec<usize>,
 }
 
 /// Facets of a full turn.
-const FACETS: usize = 28;
+pub(crate) const FACETS: usize = 28;
 
 impl Mesh {
     /// The convex hull of discs, extruded from `z0` to `z1` with edges rounded by `bevel`: a cylinder, a slab, a tapered arm.
@@ -114,6 +116,7 @@ impl Mesh {
     /// Rings of the hull's outline, stacked: each (z, inset of the outline, z part of the normal), from the bottom to the top, closed at both.
     fn add_profile(&mut self, at: Placement, discs: &[Disc], profile: &[(f32, f32, f32)], colour: Rgba) {
         let first = self.positions.len() as u32;
+        self.solids.push(self.positions.len());
         for &(z, inset, slope) in profile {
             for k in 0..FACETS {
                 let (sin, cos) = (std::f32::consts::TAU * k as f32 / FACETS as f32).sin_cos();

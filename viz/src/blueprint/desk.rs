@@ -5,13 +5,11 @@ use re_sdk_types::blueprint::components::Corner2D;
 use shared_types::scenario::Layout;
 
 use super::sheet::{Lines, Sheet};
-use super::subject::{JOINTS, Subject};
+use super::subject::{ACROSS, ALONG, JOINTS, Subject};
 use crate::entity;
 use crate::signals::{Drawn, HOP_NAMES, Signal};
 use crate::solid::Rgba;
 
-const ACROSS: Rgba = [110, 215, 150, 255];
-const ALONG: Rgba = [250, 150, 210, 255];
 const TOLERANCE: Rgba = [255, 64, 84, 255];
 const LIMITS: Option<[f64; 2]> = Some([-1.1, 1.1]);
 /// Name of the view from near by.
@@ -28,6 +26,7 @@ pub(super) struct Desk<'a> {
 
 impl<'a> Desk<'a> {
     pub(super) fn new(sheet: &'a mut Sheet, subject: &'a Subject) -> Self {
+        sheet.marks_faults = subject.faults;
         Self { sheet, subject }
     }
 
@@ -35,7 +34,7 @@ impl<'a> Desk<'a> {
         match layout {
             Layout::Control => {
                 let views = vec![(1.55, self.world()), (1.0, self.close_up())];
-                let left = [(2.75, self.sheet.row("", views)), (1.0, self.now())];
+                let left = [(2.45, self.sheet.row("", views)), (1.15, self.now())];
                 let torques = self.torques();
                 let more = [
                     self.errors(),
@@ -143,6 +142,9 @@ impl<'a> Desk<'a> {
             sheet.plot(name, lines, ERRORS, legend)
         };
         let position = pane(self.sheet, "Position error, 10^y mm", Signal::PositionError, "guide:goal_position", goal[0], None);
+        if self.subject.without_orientation {
+            return self.sheet.row("Task errors", vec![(1.0, position)]);
+        }
         let (name, legend) = ("Orientation error, 10^y °", Some(Corner2D::RightTop));
         let orientation = pane(self.sheet, name, Signal::OrientationError, "guide:goal_orientation", goal[1], legend);
         self.sheet.row("Task errors", vec![(1.0, position), (1.0, orientation)])

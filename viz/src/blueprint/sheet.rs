@@ -54,6 +54,9 @@ impl Lines {
     }
 }
 
+/// Colour of a fault in force, as in its lane.
+const FAULT: Rgba = [192, 48, 48, 255];
+
 /// Ids are made of what they are of: a layout is the same bytes in every file, and no view has the id of one of another class, be it in
 /// another layout or in one of an earlier version. The viewer keeps layouts from one opening to the next, and what it knows of a view by its id.
 const ID_BASE: u128 = 0xa6b1_0000_0000_4000_8000_0000_0000_0000;
@@ -70,11 +73,13 @@ pub(super) struct Sheet {
     views: Vec<(String, EntityPath)>,
     /// The last container made: in the end the outermost.
     pub(super) root: Uuid,
+    /// Whether plots have a bar for faults in force.
+    pub(super) marks_faults: bool,
 }
 
 impl Sheet {
     pub(super) fn new(layout: Layout) -> Self {
-        Self { layout, chunks: Vec::new(), ids: 0, views: Vec::new(), root: Uuid::nil() }
+        Self { layout, chunks: Vec::new(), ids: 0, views: Vec::new(), root: Uuid::nil(), marks_faults: false }
     }
 
     pub(super) fn log(&mut self, path: impl Into<EntityPath>, archetype: &dyn AsComponents) {
@@ -150,7 +155,11 @@ impl Sheet {
     }
 
     /// A plot of lines over the shared time axis; `range`: fixed y range.
-    pub(super) fn plot(&mut self, name: &str, lines: Vec<Lines>, range: Option<[f64; 2]>, legend: Option<Corner2D>) -> EntityPath {
+    pub(super) fn plot(&mut self, name: &str, mut lines: Vec<Lines>, range: Option<[f64; 2]>, legend: Option<Corner2D>) -> EntityPath {
+        if self.marks_faults {
+            let bar = Lines::drawn(Drawn::Fault, vec!["fault in force".to_owned()], [FAULT]);
+            lines.push(Lines { width: 6.0, ..bar });
+        }
         let mut entities: Vec<&str> = lines.iter().map(|lines| lines.entity).collect();
         entities.sort_unstable();
         entities.dedup();

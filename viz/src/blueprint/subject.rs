@@ -16,6 +16,10 @@ pub(crate) const JOINTS: [Rgba; 8] = [
     [120, 130, 145, 255],
 ];
 
+/// Colours of errors orthogonal to ζ and along it.
+pub(crate) const ACROSS: Rgba = [110, 215, 150, 255];
+pub(crate) const ALONG: Rgba = [250, 150, 210, 255];
+
 /// The properties of a run that its blueprint depends on.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Subject {
@@ -26,6 +30,10 @@ pub(crate) struct Subject {
     pub(crate) outer: Vec<f64>,
     /// The goal's tolerances: mm and degrees; `None` where it does not judge.
     pub(crate) goal: [Option<f64>; 2],
+    /// Faults are planned: plots have a bar for them.
+    pub(crate) faults: bool,
+    /// The task has no orientation, hence no error of it.
+    pub(crate) without_orientation: bool,
     /// Torque over its limit is undefined: some joint has no limit.
     pub(crate) unlimited_torque: bool,
     /// The same for speeds.

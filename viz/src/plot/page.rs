@@ -1,5 +1,6 @@
 //! A page of panels, and its files.
 
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use plotters::backend::{BitMapBackend, DrawingBackend, SVGBackend};
@@ -111,6 +112,14 @@ impl Page {
         let png_path = path.with_added_extension("png");
         write(&png_path, &png(&pixels, size).map_err(|error| draw_error(&png_path, error))?)?;
         Ok([svg_path, png_path])
+    }
+
+    /// The rectangle of the data of a page's only panel, in the units of the SVG: x, and y from below.
+    pub(crate) fn frame(&self) -> Option<[Range<u32>; 2]> {
+        let row = self.rows.first()?;
+        let (x, y) = row.panels.first()?.frame(MARGIN..self.width - MARGIN, self.heading()..self.heading() + row.height);
+        let fine = |range: Range<f64>| (range.start * f64::from(FINE)) as u32..(range.end * f64::from(FINE)) as u32;
+        Some([fine(x), fine(y)])
     }
 
     fn height(&self) -> f64 {

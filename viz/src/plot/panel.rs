@@ -20,6 +20,7 @@ enum Mark {
     Dots { points: Vec<(f64, f64)>, color: Color, radius: f64 },
     Bar { row: usize, to: f64, color: Color, text: String },
     Band { x: Range<f64>, color: Color },
+    Floor { to: f64, color: Color },
     Cell { column: usize, row: usize, color: Color, text: String },
 }
 
@@ -27,8 +28,10 @@ enum Mark {
 #[derive(Clone, Debug, Default)]
 pub struct Panel {
     title: String,
-    x: Axis,
-    y: Axis,
+    /// Across.
+    pub x: Axis,
+    /// Upwards.
+    pub y: Axis,
     marks: Vec<Mark>,
     legend: Vec<(String, Color, bool)>,
     /// Both axes with the same scale.
@@ -109,6 +112,12 @@ impl Panel {
         self.marks.push(Mark::Band { x, color });
     }
 
+    /// A shaded stretch of the y axis, from its lower end to a value.
+    pub fn floor(&mut self, name: &str, color: Color, to: f64) {
+        self.name(name, color, false);
+        self.marks.push(Mark::Floor { to, color });
+    }
+
     /// The data's range, each axis by its own scale.
     fn data(&self) -> (Range<f64>, Range<f64>) {
         let (mut x, mut y) = (Extent::default(), Extent::default());
@@ -119,7 +128,7 @@ impl Panel {
                     y.add(self.y.place(point.1));
                 }),
                 Mark::Bar { to, .. } => x.add(self.x.place(*to)),
-                Mark::Band { .. } | Mark::Cell { .. } => {}
+                Mark::Band { .. } | Mark::Cell { .. } | Mark::Floor { .. } => {}
             }
         }
         let (x, y) = (self.x.span(x, false), self.y.span(y, true));
@@ -129,15 +138,21 @@ impl Panel {
 }
 
 impl Panel {
+    /// The rectangle of the data in the panel's own, the y axis from below; points.
+    pub(super) fn frame(&self, outer_x: Range<f64>, outer_y: Range<f64>) -> (Range<f64>, Range<f64>) {
+        let (_, y) = self.data();
+        let head = HEAD + self.legend_places(outer_x.end - outer_x.start).last().map_or(0.0, |(_, down)| *down);
+        let y_ticks = self.y.ticks(&y, (outer_y.end - outer_y.start - head - FOOT) / 34.0);
+        let labels = if self.y.hidden { 0.0 } else { y_ticks.iter().map(|(_, text)| text.chars().count()).max().unwrap_or(0) as f64 };
+        let left = outer_x.start + if labels > 0.0 { labels * 11.0 * CHARACTER + 12.0 } else { 0.0 };
+        (left..outer_x.end, outer_y.end - FOOT..outer_y.start + head)
+    }
+
     /// Draws the diagram into a rectangle of the page; points.
     pub(super) fn paint<DB: DrawingBackend>(&self, pen: &Pen<'_, DB>, outer_x: Range<f64>, outer_y: Range<f64>) -> Result<(), String> {
         let (mut x, mut y) = self.data();
         let legend = self.legend_places(outer_x.end - outer_x.start);
-        let head = HEAD + legend.last().map_or(0.0, |(_, down)| *down);
-        let y_ticks = self.y.ticks(&y, (outer_y.end - outer_y.start - head - FOOT) / 34.0);
-        let labels = if self.y.hidden { 0.0 } else { y_ticks.iter().map(|(_, text)| text.chars().count()).max().unwrap_or(0) as f64 };
-        let frame_x = outer_x.start + if labels > 0.0 { labels * 11.0 * CHARACTER + 12.0 } else { 0.0 }..outer_x.end;
-        let frame_y = outer_y.end - FOOT..outer_y.start + head;
+        let (frame_x, frame_y) = self.frame(outer_x.clone(), outer_y.clone());
         let (width, height) = (frame_x.end - frame_x.start, frame_y.start - frame_y.end);
         if self.equal {
             // The axis with room to spare shows more.
@@ -156,8 +171,10 @@ impl Panel {
 
         pen.text((outer_x.start, outer_y.start + 8.0), &self.title, 12.0, true, INK, HPos::Left)?;
         for mark in &self.marks {
-            if let Mark::Band { x, color } = mark {
-                pen.block(at_x(x.start)..at_x(x.end), frame_y.end..frame_y.start, *color)?;
+            match mark {
+                Mark::Band { x, color } => pen.block(at_x(x.start)..at_x(x.end), frame_y.end..frame_y.start, *color)?,
+                Mark::Floor { to, color } => pen.block(frame_x.clone(), at_y(*to)..frame_y.start, *color)?,
+                _ => {}
             }
         }
         let named_rows = matches!(self.y.scale, Scale::Names(_));
@@ -182,7 +199,7 @@ impl Panel {
         }
         for mark in &self.marks {
             match mark {
-                Mark::Band { .. } => {}
+                Mark::Band { .. } | Mark::Floor { .. } => {}
                 Mark::Cell { column, row, color, text } => {
                     let half = |span: &Range<f64>, room: f64| 0.5 * room / (span.end - span.start).abs().max(1.0) - 1.0;
                     let (middle, across, up) = ((at_x(*column as f64), at_y(*row as f64)), half(&x, width), half(&y, height));

@@ -200,6 +200,7 @@ impl Picture {
             self.desired.push((tick, desired.p));
         }
         self.marks.resize_with(self.marks.len().max(marks.len()), Default::default);
+        let mut labels = 0.0;
         for ((tracks, mark), side) in self.marks.iter_mut().zip(marks).zip(sides) {
             // Hidden entities need no pose.
             if mark.look.presence != Presence::Hidden {
@@ -208,7 +209,10 @@ impl Picture {
                 tracks.size.sizes.push([unit * mark.size; 3]);
             }
             if mark.look.presence == Presence::Inside {
-                tracks.label.push(tick, &Placement { p: mark.X_BS.p + mark.zeta() * (side * 1.3 * unit), ..Placement::IDENTITY });
+                // Each below the one before: seen from far they would overlap.
+                let below = Vec3::NEG_Z * (0.75 * unit * labels);
+                labels += 1.0;
+                tracks.label.push(tick, &Placement { p: mark.X_BS.p + mark.zeta() * (side * 1.3 * unit) + below, ..Placement::IDENTITY });
             }
         }
     }

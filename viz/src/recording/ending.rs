@@ -73,6 +73,9 @@ impl Stretches {
     }
 }
 
+/// The close-up's distance, in half lengths of the mark: its label has room beside it.
+const CLOSE: f32 = 4.5;
+
 /// An eye near C that looks across ζ: onto the sector that ζ sweeps, else onto the plane of ζ and the hand's way; from the main eye's side.
 pub(super) fn close_up(centre: Vec3, zeta: [Vec3; 2], way: Vec3, unit: f32, main: &Eye) -> Eye {
     let across = |other: Vec3| zeta[0].cross(other.normalize_or_zero());
@@ -86,7 +89,7 @@ pub(super) fn close_up(centre: Vec3, zeta: [Vec3; 2], way: Vec3, unit: f32, main
     // A little of the main view's direction: nothing is seen exactly edge-on.
     let direction = (aside + 0.25 * towards_main + 0.12 * main.up).normalize_or(aside);
     let up = if direction.dot(main.up).abs() > 0.93 { zeta[0].cross(direction).normalize_or(Vec3::X) } else { main.up };
-    Eye { position: centre + direction * (3.8 * unit), look_at: centre, up }
+    Eye { position: centre + direction * (CLOSE * unit), look_at: centre, up }
 }
 
 #[cfg(test)]
@@ -99,6 +102,6 @@ mod tests {
         let eye = close_up(Vec3::ZERO, [Vec3::X, Vec3::Z], Vec3::ZERO, 0.2, &main);
         let direction = eye.position.normalize();
         assert!(direction.dot(-Vec3::Y) > 0.9, "{direction}: across x and z, from the main eye's side");
-        assert!((eye.position.length() - 3.8 * 0.2).abs() < 1e-5);
+        assert!((eye.position.length() - CLOSE * 0.2).abs() < 1e-5);
     }
 }

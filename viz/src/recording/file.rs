@@ -106,6 +106,8 @@ impl Recording {
             joints: robot.joints.len(),
             floor_m,
             goal: [judged(scenario.goal.position_mm, 1000.0), judged(scenario.goal.orientation_deg, 180.0)],
+            faults: !scenario.fault.is_empty(),
+            without_orientation: !robot.task.0[3..].contains(&true),
             unlimited_torque: unlimited(|joint| joint.effort),
             unlimited_speed: unlimited(|joint| joint.velocity),
             ..Subject::default()
@@ -233,8 +235,12 @@ impl Recording {
             if row.tick.is_multiple_of(self.drawn_every) {
                 let gravity = row.q().map(|q| self.arm.gravity(&SVector::from_column_slice(q))).unwrap_or_default();
                 let (limits, hops) = (&self.limits, self.hops);
+                let is_faulty = self.faults.iter().any(|fault| fault.until.is_none_or(|until| row.tick < until));
                 self.drawn_table.push(row.tick, |put| {
                     draw(row, limits, gravity.as_slice(), |drawn, values| put(drawn as usize, values));
+                    if is_faulty {
+                        put(Drawn::Fault as usize, &mut std::iter::once(0.0));
+                    }
                     sample(row, limits, hops, |signal, values| put(Drawn::ALL.len() + signal as usize, values));
                 });
             }

@@ -63,13 +63,13 @@ pub(super) fn albedo([r, g, b, a]: Rgba) -> AlbedoFactor {
 
 /// An eye that sees the arm from floor to hand, with room for a mark of that size at the hand: off to the side of the plane in which the arm
 /// reaches out, a little above; a planar arm from above.
-pub(super) fn eye(places: &[Vec3], mark: f32, subject: &Subject, planar: bool) -> Eye {
+pub(crate) fn eye(places: &[Vec3], mark: f32, subject: &Subject, planar: bool) -> Eye {
     // Half of Rerun's field of view; the sphere is roomier than the arm in it.
     let distance = |radius: f32| 0.88 * radius / 27.5f32.to_radians().sin();
     let hand = places.last().copied().unwrap_or(Vec3::X);
     let foot = if planar { Vec3::ZERO } else { Vec3::Z * subject.floor_m.min(0.0) };
     // Above the mark are its words.
-    let room = [hand + Vec3::splat(mark), hand - Vec3::splat(mark), hand + Vec3::Z * (1.5 * mark), foot];
+    let room = [hand + Vec3::splat(mark), hand - Vec3::splat(mark), hand + Vec3::Z * (1.8 * mark), foot];
     let (low, high) = places.iter().chain(&room).fold((Vec3::ZERO, Vec3::ZERO), |(low, high), p| (low.min(*p), high.max(*p)));
     let (look_at, radius) = ((low + high) / 2.0, (high - low).length() / 2.0);
     if planar {

@@ -429,7 +429,7 @@ fn what_is_recorded_is_read_back() {
             }
             crate::Piece::Event { tick, level, text } => log.push((tick, level, text)),
             crate::Piece::State { tick, lane, state } if lane == "mode/wrist" => wrist.push((tick, state)),
-            crate::Piece::State { .. } => {}
+            crate::Piece::State { .. } | crate::Piece::Place { .. } | crate::Piece::Label { .. } => {}
             crate::Piece::Damaged(damage) => panic!("{damage}"),
         }
         Ok::<(), crate::ReadError>(())

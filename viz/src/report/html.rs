@@ -72,10 +72,14 @@ impl Html {
     }
 }
 
-/// A panel as an SVG element of a width and height; points.
+/// A panel as an SVG element of a width and height; points. A line in it, not seen at first, shows the time chosen on the page.
 fn picture(path: &Path, panel: Panel, [width, height]: [f64; 2]) -> Result<String, PlotError> {
-    let svg = Page { rows: vec![Row::of(height, [panel])], width, ..Page::default() }.svg(path)?;
-    Ok(svg.trim_start_matches(|c| c != '<').to_owned())
+    let page = Page { rows: vec![Row::of(height, [panel])], width, ..Page::default() };
+    let svg = page.svg(path)?;
+    let svg = svg.trim_start_matches(|c| c != '<').trim_end();
+    let (Some([x, y]), Some(open)) = (page.frame(), svg.strip_suffix("</svg>")) else { return Ok(svg.to_owned()) };
+    let open = open.replacen("<svg", &format!("<svg data-x=\"{} {}\"", x.start, x.end), 1);
+    Ok(format!("{open}<path class=\"cursor\" d=\"M0 {}V{}\" transform=\"translate({} 0)\"/></svg>", y.start, y.end, x.start))
 }
 
 pub(super) fn escaped(text: &str) -> String {

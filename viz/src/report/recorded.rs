@@ -5,12 +5,18 @@ use std::path::PathBuf;
 
 use shared_types::summary::Summary;
 
-use crate::plot::{Axis, Panel, numbered};
+use super::poses::Poses;
+use crate::plot::{Axis, Color, GREY, Panel, RED};
 use crate::read::{Damage, Piece, ReadError, read};
-use crate::signals::Signal;
+use crate::signals::{Signal, Width};
 
 /// Times at which a plotted line has points: more would not be seen.
 const POINTS: u64 = 3000;
+/// Ticks without a value that are no gap: values of a lower rate begin anew with each chunk.
+fn patience(signal: Signal) -> f64 {
+    if signal.width() == Width::Slow { 16.5 } else { 2.5 }
+}
+
 /// A recording as far as a page shows it.
 #[derive(Default)]
 pub(super) struct Recorded {
@@ -22,6 +28,12 @@ pub(super) struct Recorded {
     pub(super) states: Vec<(u64, String, String)>,
     /// Of the last tick; s.
     pub(super) end_s: f64,
+    /// Names of the singularities, in order.
+    pub(super) singularities: Vec<String>,
+    /// Where the arm and the marks were.
+    pub(super) poses: Poses,
+    /// Faults in force: from when to when; s.
+    pub(super) faults: Vec<std::ops::Range<f64>>,
 }
 
 /// A line of a plot: of so many successive values the least and the largest.
@@ -29,6 +41,8 @@ pub(super) struct Recorded {
 pub(super) struct Line {
     pub(super) name: String,
     pub(super) points: Vec<(f64, f64)>,
+    /// Where values are missing; s.
+    pub(super) gaps: Vec<std::ops::Range<f64>>,
     stride: u64,
     gathered: u64,
     /// The time of the last value, and how much later the next may be without a gap; s.
@@ -43,6 +57,7 @@ impl Line {
         Self {
             name,
             points: Vec::new(),
+            gaps: Vec::new(),
             stride,
             gathered: 0,
             last_s: f64::INFINITY,
@@ -57,6 +72,7 @@ impl Line {
             // Nothing is drawn across what was lost.
             self.flush();
             self.points.push((t_s, f64::NAN));
+            self.gaps.push(self.last_s..t_s);
         }
         self.last_s = t_s;
         if value < self.least.1 {
@@ -80,7 +96,8 @@ impl Line {
             }
         }
         let name = std::mem::take(&mut self.name);
-        *self = Self { points: std::mem::take(&mut self.points), last_s: self.last_s, ..Self::new(name, self.stride, self.patience_s) };
+        let (points, gaps) = (std::mem::take(&mut self.points), std::mem::take(&mut self.gaps));
+        *self = Self { points, gaps, last_s: self.last_s, ..Self::new(name, self.stride, self.patience_s) };
     }
 }
 
@@ -94,12 +111,13 @@ impl Recorded {
             match piece {
                 Piece::About(about) => {
                     rate_hz = about.rate_hz();
+                    recorded.singularities.clone_from(&about.singularities);
                     for signal in Signal::ALL {
                         let lines = || {
                             signal
                                 .elements(about.joints, &about.singularities)
                                 .into_iter()
-                                .map(|name| Line::new(name, stride, 2.5 / rate_hz))
+                                .map(|name| Line::new(name, stride, patience(*signal) / rate_hz))
                                 .collect()
                         };
                         recorded.lines.entry(signal.name()).or_insert_with(lines);
@@ -119,25 +137,58 @@ impl Recorded {
                 }
                 Piece::Event { tick, level, text } => recorded.log.push((tick, level, text)),
                 Piece::State { tick, lane, state } => recorded.states.push((tick, lane, state)),
+                Piece::Place { tick, of, p, xyzw } => recorded.poses.place(tick, of, p, xyzw),
+                Piece::Label { tick, of, text } => recorded.poses.label(tick, of, &text),
                 Piece::Damaged(damage) => damaged(&damage),
             }
             Ok::<(), ReadError>(())
         })?;
         recorded.lines.values_mut().flatten().for_each(Line::flush);
+        recorded.faults = recorded.stretches("fault", "none", rate_hz);
         Ok(recorded)
     }
 
-    /// A diagram of a signal's lines; `names`: how the legend calls them.
-    pub(super) fn panel(&self, title: &str, signal: Signal, axis: Axis, name: impl Fn(&str) -> String) -> Panel {
+    /// A diagram over time, with the faults in it.
+    pub(super) fn blank(&self, title: &str, axis: Axis) -> Panel {
         let mut panel = Panel::new(title, self.time_axis(), axis);
-        self.draw(&mut panel, signal, name);
+        let shade = Color { 3: 0.16, ..RED };
+        // A fault of one tick is seen, too.
+        let least = 0.004 * self.end_s;
+        self.faults.iter().for_each(|fault| panel.band("fault in force", shade, fault.start..fault.end.max(fault.start + least)));
         panel
     }
 
-    pub(super) fn draw(&self, panel: &mut Panel, signal: Signal, name: impl Fn(&str) -> String) {
-        for (i, line) in self.lines.get(signal.name()).into_iter().flatten().enumerate() {
-            panel.line(&name(&line.name), numbered(i), &line.points);
+    /// A diagram of a signal's lines; `name`: how the legend calls them.
+    pub(super) fn panel(&self, title: &str, signal: Signal, axis: Axis, colours: &[Color], name: impl Fn(&str) -> String) -> Panel {
+        let mut panel = self.blank(title, axis);
+        self.draw(&mut panel, signal, colours, name);
+        panel
+    }
+
+    pub(super) fn draw(&self, panel: &mut Panel, signal: Signal, colours: &[Color], name: impl Fn(&str) -> String) {
+        let lines = || self.lines.get(signal.name()).into_iter().flatten();
+        if let Some(line) = lines().max_by_key(|line| line.gaps.len()) {
+            self.shade_gaps(panel, line);
         }
+        for (line, colour) in lines().zip(colours.iter().cycle()) {
+            panel.line(&name(&line.name), *colour, &line.points);
+        }
+    }
+
+    /// The same of values changed by `of`, by the place of the line; a legend names them.
+    pub(super) fn draw_scaled(&self, panel: &mut Panel, signal: Signal, colours: &[Color], of: impl Fn(usize, f64) -> f64) {
+        let lines = || self.lines.get(signal.name()).into_iter().flatten();
+        if let Some(line) = lines().max_by_key(|line| line.gaps.len()) {
+            self.shade_gaps(panel, line);
+        }
+        for (i, (line, colour)) in lines().zip(colours.iter().cycle()).enumerate() {
+            let points: Vec<(f64, f64)> = line.points.iter().map(|(t_s, value)| (*t_s, of(i, *value))).collect();
+            panel.line(&line.name, *colour, &points);
+        }
+    }
+
+    fn shade_gaps(&self, panel: &mut Panel, line: &Line) {
+        line.gaps.iter().for_each(|gap| panel.band("nothing recorded", Color { 3: 0.30, ..GREY }, gap.clone()));
     }
 
     /// Signals over the joints' limits, with their titles; where the limits are infinite, hence all is 0, the signals themselves.
@@ -155,14 +206,13 @@ impl Recorded {
         Axis::named("time, s").within(0.0..self.end_s.max(1e-3))
     }
 
-    /// When a singularity's mode was not regular; s.
-    pub(super) fn stretches(&self, singularity: &str, rate_hz: f64) -> Vec<std::ops::Range<f64>> {
-        let lane = format!("mode/{singularity}");
+    /// When a lane's state was another than `rest`; s.
+    pub(super) fn stretches(&self, lane: &str, rest: &str, rate_hz: f64) -> Vec<std::ops::Range<f64>> {
         let mut stretches = Vec::new();
         let mut since: Option<f64> = None;
-        for (tick, _, state) in self.states.iter().filter(|(_, of, _)| *of == lane) {
+        for (tick, _, state) in self.states.iter().filter(|(_, of, _)| of == lane) {
             let t_s = *tick as f64 / rate_hz;
-            match (since, state == "regular") {
+            match (since, state == rest) {
                 (None, false) => since = Some(t_s),
                 (Some(from), true) => {
                     stretches.push(from..t_s);
@@ -202,7 +252,7 @@ mod tests {
             end_s: 0.05,
             ..Recorded::default()
         };
-        assert_eq!(recorded.stretches("wrist", 1000.0), [0.0..0.02, 0.03..0.05]);
-        assert!(recorded.stretches("elbow", 1000.0).is_empty());
+        assert_eq!(recorded.stretches("mode/wrist", "regular", 1000.0), [0.0..0.02, 0.03..0.05]);
+        assert!(recorded.stretches("mode/elbow", "regular", 1000.0).is_empty());
     }
 }

@@ -1,0 +1,55 @@
+// Moves the arm and the cursors of all plots to one time: by the slider, by a finger or mouse on a plot, by a click on a moment.
+(() => {
+  const byId = id => document.getElementById(id), all = query => [...document.querySelectorAll(query)];
+  const stage = byId("stage"), at = byId("at"), play = byId("play"), words = byId("words"), end = Number(at.max);
+  const draw = text => text.split("|").map(one => `<path ${D.p[Number(one.slice(0, 2))]} d="${one.slice(2)}"/>`).join("");
+  const last = (times, t) => { let k = 0; while (k + 1 < times.length && times[k + 1] <= t) k += 1; return k; };
+  const since = D.w.map(one => one[0]), plots = all("svg[data-x]").map(svg => {
+    const [from, to] = svg.dataset.x.split(" ").map(Number);
+    return {svg, from, to, cursor: svg.querySelector(".cursor")};
+  });
+  let now = 0, frame = -1, told = -1, playing = 0;
+
+  const show = t => {
+    now = Math.min(Math.max(t, 0), end);
+    at.value = now;
+    byId("time").textContent = `${now.toFixed(2)} s`;
+    const k = last(D.t, now), w = last(since, now);
+    if (k !== frame) { frame = k; stage.innerHTML = draw(D.g) + draw(D.f[k]); }
+    if (w !== told) {
+      told = w;
+      words.replaceChildren(...(D.w[w][1].length ? D.w[w][1].map(([colour, name, text]) => {
+        const line = document.createElement("span"), bold = document.createElement("b");
+        bold.style.color = colour; bold.textContent = name;
+        line.append(bold, `: ${text}`);
+        return line;
+      }) : ["Free: the hand can move in every direction"]));
+    }
+    plots.forEach(({from, to, cursor}) => cursor.setAttribute("transform", `translate(${from + (to - from) * now / (end || 1)} 0)`));
+  };
+  const stop = () => { cancelAnimationFrame(playing); playing = 0; play.textContent = "Play"; };
+  const start = () => {
+    const begun = performance.now(), from = now >= end ? 0 : now;
+    const step = time => {
+      show(from + (time - begun) / 1000);
+      if (now < end) playing = requestAnimationFrame(step); else stop();
+    };
+    play.textContent = "Pause";
+    playing = requestAnimationFrame(step);
+  };
+  play.addEventListener("click", () => playing ? stop() : start());
+  at.addEventListener("input", () => { stop(); show(Number(at.value)); });
+  all(".pose").forEach(pose => pose.addEventListener("click", () => { stop(); show(Number(pose.dataset.t)); }));
+  plots.forEach(({svg, from, to}) => {
+    const point = event => {
+      const box = svg.getBoundingClientRect(), x = (event.clientX - box.left) / box.width * svg.viewBox.baseVal.width;
+      stop();
+      show((x - from) / (to - from) * end);
+    };
+    svg.addEventListener("pointerdown", point);
+    svg.addEventListener("pointermove", event => { if (event.buttons) point(event); });
+  });
+  all(".stage").forEach(one => { one.hidden = false; });
+  document.body.classList.add("live");
+  show(Number((all(".pose")[1] || all(".pose")[0] || {dataset: {t: 0}}).dataset.t));
+})();

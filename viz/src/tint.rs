@@ -1,0 +1,54 @@
+//! The viewer's colours on paper. PURE.
+
+use crate::plot::Color;
+use crate::solid::Rgba;
+
+/// The largest luminance of a line on white paper: a contrast of three to one.
+const LIGHTEST: f32 = 0.30;
+
+fn linear(byte: u8) -> f32 {
+    (f32::from(byte) / 255.0).powf(2.2)
+}
+
+/// A colour of the viewer, whose ground is dark, for white paper: the same hue, as dark as it has to be.
+pub(crate) fn on_paper([r, g, b, a]: Rgba) -> Rgba {
+    let luminance = 0.2126 * linear(r) + 0.7152 * linear(g) + 0.0722 * linear(b);
+    let [r, g, b, _] = shaded([r, g, b, a], (LIGHTEST / luminance.max(LIGHTEST)).powf(1.0 / 2.2));
+    [r, g, b, a]
+}
+
+/// Darker by a factor.
+pub(crate) fn shaded([r, g, b, a]: Rgba, light: f32) -> Rgba {
+    let [r, g, b] = [r, g, b].map(|byte| (f32::from(byte) * light).round().clamp(0.0, 255.0) as u8);
+    [r, g, b, a]
+}
+
+/// As HTML writes it.
+pub(crate) fn hex([r, g, b, _]: Rgba) -> String {
+    format!("#{r:02x}{g:02x}{b:02x}")
+}
+
+/// The colour of a kind of singularity, as in marks and plots of the viewer, for white paper.
+#[must_use]
+pub fn singularity_ink(kind: u32) -> Color {
+    ink(crate::narration::colour_of(kind, 0))
+}
+
+/// As a plot takes it.
+pub(crate) fn ink(colour: Rgba) -> Color {
+    let [r, g, b, _] = on_paper(colour);
+    plotters::style::RGBAColor(r, g, b, 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bright_colours_are_darkened_and_dark_ones_stay() {
+        let [r, g, b, _] = on_paper([250, 214, 60, 255]);
+        assert!(r > g && g > b && g < 160, "still yellow: {r} {g} {b}");
+        assert_eq!(on_paper([40, 60, 120, 255]), [40, 60, 120, 255]);
+        assert_eq!(hex([1, 171, 255, 0]), "#01abff");
+    }
+}
