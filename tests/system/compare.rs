@@ -57,13 +57,19 @@ fn the_papers_figures_are_drawn_with_their_numbers() {
     let desk = Desk::new();
     let said = desk.armplane(&["figures", "--out", "out"]);
     assert_eq!(said.code, 0, "{}", said.err);
-    for figure in ["fig1", "fig2", "fig4", "fig5"] {
+    for figure in ["fig1-2", "fig3", "fig4", "fig5"] {
         assert_pictures(&desk, &format!("out/{figure}"));
     }
     let numbers = read(&desk, "out/figures.json");
     let number = |figure: &str, key: &str| numbers[figure][key].as_f64().unwrap();
     let (pseudo, consistent) = (number("fig1", "tip_error_max_mm"), number("fig2", "tip_error_max_mm"));
     assert!(consistent < 1.0 && pseudo > 100.0 * consistent, "{pseudo} {consistent}");
+    let (pushed, still) = (number("fig1", "coupling_max_n"), number("fig2", "coupling_max_n"));
+    assert!(still < 1e-6 && pushed > 1.0, "force on the tip: {pushed} N, {still} N");
+    for (lock, class) in [("elbow", "type 1"), ("wrist", "type 2"), ("overhead", "mixed")] {
+        let one = &numbers["fig3"][lock];
+        assert!(one["type"] == class && one["s"].as_f64().unwrap().abs() < 1e-3, "{lock}: {one}");
+    }
     assert!((number("fig5", "zeta_turned_deg") - 90.0).abs() < 0.25 && number("fig5", "position_max_mm") < 0.1, "{numbers}");
     assert!((number("fig4", "moved_mm").abs() - 80.0).abs() < 0.1 && number("fig4", "orthogonal_max_mm") < 0.05, "{numbers}");
 }
@@ -104,4 +110,18 @@ fn wrong_input_is_said() {
         assert!(said.code == 2 && said.err.contains(expected), "{args:?} said {}: {}", said.code, said.err);
     }
     assert!(!desk.path().join("runs").exists(), "nothing is left of what did not begin");
+}
+
+#[test]
+fn tables_fit_into_a_hundred_columns_and_name_the_winner() {
+    let desk = Desk::new();
+    let compared = desk.armplane(&["compare", "fig5-wrist-rotation", "--law", "blended,damped-least-squares", "--out", "out"]);
+    let listed = desk.armplane(&["fault", "--list"]);
+    for said in [&compared, &listed] {
+        assert_eq!(said.code, 0, "{}", said.err);
+        let tables = said.out.lines().filter(|line| line.starts_with([' ', '─']));
+        assert!(tables.clone().count() > 4 && tables.clone().all(|line| line.chars().count() <= 100), "{}", said.out);
+    }
+    assert!(compared.out.contains("wins, S1") && compared.out.contains("damped-least-squares misses speed"), "{}", compared.out);
+    assert!(compared.out.contains("blended wins: at most 0.0") && compared.out.contains("next damped-least-squares: "), "{}", compared.out);
 }

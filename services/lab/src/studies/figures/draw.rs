@@ -1,4 +1,4 @@
-//! Chang & Khatib's Figures 1, 2, 4 and 5, drawn from runs just made.
+//! Chang & Khatib's Figures 1 to 5, drawn from runs just made.
 
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
@@ -6,27 +6,27 @@ use std::path::{Path, PathBuf};
 use nalgebra::Vector3;
 use serde_json::{Value, json};
 use session::{Failure, Observer, Results, load};
-use shared_types::codes::KIND_WRIST;
+use shared_types::codes::{KIND_ELBOW, KIND_OVERHEAD, KIND_WRIST};
 use viz::plot::{Axis, BLUE, Color, GREY, INK, Page, Panel, PlotError, RED, Row, digits, numbered};
+use viz::singularity_ink;
 
+use super::figure::Figure;
+use super::locks::three_locks;
 use super::trace::{Sample, Trace};
 use crate::pool::on_all_cores;
 
 /// The scenarios that the figures show.
-const SCENARIOS: [&str; 4] = ["fig1-pseudo-inverse", "fig2-dynamically-consistent", "fig4-elbow-and-wrist", "fig5-wrist-rotation"];
+const SCENARIOS: [&str; 6] = [
+    "fig1-pseudo-inverse",
+    "fig2-dynamically-consistent",
+    "elbow-in-and-out",
+    "overhead-pass",
+    "fig4-elbow-and-wrist",
+    "fig5-wrist-rotation",
+];
 
 /// How many postures of the arm are drawn.
 const POSTURES: usize = 9;
-
-/// A figure with its numbers.
-pub struct Figure {
-    /// `fig1`.
-    pub name: &'static str,
-    /// The picture.
-    pub page: Page,
-    /// Its numbers.
-    pub numbers: Value,
-}
 
 /// A figure and its files, SVG and PNG.
 pub type Saved = (Figure, [PathBuf; 2]);
@@ -41,19 +41,22 @@ pub fn figures(settings: &[String], out: Option<&Path>, observer: Observer<'_>) 
     let results = Results::create(out, "figures")?;
     let traces = on_all_cores("figures", &loaded, |loaded| Trace::of(&loaded.robot, &loaded.scenario), observer);
     let traces = traces.into_iter().collect::<Result<Vec<_>, _>>().map_err(Failure::input)?;
-    let [pseudo_inverse, consistent, fig4, fig5] = traces.as_slice() else { return Err(Failure::work("a figure's run is missing")) };
+    let [pseudo_inverse, consistent, elbow, overhead, fig4, fig5] = traces.as_slice() else {
+        return Err(Failure::work("a figure's run is missing"));
+    };
     let figures = [
-        null_space(
-            "fig1",
-            "Figure 1: null-space motion through the pseudo-inverse",
-            pseudo_inverse,
-            ("dynamically consistent", consistent),
-        ),
-        null_space("fig2", "Figure 2: null-space motion, dynamically consistent", consistent, ("pseudo-inverse", pseudo_inverse)),
+        null_space(pseudo_inverse, consistent),
+        three_locks([(KIND_ELBOW, elbow), (KIND_WRIST, fig5), (KIND_OVERHEAD, overhead)]),
         two_locks(fig4),
         wrist_lock(fig5),
     ];
-    let numbers = figures.iter().map(|figure| (figure.name.to_owned(), figure.numbers.clone())).collect();
+    let mut numbers = serde_json::Map::new();
+    for figure in &figures {
+        match (figure.name, &figure.numbers) {
+            ("fig1-2", Value::Object(both)) => numbers.extend(both.clone()),
+            (name, one) => drop(numbers.insert(name.to_owned(), one.clone())),
+        }
+    }
     let save = |figure: Figure| figure.page.save(&results.folder.join(figure.name)).map(|files| (figure, files));
     let figures = figures.into_iter().map(save).collect::<Result<Vec<_>, PlotError>>().map_err(Failure::work)?;
     let numbers = Value::Object(numbers);
@@ -96,34 +99,68 @@ fn subscript(n: usize) -> char {
     ['₀', '₁', '₂', '₃', '₄', '₅', '₆', '₇', '₈', '₉'][n % 10]
 }
 
-/// Figures 1 and 2: a planar arm whose spare joint moves while its tip should stand still.
-fn null_space(name: &'static str, title: &str, trace: &Trace, other: (&str, &Trace)) -> Figure {
-    let mut arm = Panel::new("postures, m (later is darker)", Axis::default(), Axis::default());
-    arm.equal = true;
-    // The way there; the way back is the same.
-    postures(&mut arm, trace, 0.0..=1.0, [Vector3::x(), Vector3::y()]);
-    let start = trace.samples.first().map_or(Vector3::zeros(), |sample| sample.p);
-    let way: Vec<_> = trace.samples.iter().map(|sample| (sample.p - start) * 1e3).map(|way| (way.x, way.y)).collect();
-    let mut path = Panel::new("path of the tip, mm", Axis::default().within(-10.0..10.0), Axis::default().within(-10.0..10.0));
-    path.equal = true;
-    path.line("", RED, &way);
-    path.dots(INK, 2.5, &[(0.0, 0.0)]);
-    let mut error = Panel::new("error of the tip, mm", time(), Axis::default().logarithmic().within(1e-4..100.0));
-    let tip = |trace| over_time(trace, |sample: &Sample| sample.error_mm[0]);
-    error.dashed(other.0, GREY, &tip(other.1));
-    error.line("this figure", RED, &tip(trace));
-    let angles = joint_angles(trace, "joint angles, °", 0..3);
-    let [largest, others] = [trace, other.1].map(|trace| trace.largest(|sample| sample.error_mm[0]));
+/// How many times as large as the arm its tip's path is drawn.
+const MAGNIFIED: f64 = 50.0;
+
+/// Figures 1 and 2: a planar arm whose spare joint moves while its tip should stand still, under both projections on one scale.
+fn null_space(pseudo_inverse: &Trace, consistent: &Trace) -> Figure {
+    let traces = [("Figure 1: pseudo-inverse", pseudo_inverse, RED), ("Figure 2: dynamically consistent", consistent, BLUE)];
+    // One frame around both.
+    let places = traces.iter().flat_map(|(_, trace, _)| trace.samples.iter().flat_map(|sample| sample.arm.iter().chain([&sample.p])));
+    let (low, high) =
+        places.fold((Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY)), |(low, high), p| (low.inf(p), high.sup(p)));
+    let room = 0.06 * (high - low).norm() + MAGNIFIED * 0.009;
+    let axis = |i: usize| Axis::named(if i == 0 { "m" } else { "" }).within(low[i] - 0.1..high[i] + room);
+    let arm = |title: &str, trace: &Trace, color: Color| {
+        let mut panel = Panel::new(title, axis(0), axis(1));
+        panel.equal = true;
+        // The way there; the way back is the same.
+        postures(&mut panel, trace, 0.0..=1.0, [Vector3::x(), Vector3::y()]);
+        let start = trace.samples.first().map_or(Vector3::zeros(), |sample| sample.p);
+        let way = trace.samples.iter().map(|sample| start + MAGNIFIED * (sample.p - start)).map(|p| (p.x, p.y)).collect::<Vec<_>>();
+        panel.line(&format!("path of the tip, drawn {MAGNIFIED:.0} × as large"), color, &way);
+        panel
+    };
+    let arms = traces.map(|(title, trace, color)| arm(title, trace, color));
+    let both = |title: &str, axis: Axis, of: &dyn Fn(&Sample) -> f64| {
+        let mut panel = Panel::new(title, time(), axis);
+        for (name, (_, trace, color)) in ["pseudo-inverse", "dynamically consistent"].iter().zip(&traces) {
+            panel.line(name, *color, &over_time(trace, of));
+        }
+        panel
+    };
+    let error = both("error of the tip, mm", Axis::default().logarithmic().within(1e-4..100.0), &|sample| sample.error_mm[0]);
+    let force = both("force of the null space on the tip, N", Axis::default().logarithmic().within(1e-16..100.0), &|sample| {
+        sample.coupling_n.map_or(f64::NAN, |force| force.max(1e-16))
+    });
+    let angles = joint_angles(pseudo_inverse, "joint angles, °", 0..3);
+    let [error_1, error_2] = [pseudo_inverse, consistent].map(|trace| trace.largest(|sample| sample.error_mm[0]));
+    let [force_1, force_2] = [pseudo_inverse, consistent].map(|trace| trace.largest(|sample| sample.coupling_n.unwrap_or_default()));
     Figure {
-        name,
+        name: "fig1-2",
         page: Page {
-            title: title.to_owned(),
-            subtitle: "planar arm of three joints: the posture changes and comes back while the tip should stand still".to_owned(),
-            rows: vec![Row::of(330.0, [arm, path]), Row::of(240.0, [error, angles])],
-            notes: vec![format!("Largest error of the tip {} mm; {} {} mm.", digits(largest), other.0, digits(others))],
-            width: 820.0,
+            title: "Figures 1 and 2: null-space motion, and its effect on the tip".to_owned(),
+            subtitle: "planar arm of three joints: the posture changes and comes back while the tip should stand still (later is darker)"
+                .to_owned(),
+            rows: vec![Row::of(360.0, arms), Row::of(240.0, [error, force, angles])],
+            notes: vec![
+                format!(
+                    "Largest error of the tip: {} mm with the pseudo-inverse, {} mm dynamically consistent.",
+                    digits(error_1),
+                    digits(error_2)
+                ),
+                format!(
+                    "The torques meant for the null space push the tip with up to {} N (pseudo-inverse), {} N (dynamically consistent).",
+                    digits(force_1),
+                    digits(force_2)
+                ),
+            ],
+            width: 980.0,
         },
-        numbers: json!({"tip_error_max_mm": largest, "joint_1_moved_deg": trace.moved_deg(0, 1.0)}),
+        numbers: json!({
+            "fig1": {"tip_error_max_mm": error_1, "coupling_max_n": force_1, "joint_1_moved_deg": pseudo_inverse.moved_deg(0, 1.0)},
+            "fig2": {"tip_error_max_mm": error_2, "coupling_max_n": force_2, "joint_1_moved_deg": consistent.moved_deg(0, 1.0)},
+        }),
     }
 }
 
@@ -154,10 +191,17 @@ fn two_locks(trace: &Trace) -> Figure {
     turn.line("", BLUE, &over_time(trace, |sample| sample.error_deg[0]));
     let mut measures = Panel::new("singularity measures", time(), Axis::default());
     measures.band("in both neighbourhoods", pale(BLUE), 0.0..trace.inside_until(0).min(trace.inside_until(1)));
-    for (place, (name, color)) in [("elbow", numbered(0)), ("wrist", numbered(1))].into_iter().enumerate() {
+    for (place, (name, kind)) in [("elbow", KIND_ELBOW), ("wrist", KIND_WRIST)].into_iter().enumerate() {
+        let color = singularity_ink(kind);
         measures.line(name, color, &over_time(trace, |sample| sample.s[place]));
     }
-    let angles = joint_angles(trace, "joint angles from the start, °", 0..6).shifted_to_start();
+    // Joints 2 and 5 turn by nearly the same angle: the one is dashed over the other.
+    let mut angles = Panel::new("joint angles from the start, °", time(), Axis::default());
+    for i in [0, 1, 2, 3, 5] {
+        angles.line(&format!("q{}", subscript(i + 1)), numbered(i), &over_time(trace, |sample| sample.q[i].to_degrees()));
+    }
+    angles.dashed("q₅", numbered(4), &over_time(trace, |sample| sample.q[4].to_degrees()));
+    let angles = angles.shifted_to_start();
     let (along_mm, orthogonal_mm) = (trace.largest(along_zeta), trace.largest(orthogonal_zeta));
     let orientation = trace.largest(|sample| sample.error_deg[0]);
     let (end_mm, moved) = (trace.last(|sample| sample.error_mm[0]), trace.last(|sample| way(&sample.p)));
@@ -189,15 +233,32 @@ fn wrist_lock(trace: &Trace) -> Figure {
     let up = (Vector3::z() - zeta * zeta.z).try_normalize(1e-9).unwrap_or_else(Vector3::x);
     let horizontal = up.cross(&zeta);
     let horizontal = if trace.samples.first().is_some_and(|sample| sample.p.dot(&horizontal) < 0.0) { -horizontal } else { horizontal };
-    let mut arm = Panel::new("seen along ζ, m (later is darker)", Axis::default(), Axis::default());
+    let mut arm = Panel::new("the hand turns, along the old ζ, m", Axis::default(), Axis::default());
     arm.equal = true;
     postures(&mut arm, trace, trace.phase_change()..=f64::INFINITY, [horizontal, up]);
+
+    // Seen along axis 6, which the null motion turns about: ζ goes round, the hand stays.
+    let pink = singularity_ink(KIND_WRIST);
+    let mut null = Panel::new("null motion, seen along axis 6", Axis::default().within(-1.3..1.3), Axis::default().within(-1.3..1.3));
+    (null.equal, null.x.hidden, null.y.hidden) = (true, true, true);
+    let first = trace.samples.first();
+    let [across, upwards] = [0, 1].map(|i| first.map_or_else(Vector3::x, |sample| sample.axis(i)));
+    let on_page = |v: &Vector3<f64>, size: f64| [-1.0, 1.0].map(|side| (side * size * v.dot(&across), side * size * v.dot(&upwards)));
+    let shown: Vec<&Sample> = trace.samples.iter().filter(|sample| sample.t <= trace.phase_change()).collect();
+    for k in 0..POSTURES {
+        let Some(sample) = shown.get(k * shown.len().saturating_sub(1) / (POSTURES - 1)) else { continue };
+        let strength = 0.18 + 0.82 * k as f64 / (POSTURES - 1) as f64;
+        null.arm(pink, strength, &on_page(&sample.zeta[place], 1.15));
+        null.arm(BLUE, strength, &on_page(&sample.axis(0), 0.6));
+    }
+    null.line("ζ (later is darker)", pink, &[]);
+    null.line("the hand's x axis", BLUE, &[]);
 
     let turned = |sample: &Sample| sample.zeta[place].angle(&zeta).to_degrees();
     let rotated = |sample: &Sample| sample.turned_about(&zeta, trace.samples.first()).to_degrees();
     let mut turn = Panel::new("turns, °", time(), Axis::default());
     turn.band("turning ζ", pale(BLUE), 0.0..trace.phase_change());
-    turn.line("ζ", numbered(1), &over_time(trace, |sample| if sample.t <= trace.phase_change() { turned(sample) } else { f64::NAN }));
+    turn.line("ζ", pink, &over_time(trace, |sample| if sample.t <= trace.phase_change() { turned(sample) } else { f64::NAN }));
     turn.line("hand about ζ as it was", numbered(0), &over_time(trace, rotated));
     let mut angles = joint_angles(trace, "wrist joints from the start, °", 3..6).shifted_to_start();
     angles.dashed("", GREY, &[(0.0, 0.0), (trace.samples.last().map_or(0.0, |sample| sample.t), 0.0)]);
@@ -218,7 +279,7 @@ fn wrist_lock(trace: &Trace) -> Figure {
             title: "Figure 5: wrist lock".to_owned(),
             subtitle: "PUMA 560: joints 4 and 6 turn the singular direction ζ while the hand stands still; then the hand rotates about it"
                 .to_owned(),
-            rows: vec![Row::of(280.0, [arm, turn, angles]), Row::of(250.0, [position, orientation, rates])],
+            rows: vec![Row::of(300.0, [null, arm, turn]), Row::of(240.0, [angles, rates]), Row::of(220.0, [position, orientation])],
             notes: vec![
                 format!(
                     "ζ turned by {zeta_turned:.2}°; then the hand by {:.2}°. Joint 4 moved by {q4:.2}°, joint 5 by {q5:.2}°, joint 6 by {q6:.2}°.",

@@ -1,6 +1,9 @@
 //! The figures of Chang & Khatib (1995).
 
 mod draw;
+mod figure;
+mod locks;
 mod trace;
 
-pub use draw::{Figure, Saved, figures};
+pub use draw::{Saved, figures};
+pub use figure::Figure;

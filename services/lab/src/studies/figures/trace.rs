@@ -1,7 +1,7 @@
 //! The data of a run that a figure needs.
 
 use model::{Model, Refused, Robot, rotation_log, with_dof};
-use nalgebra::{Matrix3, SVector, Vector3};
+use nalgebra::{Cholesky, Matrix3, SVector, Vector3};
 use recorder::TaskError;
 use shared_types::bounds::larger;
 use shared_types::scenario::Scenario;
@@ -33,10 +33,19 @@ pub(super) struct Sample {
     pub zeta: Vec<Vector3<f64>>,
     inside: Vec<bool>,
     kind: Vec<u32>,
+    /// Its type, by [`TYPES`](shared_types::codes::TYPES).
+    pub class: Vec<u32>,
+    /// The force with which the null-space torques act on the tip of an arm in the plane, |J̄ᵀΓ_null|; N.
+    pub coupling_n: Option<f64>,
     segment: u32,
 }
 
 impl Sample {
+    /// The hand's axis, x, y or z.
+    pub(super) fn axis(&self, which: usize) -> Vector3<f64> {
+        self.R.column(which).into()
+    }
+
     /// Angle about `axis` by which the end-effector has turned since another moment; rad.
     pub(super) fn turned_about(&self, axis: &Vector3<f64>, since: Option<&Self>) -> f64 {
         since.map_or(0.0, |since| rotation_log(&(self.R * since.R.transpose())).dot(axis))
@@ -89,6 +98,12 @@ impl Trace {
         self.samples.iter().take_while(|sample| sample.inside.get(place) == Some(&true)).last().map_or(0.0, |sample| sample.t)
     }
 
+    /// The sample at which a singularity's measure is least in size.
+    pub(super) fn most_singular(&self, place: usize) -> Option<&Sample> {
+        let size = |sample: &Sample| sample.s.get(place).map_or(f64::INFINITY, |s| s.abs());
+        self.samples.iter().min_by(|a, b| size(a).total_cmp(&size(b)))
+    }
+
     /// When the second segment begins; s.
     pub(super) fn phase_change(&self) -> f64 {
         self.samples.iter().find(|sample| sample.segment > 0).map_or(0.0, |sample| sample.t) - self.dt
@@ -123,10 +138,20 @@ fn sized<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<Trace, Re
             zeta: singularities.iter().map(|s| zeta(&s.zeta_B, s.angular != 0)).collect(),
             inside: singularities.iter().map(|s| s.inside != 0).collect(),
             kind: singularities.iter().map(|s| s.kind).collect(),
+            class: singularities.iter().map(|s| s.class).collect(),
+            coupling_n: is_planar.then(|| coupling(&model, &q, &SVector::from_fn(|i, _| control.tau_null[i]))).flatten(),
             segment: control.segment,
         });
     })?;
     Ok(trace)
+}
+
+/// |J̄ᵀΓ| at the tip of an arm in the plane, J̄ = A⁻¹JᵀΛ; N. `None` where the tip cannot move in some direction.
+fn coupling<const N: usize>(model: &Model<N>, q: &SVector<f64, N>, torque: &SVector<f64, N>) -> Option<f64> {
+    let J = model.jacobian(q).fixed_rows::<2>(0).into_owned();
+    let A = Cholesky::new(model.mass_matrix(q))?;
+    let mobility = Cholesky::new(J * A.solve(&J.transpose()))?;
+    Some(mobility.solve(&(J * A.solve(torque))).norm())
 }
 
 fn zeta(twist: &[f64; 6], angular: bool) -> Vector3<f64> {
