@@ -22,4 +22,5 @@ mod run;
 mod steady;
 mod sweep;
 mod top;
+mod tutorial;
 mod verify;

@@ -1,0 +1,48 @@
+//! A controller of one's own, to copy: it swings all joints from the start posture to the `posture_deg` of the scenario's first segment.
+//!
+//! ```text
+//! law.rs    the pure step: one estimate in, one torque out
+//! main.rs   connects the step to topics
+//! ```
+//!
+//! `docs/tutorial.md` builds and runs it. It does not care about singularities: the path it follows is one of joints, not of the hand.
+
+mod law;
+
+use std::process::ExitCode;
+
+use model::{Robot, RobotSource};
+use runtime::{ProcessError, Shell};
+use shared_types::job::RobotText;
+use shared_types::{ControlState, StateEstimate, TorqueCommand};
+
+use law::Law;
+
+fn main() -> ExitCode {
+    match run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("{error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run() -> Result<(), ProcessError> {
+    let shell = Shell::from_environment()?;
+    let job = shell.job()?;
+    let RobotText { name, description, urdf } = job.robot;
+    let robot = Robot::from_source(&RobotSource { name, description, urdf }).map_err(ProcessError::setup)?;
+    let law = Law::new(&robot, &job.scenario).map_err(ProcessError::setup)?;
+    let mut estimates = shell.reader::<StateEstimate>()?;
+    let mut states = shell.writer::<ControlState>()?;
+    let mut torques = shell.writer::<TorqueCommand>()?;
+    // The law has no state but the tick: a replacement needs no checkpoint.
+    while let Some(estimate) = estimates.next()? {
+        let (mut state, mut torque) = (states.loan(estimate.header.tick)?, torques.loan(estimate.header.tick)?);
+        law.step(estimate, &mut state, &mut torque);
+        state.send()?;
+        torque.send()?;
+    }
+    Ok(())
+}
