@@ -317,7 +317,8 @@ impl<const N: usize> Controller<N> {
             };
             let target = match motion.leg.and_then(|leg| leg.reorient.map(|(place, angle)| (place, angle, leg.duration_s))) {
                 Some((place, angle, duration_s)) if place == i => self.reorient(state, now, singularity, angle, duration_s)?,
-                _ => by_type,
+                // A planned leg lies within reach: what the formula of a fold misses there is tracking error.
+                _ => Target { clipped: by_type.clipped && motion.planned.is_none(), ..by_type },
             };
             let gains = Gains { k: control.k_aux, k_v: control.k_v, rate_max, slew: control.aux_slew.of(kind) };
             let one = &mut state.loops[i];
@@ -553,7 +554,7 @@ impl<const N: usize> Controller<N> {
         let Control { k_p, k_v, .. } = self.scenario.control;
         let commanded = self.scenario.segment.iter().any(|segment| segment.posture_deg.is_some());
         if let Some(plan) = motion.planned.as_ref().filter(|_| !commanded) {
-            return (plan.q - now.q) * (0.25 * k_p) + (plan.dq * motion.clock - now.qdot) * k_v;
+            return (plan.q - now.q) * k_p + (plan.dq * motion.clock - now.qdot) * k_v;
         }
         let towards = (self.posture(state) - now.q) * (0.25 * k_p);
         let first = self.family.get().goes_around().filter(|_| self.is_ours());

@@ -1,12 +1,12 @@
 //! The path plan of a scenario: made when a controller is, put into words where there is none.
 
 use crate::analyzer::Analyzer;
-use crate::continuous::path_plan::{Infeasible, Obstacle, PathPlan, Request, plan};
+use crate::continuous::path_plan::{Infeasible, Obstacle, PathPlan, Remedy, Request, plan, remedy};
 use crate::continuous::turn_plan::{self, Room};
 use crate::trajectory::Path;
-use model::{Model, Robot};
+use model::{JointKind, Model, Robot};
 use nalgebra::SVector;
-use shared_types::scenario::{Scenario, Strategy};
+use shared_types::scenario::{Goal, Scenario, Strategy};
 
 /// The plan of the whole path, where the law uses one: under our own laws with the governor on.
 ///
@@ -33,7 +33,7 @@ pub(crate) fn route_ahead<const N: usize>(
         let motion = |angle: f64| analyzer.family().get().turning(s, &terms, &report.p_BC, angle);
         turn_plan::plan(s, angle, 1.0, &Room { q, model, control }, motion).ok().map(|turn| turn.by)
     };
-    let found = plan(&Request {
+    let request = Request {
         model,
         path,
         q_start: *q_start,
@@ -45,12 +45,15 @@ pub(crate) fn route_ahead<const N: usize>(
         rate_max: &control.aux_rate_max,
         position_m: scenario.goal.path_mm * 1e-3,
         orientation_rad: scenario.goal.path_deg.to_radians(),
-    });
-    match found {
+    };
+    // Spare joints have more routes than a search tries.
+    let redundant = N > robot.task.count();
+    match plan(&request) {
         Ok(plan) => Ok(Some(plan)),
         // The poses are within reach: the law decides as it goes.
-        Err(Infeasible { obstacle: Obstacle::Discontinuous, .. }) => Ok(None),
-        Err(infeasible) => Err(words(robot, &infeasible)),
+        Err(Infeasible { obstacle: Obstacle::Undecided, .. }) => Ok(None),
+        Err(Infeasible { obstacle: Obstacle::Discontinuous, .. }) if redundant => Ok(None),
+        Err(infeasible) => Err(words(robot, &infeasible) + &help(robot, scenario, remedy(&request))),
     }
 }
 
@@ -62,15 +65,38 @@ fn words(robot: &Robot, infeasible: &Infeasible) -> String {
             let limit = limit.to_degrees();
             format!(
                 "the path cannot be followed from this start posture: at {time_s:.2} s (segment {leg}) joint {} ({name}) would pass its limit of \
-                 {limit:.1}°, on every route; start in another posture of the same pose, end the path earlier, or allow more deviation \
-                 ([goal] path_deg, path_mm)",
+                 {limit:.1}°, on every route",
                 joint + 1
             )
         }
-        Obstacle::Reach => format!(
-            "the path leaves the reachable space at {time_s:.2} s (segment {leg}), between reachable ends; lead it around, or allow more deviation \
-             ([goal] path_mm)"
+        Obstacle::Reach => format!("the path leaves the reachable space at {time_s:.2} s (segment {leg}), between reachable ends"),
+        Obstacle::Discontinuous | Obstacle::Undecided => format!(
+            "no continuous motion from this start posture follows the path beyond {time_s:.2} s (segment {leg}): the poses from there on belong to \
+             other postures of the arm"
         ),
-        Obstacle::Discontinuous => format!("no continuous motion follows the path beyond {time_s:.2} s (segment {leg})"),
+    }
+}
+
+/// What would help, as far as it is known.
+fn help<const N: usize>(robot: &Robot, scenario: &Scenario, remedy: Option<Remedy<N>>) -> String {
+    match remedy {
+        Some(Remedy::Start(q)) => {
+            let list = robot.joints.iter().zip(&q).map(|(joint, q)| match joint.kind {
+                JointKind::Prismatic => format!("{:.3}", q * 1e3),
+                _ => format!("{:.3}", q.to_degrees()),
+            });
+            format!("; it can be followed from another posture of the same pose: [start] q_deg = [{}]", list.collect::<Vec<_>>().join(", "))
+        }
+        Some(Remedy::Allow(position_m, orientation_rad)) => {
+            let (mm, deg) = (position_m * 1e3, orientation_rad.to_degrees());
+            format!("; it can be followed where more deviation is allowed: [goal] path_mm = {mm:.0}, path_deg = {deg:.1}")
+        }
+        None => {
+            let Goal { path_mm, path_deg, .. } = scenario.goal;
+            format!(
+                "; neither another posture of the start pose nor a deviation beyond {path_mm} mm and {path_deg}° has been found to help: lead the path \
+                 elsewhere, or end it earlier"
+            )
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::linear::{angular, linear, rotation_log, stack, symmetric_eigen};
 use model::{Model, Pose};
-use nalgebra::{SMatrix, SVector, Vector3, Vector6};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3, Vector6};
 
 /// Unit-scaled singular value below which a Newton step asks nothing of a direction.
 const FLOOR: f64 = 1e-6;
@@ -13,7 +13,7 @@ const STEPS: usize = 12;
 /// The same where damping leaves an error anyway.
 const DAMPED_STEPS: usize = 3;
 /// Largest joint motion of one Newton step, rad.
-const STRIDE: f64 = 0.4;
+pub(super) const STRIDE: f64 = 0.4;
 
 /// The kinematics of C, a point of the end-effector link, on the task's axes; lengths are divided by `length_m`.
 #[derive(Clone, Copy, Debug)]
@@ -162,10 +162,11 @@ impl<const N: usize> Kinematics<'_, N> {
         (q, e)
     }
 
-    /// Largest part of a unit-scaled error over what is allowed of it: position (m) and orientation (rad).
+    /// Largest part of a unit-scaled error at C over what is allowed of it at E: position (m) and orientation (rad).
     #[must_use]
-    pub fn excess(&self, e: &Vector6<f64>, position_m: f64, orientation_rad: f64) -> f64 {
-        (linear(e).norm() * self.length_m / position_m).max(angular(e).norm() / orientation_rad)
+    pub fn excess(&self, e: &Vector6<f64>, R: &Matrix3<f64>, position_m: f64, orientation_rad: f64) -> f64 {
+        let at_E = linear(e) * self.length_m - angular(e).cross(&(R * self.p_EC));
+        (at_E.norm() / position_m).max(angular(e).norm() / orientation_rad)
     }
 }
 

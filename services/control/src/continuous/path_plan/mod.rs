@@ -15,7 +15,7 @@ pub use schedule::{PathPlan, Sample};
 
 use crate::trajectory::Progress;
 use crate::types::Kind;
-use inverse::{Kinematics, SOLVED};
+use inverse::{Kinematics, STRIDE};
 use model::{Model, Pose};
 use nalgebra::{SVector, Vector3};
 use request::{analyse, centre};
@@ -27,6 +27,12 @@ pub const LAYERS: usize = 40;
 const LAYERS_IN_ALL: usize = 4000;
 /// Seeds from which a pose is looked for anywhere in the joint space.
 const SEEDS: u32 = 48;
+/// Steps from each, and the unit-scaled pose error that is none.
+const APPROACH: (u32, f64) = (60, 1e-6);
+/// Other start postures that are tried for a remedy, how far they lie apart, rad, and the deviations: factors on what the task allows.
+const STARTS: usize = 6;
+const DISTINCT: f64 = 0.1;
+const ALLOWANCES: [f64; 2] = [4.0, 16.0];
 
 /// Why there is no route.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,6 +59,47 @@ pub enum Obstacle {
     Reach,
     /// No posture continues the motion, though the poses are within reach.
     Discontinuous,
+    /// The search has ended before it had tried everything, or the goal lies on the branch where the search ended.
+    Undecided,
+}
+
+/// A change of the task that makes it feasible.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Remedy<const N: usize> {
+    /// Start in this posture of the same pose, rad.
+    Start(SVector<f64, N>),
+    /// Allow so much deviation from the path: m, rad.
+    Allow(f64, f64),
+}
+
+/// What makes a task feasible that is not: another posture of the start pose, else more deviation from the path.
+///
+/// Cost up to [`STARTS`] + [`ALLOWANCES`] searches: only for a refusal's words.
+#[must_use]
+pub fn remedy<const N: usize>(request: &Request<'_, N>) -> Option<Remedy<N>> {
+    let legs = (0..).take_while(|i| request.path.leg(*i).is_some()).count();
+    let holds = |request: &Request<'_, N>| attempt(request, false, &[]).is_ok_and(|plan| plan.legs() == legs);
+    let arm = Kinematics { model: request.model, p_EC: Vector3::zeros(), task: request.task, length_m: request.length_m };
+    let X = arm.pose(&request.q_start);
+    let (lower, upper) = (request.model.lower(), request.model.upper());
+    let mut starts = vec![request.q_start];
+    for k in 0..SEEDS {
+        let near = spread(request.model, k);
+        let Some(q) = solution(&arm, &X, &near) else { continue };
+        let fits = (0..N).all(|i| q[i] >= lower[i] && q[i] <= upper[i]) && starts.iter().all(|other| (q - other).amax() > DISTINCT);
+        if fits && starts.len() <= STARTS {
+            starts.push(q);
+        }
+    }
+    starts[1..].sort_by(|a, b| (a - request.q_start).norm().total_cmp(&(b - request.q_start).norm()));
+    let start = starts[1..].iter().find(|q| holds(&Request { q_start: **q, ..*request }));
+    let allowed = |factor: f64| (request.position_m * factor, request.orientation_rad * factor);
+    let more = || {
+        ALLOWANCES.into_iter().map(allowed).find(|(position_m, orientation_rad)| {
+            holds(&Request { position_m: *position_m, orientation_rad: *orientation_rad, ..*request })
+        })
+    };
+    start.map(|q| Remedy::Start(*q)).or_else(|| more().map(|(position_m, orientation_rad)| Remedy::Allow(position_m, orientation_rad)))
 }
 
 /// A plan for the whole path, or as far as it lies within reach.
@@ -159,12 +206,14 @@ fn attempt<const N: usize>(request: &Request<'_, N>, fan: bool, times: &[f64]) -
             }
             let beyond = pose((far.t - from_s + 0.01 * leg.duration_s).min(leg.duration_s));
             let obstacle = match far.block {
-                _ if search.is_exhausted() => Obstacle::Discontinuous,
+                _ if search.is_exhausted() => Obstacle::Undecided,
                 Block::Limit { joint, value } => {
                     let (low, high) = (model.lower()[joint], model.upper()[joint]);
                     Obstacle::Limit { joint, limit: if value - low < high - value { low } else { high } }
                 }
                 Block::End if !reachable(&arm, &beyond, &far.q) => Obstacle::Reach,
+                // The goal is on the branch where the arm is: the law may get there, though no route of the search does.
+                Block::End if solution(&arm, &goal, &far.q).is_some() => Obstacle::Undecided,
                 Block::End => Obstacle::Discontinuous,
             };
             let knots = search.chain(search.deepest());
@@ -194,15 +243,35 @@ fn attempt<const N: usize>(request: &Request<'_, N>, fan: bool, times: &[f64]) -
 
 /// Whether any posture, within the limits or not, has this pose.
 fn reachable<const N: usize>(arm: &Kinematics<'_, N>, X: &Pose, near: &SVector<f64, N>) -> bool {
-    let zero = SVector::zeros();
-    let solves = |q: &SVector<f64, N>| {
-        // With damping first: far from a solution a plain Newton step leads anywhere.
-        let rough = [0.2, 0.1, 0.1, 0.03, 0.01].iter().fold(*q, |q, damping| arm.solve(X, &q, &zero, *damping, 1e-3).0);
-        arm.solve(X, &rough, &zero, 1e-3, 1e-6).1.norm() < 1e-4 || arm.solve(X, &rough, &zero, 0.0, SOLVED).1.norm() < 1e-6
-    };
+    let solves = |q: &SVector<f64, N>| solution(arm, X, q).is_some();
     let middle = spread(arm.model, 0);
     let beside = |k: u32| near + (spread(arm.model, k) - middle) * 0.2;
     solves(near) || (0..SEEDS).any(|k| solves(&beside(k)) || solves(&spread(arm.model, k)))
+}
+
+/// The posture of a pose that damped steps from `near` lead to: the damping falls where a step helps, and grows where it does not.
+fn solution<const N: usize>(arm: &Kinematics<'_, N>, X: &Pose, near: &SVector<f64, N>) -> Option<SVector<f64, N>> {
+    let (mut q, mut damping) = (*near, 0.1);
+    let mut e = arm.error(X, &arm.pose(&q));
+    let mut spectrum = arm.spectrum(&q);
+    for _ in 0..APPROACH.0 {
+        if e.norm() < APPROACH.1 {
+            return Some(q);
+        }
+        let step = spectrum.solve(&e, damping);
+        let next = q + step * (STRIDE / step.amax().max(STRIDE));
+        let left = arm.error(X, &arm.pose(&next));
+        if left.norm() < e.norm() {
+            (q, e) = (next, left);
+            spectrum = arm.spectrum(&q);
+            damping *= 0.3;
+        } else if damping > 1e3 {
+            return None;
+        } else {
+            damping *= 4.0;
+        }
+    }
+    None
 }
 
 /// The `k`-th of a sequence of postures that fills the joint ranges evenly: additive recurrence with the roots of primes.

@@ -21,7 +21,7 @@ const STRAIGHT: f64 = 1e-4;
 const SHORTEST: f64 = 1e-7;
 /// Most knots between two layers.
 const KNOTS: usize = 150;
-/// Most steps of a search: about 10 µs each.
+/// Most steps of a search: about 30 µs each, so that the two searches of a plan end within 2 s on a core of their own.
 const BUDGET: u32 = 30_000;
 /// Most postures kept in a layer.
 const WIDTH: usize = 20;
@@ -36,8 +36,11 @@ const NEAR: f64 = 0.2;
 const DAMPING: f64 = 0.03;
 const STRONG_DAMPING: f64 = 0.1;
 const DAMPING_PER_RAD: f64 = 3.0;
+/// Share of the deviation allowed that a route takes at its knots, and half-way between. The law follows only the auxiliary coordinate of a route and
+/// keeps the path in every other direction: the arm deviates less than the damped postures do.
+const LEFT: (f64, f64) = (1.0, 1.2);
 /// Distance that a route keeps from every joint limit, rad (m): encoder noise and what tracking costs.
-const CLEAR: f64 = 2e-3;
+pub(super) const CLEAR: f64 = 2e-3;
 /// Distance from a limit at which it begins to cost, rad (m).
 const MARGIN: f64 = 0.2;
 /// Share of a speed limit that is planned with.
@@ -237,8 +240,8 @@ impl<'a, const N: usize> Search<'a, N> {
         }
         let near = spectrum.smallest() < NEAR;
         if near {
-            ways.push(Way { damping: DAMPING, ..straight });
             let strong = STRONG_DAMPING.max(DAMPING_PER_RAD * self.bounds.orientation_rad);
+            ways.push(Way { damping: DAMPING, ..straight });
             ways.push(Way { damping: strong, ..straight });
         }
         let mut out = vec![];
@@ -293,8 +296,9 @@ impl<'a, const N: usize> Search<'a, N> {
             (before, t) = (knot.q, knot.t);
         }
         if way.damping > 0.0 {
-            let e = self.arm.error(&(leg.pose)(end.t - leg.from_s), &self.arm.pose(&end.q));
-            cost += 0.02 + 0.1 * self.arm.excess(&e, self.bounds.position_m, self.bounds.orientation_rad);
+            let X = (leg.pose)(end.t - leg.from_s);
+            let e = self.arm.error(&X, &self.arm.pose(&end.q));
+            cost += 0.02 + 0.1 * self.arm.excess(&e, &X.R, self.bounds.position_m, self.bounds.orientation_rad);
         }
         if leg.fan {
             let sigma = self.arm.spectrum(&end.q).smallest();
@@ -362,13 +366,14 @@ impl<'a, const N: usize> Search<'a, N> {
             let guess = if ahead.amax() < STEP { q + ahead } else { q };
             let (next, e) = self.arm.solve(&X, &guess, &drift, way.damping, SOLVED);
             let dq = next - q;
-            let solved = if lax { self.arm.excess(&e, self.bounds.position_m, self.bounds.orientation_rad) < 1.0 } else { e.norm() < 1e-7 };
+            let solved =
+                if lax { self.arm.excess(&e, &X.R, self.bounds.position_m, self.bounds.orientation_rad) < LEFT.0 } else { e.norm() < 1e-7 };
             // A jump to another branch shows half-way: there the posture is elsewhere, or there is none.
             let middle = || {
                 let (X, mean) = ((leg.pose)(t + 0.5 * h), q + dq * 0.5);
                 let e = self.arm.error(&X, &self.arm.pose(&mean));
                 if lax {
-                    return (self.arm.excess(&e, self.bounds.position_m, self.bounds.orientation_rad) < 1.2).then_some(mean);
+                    return (self.arm.excess(&e, &X.R, self.bounds.position_m, self.bounds.orientation_rad) < LEFT.1).then_some(mean);
                 }
                 let (there, e_left) = self.arm.solve(&X, &mean, &zero, 0.0, SOLVED);
                 (e.norm() < STRAIGHT || e_left.norm() < 1e-7 && (there - mean).norm() < BEND * dq.norm() + 1e-6).then_some(there)
@@ -409,6 +414,7 @@ impl<'a, const N: usize> Search<'a, N> {
         for v in small {
             for stride in [0.02, 0.06, 0.18] {
                 for v in [v * stride, -v * stride] {
+                    self.spent.set(self.spent.get() + 4);
                     let (there, e) = self.arm.solve(&X, &(q + v), &zero, 0.0, SOLVED);
                     let known = out.iter().any(|knots| knots.last().is_some_and(|knot| (knot.q - there).amax() < SAME));
                     if e.norm() > 1e-7 || (there - q).amax() > 0.5 || known || self.outside(&there, q).is_some() {

@@ -101,9 +101,13 @@ impl<const N: usize> PathPlan<N> {
                 let (before, after) = ((points[i].q - points[i - 1].q) / a, (points[i + 1].q - points[i].q) / b);
                 let mean = (before * b + after * a) / (a + b);
                 // Between a quick stretch and a slow one the spline must not overshoot.
+                let (lower, upper) = (request.model.lower(), request.model.upper());
                 points[i].slope = SVector::from_fn(|j, _| {
                     let bound = 2.0 * before[j].abs().min(after[j].abs()) + 0.1;
-                    mean[j].clamp(-bound, bound)
+                    // A cubic lies within its control points, a third of the slope away: they stay within the limits.
+                    let q = points[i].q[j];
+                    let (up, down) = (3.0 * (upper[j] - q).max(0.0), 3.0 * (q - lower[j]).max(0.0));
+                    mean[j].clamp(-bound, bound).clamp(-(down / b).min(up / a), (up / b).min(down / a))
                 });
             }
         }

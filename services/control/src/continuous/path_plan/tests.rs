@@ -1,5 +1,6 @@
 //! Routes for seeded lines through exactly singular postures, and for paths that have none.
 
+use super::inverse::SOLVED;
 use super::*;
 use crate::analyzer::Analyzer;
 use crate::linear::rotation_exp;
@@ -7,23 +8,11 @@ use crate::testing::robot;
 use crate::trajectory::Path;
 use model::Robot;
 use nalgebra::Matrix3;
+use shared_types::random::Uniform;
 use shared_types::scenario::{Analysis, Scenario, Segment, Start};
 
-/// A generator of its own: SplitMix64.
-struct Random(u64);
-
-impl Random {
-    fn within(&mut self, low: f64, high: f64) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        low + (high - low) * ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    fn direction(&mut self) -> Vector3<f64> {
-        Vector3::from_fn(|_, _| self.within(-1.0, 1.0)).normalize()
-    }
+fn direction(random: &mut Uniform) -> Vector3<f64> {
+    Vector3::from_fn(|_, _| random.within(-1.0, 1.0)).normalize()
 }
 
 fn plan_of<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<PathPlan<N>, Infeasible> {
@@ -49,11 +38,11 @@ fn plan_of<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<PathPla
 }
 
 /// A line through the pose of `q`, between ends that some posture near `q` reaches within the limits.
-fn line_through<const N: usize>(robot: &Robot, q: &SVector<f64, N>, random: &mut Random) -> Option<Scenario> {
+fn line_through<const N: usize>(robot: &Robot, q: &SVector<f64, N>, random: &mut Uniform) -> Option<Scenario> {
     let model = Model::<N>::new(robot, None).unwrap();
     let arm = Kinematics { model: &model, p_EC: Vector3::zeros(), task: [true; 6], length_m: robot.length_m };
     let at = arm.pose(q);
-    let (along, turn) = (random.direction() * random.within(0.1, 0.2), random.direction() * random.within(0.0, 0.5));
+    let (along, turn) = (direction(random) * random.within(0.1, 0.2), direction(random) * random.within(0.0, 0.5));
     let pose = |x: f64| Pose { R: rotation_exp(&(turn * x)) * at.R, p: at.p + along * x };
     let inside = |q: &SVector<f64, N>| (0..N).all(|i| q[i] > model.lower()[i] + 0.05 && q[i] < model.upper()[i] - 0.05);
     let mut end = |x: f64| {
@@ -98,9 +87,9 @@ fn holds<const N: usize>(robot: &Robot, scenario: &Scenario, plan: &PathPlan<N>)
     worst[0] < 2.5 && worst[1] < 0.8 && worst[2] < 0.5
 }
 
-fn lines<const N: usize>(robot: &Robot, seed: u64, count: usize, lock: impl Fn(&mut SVector<f64, N>, &mut Random)) -> usize {
+fn lines<const N: usize>(robot: &Robot, seed: u64, count: usize, lock: impl Fn(&mut SVector<f64, N>, &mut Uniform)) -> usize {
     let model = Model::<N>::new(robot, None).unwrap();
-    let mut random = Random(seed);
+    let mut random = Uniform(seed);
     let (mut drawn, mut planned) = (0, 0);
     while drawn < count {
         let mut q = SVector::<f64, N>::from_fn(|i, _| {

@@ -53,6 +53,7 @@ impl<const N: usize> Search<'_, N> {
                 (k % 2 == 0).then_some(next)
             } else if let Some(half) = turned(&rest, &undone) {
                 // Between the two lies a posture that the path can be followed from.
+                self.spent.set(self.spent.get() + 24);
                 let (mut low, mut high) = (0.0, 1.0);
                 for _ in 0..24 {
                     let middle = 0.5 * (low + high);
@@ -66,6 +67,7 @@ impl<const N: usize> Search<'_, N> {
             let rank = second(&next);
             let chosen = if chosen.is_none() && !every && ranks[1] < ranks[0] && ranks[1] <= rank && ranks[1] < 0.1 && k > 1 {
                 let (mut low, mut high) = (-1.0, 1.0);
+                self.spent.set(self.spent.get() + 80);
                 let there = |x: f64| self.arm.solve(X, &(at + if x < 0.0 { v * (x * STRIDE) } else { dq * x }), &zero, 0.0, SOLVED).0;
                 for _ in 0..40 {
                     let (c, d) = (high - 0.618 * (high - low), low + 0.618 * (high - low));
