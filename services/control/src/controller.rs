@@ -4,32 +4,33 @@ use crate::analyzer::Analyzer;
 use crate::arm_family::choice::Family;
 use crate::arm_family::family::Situation;
 use crate::baselines::hold_and_blend;
-use crate::baselines::resolved_rate::{self, Inverse, JointMemory};
+use crate::baselines::resolved_rate::{self, Inverse};
 use crate::centre::AtCentre;
-use crate::continuous::auxiliary::{Gains, Loop};
-use crate::continuous::avoidance;
+use crate::command;
+use crate::continuous::auxiliary::Gains;
 use crate::continuous::blended;
-use crate::continuous::foresight::{FORESEEN_STEP_S, Foreseen, Foresight};
-use crate::continuous::governor::{Governor, Load};
+use crate::continuous::foresight::Foreseen;
+use crate::continuous::governor::Load;
 use crate::continuous::guide::Guide;
 use crate::continuous::saturation::{Limited, limit};
-use crate::continuous::torque_rate::Sent;
 use crate::continuous::turn_plan;
+use crate::demand_ahead::demand_ahead;
 use crate::law::{Active, Actives, LawError, Torques, Wanted};
-use crate::linear::{angular, clamp_norm, linear, rotation_log, stack};
+use crate::linear::{clamp_norm, linear, rotation_log, stack};
 use crate::paper::reference::{Memory, Target};
 use crate::paper::type_2::Turn;
 use crate::paper::{chang_khatib, null_space, type_1, type_2};
 use crate::plausibility::{self, Bounds, Plausible};
+use crate::posture::Postures;
 use crate::route_ahead::route_ahead;
-use crate::setup::{SetupError, posture_goals};
+use crate::setup::SetupError;
 use crate::state::State;
 use crate::telemetry::Telemetry;
 use crate::tick::{Auxiliary, Inputs, Motion};
-use crate::trajectory::{Path, Progress};
-use crate::types::{Class, Command, Kind, Mode, Phase, Plan, Refusal, Report, Singularity};
+use crate::trajectory::Path;
+use crate::types::{Class, Command, Kind, Mode, Phase, Refusal, Report, Singularity};
 use model::{Model, Robot, Terms};
-use nalgebra::{SVector, Vector6};
+use nalgebra::SVector;
 use shared_types::scenario::{Control, Scenario, Strategy};
 use shared_types::{ControllerCheckpoint, MAX_SINGULARITIES};
 
@@ -56,9 +57,7 @@ pub struct Controller<const N: usize> {
     scenario: Scenario,
     task: [bool; 6],
     length_m: f64,
-    q_start: SVector<f64, N>,
-    /// Posture goal of each leg.
-    postures: Vec<SVector<f64, N>>,
+    postures: Postures<N>,
     /// The plan of the whole path.
     guide: Guide<N>,
     /// Why the path cannot be followed.
@@ -77,9 +76,9 @@ impl<const N: usize> Controller<N> {
         let report = analyzer.step(&q_start, &SVector::zeros(), &rest);
         let family = analyzer.family().clone();
         let path = Path::new(scenario, &report)?;
-        let postures = posture_goals(robot, scenario, &q_start)?;
+        let postures = Postures::new(robot, scenario, q_start)?;
         let fresh = Analyzer::new(robot, &scenario.analysis);
-        let (plan, obstacle) = match route_ahead(&model, robot, scenario, &path, &fresh, &q_start, &postures) {
+        let (plan, obstacle) = match route_ahead(&model, robot, scenario, &path, &fresh, &q_start, postures.goals()) {
             Ok(plan) => (plan, None),
             Err(obstacle) => (None, Some(obstacle)),
         };
@@ -89,22 +88,9 @@ impl<const N: usize> Controller<N> {
             scenario: scenario.clone(),
             task: robot.task.0,
             length_m: robot.length_m,
-            q_start,
             postures,
             guide: Guide::new(plan),
-            state: State {
-                progress: Progress::at(rest.X_BE),
-                governor: Governor::default(),
-                loops: [Loop::default(); MAX_SINGULARITIES],
-                turn: Turn::none(),
-                refusal: if obstacle.is_some() { Refusal::Route } else { Refusal::None },
-                path_time_s: 0.0,
-                route_time_s: 0.0,
-                joint_memory: JointMemory::at(q_start),
-                sent: Sent::holding(&rest.gravity, model.effort()),
-                qdot_planned: SVector::zeros(),
-                plausible: Plausible::unknown(),
-            },
+            state: State::begin(&rest, q_start, model.effort(), if obstacle.is_some() { Refusal::Route } else { Refusal::None }),
             obstacle,
             model,
         })
@@ -220,7 +206,7 @@ impl<const N: usize> Controller<N> {
         state.qdot_planned = torques.qdot_nominal * motion.clock;
         let rate_mask;
         (state.sent, rate_mask) = state.sent.next(&limited, &(torques.path * limited.task_scale), &self.torque_step(), self.model.effort());
-        let command = Command { rate_mask, ..self.command(state, now, &motion, &auxiliary, &limited) };
+        let command = Command { rate_mask, ..command::running(state, now, &motion, &auxiliary, &limited, self.scenario.settle_s) };
         self.clock(state, now, &motion, &torques, auxiliary.load);
         Ok(command)
     }
@@ -396,16 +382,17 @@ impl<const N: usize> Controller<N> {
     /// Step 3: torques by the scenario's law.
     fn torques(&self, state: &mut State<N>, now: &Inputs<'_, N>, motion: &Motion<N>, actives: &Actives<N>) -> Result<Torques<N>, LawError> {
         let Control { k_p, k_v, baseline: tuned, .. } = &self.scenario.control;
+        let around = (self.family.get().goes_around().filter(|_| self.is_ours()), &self.task);
         let wanted = &Wanted {
             A: &now.terms.A,
             at: now.at,
             task: self.task,
             a: motion.a,
             p_EC: now.p_EC,
-            a_path: self.along_path(&motion.V_nominal, &motion.a),
+            a_path: motion.along_path(self.length_m),
             V: motion.V_nominal,
             a_feed: motion.a_feed,
-            posture: self.posture_acceleration(state, now, motion),
+            posture: self.postures.acceleration(&self.scenario.control, (&self.path, &state.progress), now, motion, around),
         };
         let arm = &resolved_rate::Arm {
             q: now.q,
@@ -440,7 +427,7 @@ impl<const N: usize> Controller<N> {
     /// # Errors
     /// [`LawError::Speed`] where no clock is slow enough for the joint speeds.
     fn limits(&self, now: &Inputs<'_, N>, motion: &Motion<N>, torques: &Torques<N>) -> Result<Limited<N>, LawError> {
-        let share = self.speed_share(torques);
+        let share = torques.speed_share(self.model.velocity());
         if self.is_ours() && self.scenario.control.governor && motion.planned.is_none() && share > HOPELESS {
             return Err(LawError::Speed { share });
         }
@@ -463,11 +450,15 @@ impl<const N: usize> Controller<N> {
         if self.scenario.control.governor {
             let A = &now.terms.A;
             let load = Load {
-                speed: auxiliary_load.max(self.speed_share(torques)),
+                speed: auxiliary_load.max(torques.speed_share(self.model.velocity())),
                 holding: now.terms.gravity,
                 following: (A * torques.qddot_path + now.terms.coriolis) / (clock * clock),
                 braking: A * torques.qdot_nominal,
-                foreseen: if motion.planned.is_some() { Foreseen::default() } else { self.foresee(state, now) },
+                foreseen: if motion.planned.is_none() && self.is_ours() {
+                    demand_ahead(&self.family, (&self.path, state), now, self.model.velocity(), &self.scenario)
+                } else {
+                    Foreseen::default()
+                },
                 planned: self.guide.speed(motion.planned.as_ref(), state.route_time_s, clock),
             };
             state.governor.step(&load, self.model.effort(), self.scenario.dt_s());
@@ -479,158 +470,21 @@ impl<const N: usize> Controller<N> {
         state.path_time_s += on_path;
     }
 
-    /// The demand of the path ahead.
-    fn foresee(&self, state: &State<N>, now: &Inputs<'_, N>) -> Foreseen {
-        let mut foreseen = Foreseen::default();
-        if !self.is_ours() || self.path.leg(state.progress.leg).is_none_or(|leg| leg.reorient.is_some()) {
-            return foreseen;
-        }
-        let wrist = now.report.meant().iter().position(|s| s.kind == Kind::Wrist);
-        let at = Foresight {
-            q: now.q,
-            terms: now.terms,
-            p_C: now.report.p_BC,
-            poses: &self.path.preview(&state.progress, now.p_EC),
-            step_s: FORESEEN_STEP_S,
-            velocity: self.model.velocity(),
-            rate_max: &self.scenario.control.aux_rate_max,
-            eta_out: &self.scenario.analysis.eta_out,
-            passing: wrist.is_some_and(|wrist| state.loops[wrist].memory.passing),
-        };
-        self.family.get().foresee(&at, &mut foreseen);
-        foreseen
-    }
-
-    /// Largest share of a joint's speed limit at full clock speed.
-    fn speed_share(&self, torques: &Torques<N>) -> f64 {
-        (0..N).fold(0.0_f64, |share, i| share.max(torques.qdot_nominal[i].abs() / self.model.velocity()[i]))
-    }
-
-    /// The command and the telemetry of the tick.
-    fn command(
-        &self,
-        state: &State<N>,
-        now: &Inputs<'_, N>,
-        motion: &Motion<N>,
-        auxiliary: &Auxiliary<N>,
-        limited: &Limited<N>,
-    ) -> Command<N> {
-        let Motion { leg, desired_E, error, .. } = motion;
-        let telemetry = &auxiliary.telemetry;
-        let planned = leg.and_then(|leg| leg.reorient).filter(|_| state.turn.duration_s > 0.0);
-        Command {
-            tau: state.sent.tau,
-            tau_task: state.sent.tau - state.sent.null,
-            tau_null: state.sent.null,
-            R_BE_d: desired_E.R,
-            p_BE_d: desired_E.p,
-            V_BE_d: desired_E.V,
-            error: stack(&(desired_E.p - now.terms.X_BE.p), &angular(error)),
-            path_time_s: state.path_time_s,
-            time_scale: motion.clock * motion.planned.map_or(1.0, |plan| plan.time_rate),
-            null_scale: limited.null_scale,
-            task_scale: limited.task_scale,
-            beta: telemetry.beta,
-            aux_d: telemetry.aux_d,
-            aux_rate_d: telemetry.aux_rate_d,
-            plan: planned.map(|(place, _)| Plan { place, by: state.turn.by, duration_s: state.turn.duration_s }),
-            mode: telemetry.mode,
-            segment: state.progress.leg as u32,
-            phase: match (leg, state.progress.time_s < self.scenario.settle_s) {
-                (Some(_), _) => Phase::Running,
-                (None, true) => Phase::Settling,
-                (None, false) => Phase::Done,
-            },
-            saturation_mask: limited.mask,
-            rate_mask: 0,
-            doubt_ticks: 0,
-            clipped: telemetry.clipped,
-            refusal: Refusal::None,
-        }
-    }
-
-    /// Acceleration wanted in the null space, rad/s²: towards the planned posture, else the commanded one, and near a lost direction around it.
-    fn posture_acceleration(&self, state: &State<N>, now: &Inputs<'_, N>, motion: &Motion<N>) -> SVector<f64, N> {
-        let Control { k_p, k_v, .. } = self.scenario.control;
-        let commanded = self.scenario.segment.iter().any(|segment| segment.posture_deg.is_some());
-        if let Some(plan) = motion.planned.as_ref().filter(|_| !commanded) {
-            return (plan.q - now.q) * k_p + (plan.dq * motion.clock - now.qdot) * k_v;
-        }
-        let towards = (self.posture(state) - now.q) * (0.25 * k_p);
-        let first = self.family.get().goes_around().filter(|_| self.is_ours());
-        let around = first.and_then(|first| avoidance::around(&now.at.J, &self.task, now.report, first));
-        around.map_or(towards, |(rate, weight)| towards * (1.0 - weight) + rate * (k_v * weight)) - now.qdot * k_v
-    }
-
-    /// The posture that the null space is driven to, reached by the leg's own time law.
-    fn posture(&self, state: &State<N>) -> SVector<f64, N> {
-        let Some(goal) = self.postures.get(state.progress.leg) else {
-            return *self.postures.last().unwrap_or(&self.q_start);
-        };
-        let from = state.progress.leg.checked_sub(1).map_or(&self.q_start, |i| &self.postures[i]);
-        from + (goal - from) * self.path.ramp(&state.progress)
-    }
-
     /// Whether the auxiliary coordinates drive the arm: their demand slows the clock, and foresight comes from their formulas. Not so under the laws
     /// of others.
     fn is_ours(&self) -> bool {
         matches!(self.scenario.control.strategy, Strategy::Blended | Strategy::ChangKhatib)
     }
 
-    /// The share of `a` along the path's twist, metres made radians by the arm's length.
-    fn along_path(&self, V: &Vector6<f64>, a: &Vector6<f64>) -> Vector6<f64> {
-        let L2 = self.length_m * self.length_m;
-        let dot = |x: &Vector6<f64>, y: &Vector6<f64>| linear(x).dot(&linear(y)) / L2 + angular(x).dot(&angular(y));
-        let size = dot(V, V);
-        if size < 1e-8 { Vector6::zeros() } else { V * (dot(V, a) / size) }
-    }
-
-    /// Gravity held and motion damped, within the limits and the torque rates; towards zero torque where the state is not finite.
+    /// The arm brought to rest, within the limits and the torque rates.
     fn refusal(&mut self, known: Option<(&Terms<N>, &SVector<f64, N>)>) -> Command<N> {
-        let limits = *self.model.effort();
-        let mut tau = known.map_or_else(SVector::zeros, |(terms, qdot)| {
-            terms.gravity - SVector::<f64, N>::from_fn(|i, _| terms.A[(i, i)] * 0.5 * self.scenario.control.k_v * qdot[i])
-        });
-        if !tau.iter().all(|x| x.is_finite()) {
-            tau = SVector::zeros();
-        }
-        let mut mask = 0;
-        for i in 0..N {
-            if tau[i].abs() >= limits[i] {
-                mask |= 1 << i;
-                tau[i] = tau[i].clamp(-limits[i], limits[i]);
-            }
-        }
-        let wanted = Limited { tau, task: tau, null: SVector::zeros(), null_scale: 0.0, task_scale: 0.0, mask, load: 0.0 };
+        let limits = self.model.effort();
+        // Before a limit an arm has the shortest way to stop in.
+        let damping = self.scenario.control.k_v * if self.state.refusal == Refusal::Limit { 1.0 } else { 0.5 };
+        let wanted = command::braking(known, damping, limits);
         let rate_mask;
-        (self.state.sent, rate_mask) = self.state.sent.next(&wanted, &SVector::zeros(), &self.torque_step(), self.model.effort());
-        let Sent { tau, null, .. } = self.state.sent;
-        let start = self.state.progress.start;
-        Command {
-            tau,
-            tau_task: tau - null,
-            tau_null: null,
-            R_BE_d: start.R,
-            p_BE_d: start.p,
-            V_BE_d: Vector6::zeros(),
-            error: Vector6::zeros(),
-            path_time_s: self.state.path_time_s,
-            time_scale: 0.0,
-            null_scale: 0.0,
-            task_scale: 0.0,
-            beta: [1.0; MAX_SINGULARITIES],
-            aux_d: [0.0; MAX_SINGULARITIES],
-            aux_rate_d: [0.0; MAX_SINGULARITIES],
-            plan: None,
-            mode: [Mode::Regular; MAX_SINGULARITIES],
-            segment: self.state.progress.leg as u32,
-            phase: Phase::Refused,
-            saturation_mask: mask,
-            rate_mask,
-            doubt_ticks: self.state.plausible.doubt_ticks,
-            clipped: false,
-            refusal: self.state.refusal,
-        }
+        (self.state.sent, rate_mask) = self.state.sent.next(&wanted, &SVector::zeros(), &self.torque_step(), limits);
+        command::resting(&self.state, wanted.mask, rate_mask)
     }
 
     /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its inputs.

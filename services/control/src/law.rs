@@ -152,3 +152,11 @@ pub struct Torques<const N: usize> {
     /// Joint accelerations of the path itself, without feedback and without a change of its clock, rad/s².
     pub qddot_path: SVector<f64, N>,
 }
+
+impl<const N: usize> Torques<N> {
+    /// Largest share of a joint's speed limit at full clock speed; `velocity` are the limits, rad/s.
+    #[must_use]
+    pub fn speed_share(&self, velocity: &SVector<f64, N>) -> f64 {
+        (0..N).fold(0.0_f64, |share, i| share.max(self.qdot_nominal[i].abs() / velocity[i]))
+    }
+}

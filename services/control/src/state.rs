@@ -9,7 +9,7 @@ use crate::paper::type_2::Turn;
 use crate::plausibility::Plausible;
 use crate::trajectory::Progress;
 use crate::types::{Mode, Refusal};
-use model::{Pose, joints, padded};
+use model::{Pose, Terms, joints, padded};
 use nalgebra::{Matrix3, SVector};
 use shared_types::checkpoints::LoopCheckpoint;
 use shared_types::{ControllerCheckpoint, MAX_SINGULARITIES};
@@ -34,6 +34,23 @@ pub(crate) struct State<const N: usize> {
 }
 
 impl<const N: usize> State<N> {
+    /// Before the first tick: an arm at rest in `q_start`, whose terms are `rest`; `effort` are the torque limits, N·m.
+    pub(crate) fn begin(rest: &Terms<N>, q_start: SVector<f64, N>, effort: &SVector<f64, N>, refusal: Refusal) -> Self {
+        Self {
+            progress: Progress::at(rest.X_BE),
+            governor: Governor::default(),
+            loops: [Loop::default(); MAX_SINGULARITIES],
+            turn: Turn::none(),
+            refusal,
+            path_time_s: 0.0,
+            route_time_s: 0.0,
+            joint_memory: JointMemory::at(q_start),
+            sent: Sent::holding(&rest.gravity, effort),
+            qdot_planned: SVector::zeros(),
+            plausible: Plausible::unknown(),
+        }
+    }
+
     /// Writes all of it.
     pub(crate) fn save(&self, out: &mut ControllerCheckpoint) {
         let State { progress, governor, loops, turn, refusal, path_time_s, route_time_s, joint_memory, sent, qdot_planned, plausible } =

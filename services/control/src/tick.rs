@@ -3,6 +3,7 @@
 use crate::centre::{AtCentre, PoseMotion};
 use crate::continuous::path_plan::Sample;
 use crate::law::Actives;
+use crate::linear::{angular, linear};
 use crate::telemetry::Telemetry;
 use crate::trajectory::Leg;
 use crate::types::Report;
@@ -55,4 +56,14 @@ pub(crate) struct Auxiliary<const N: usize> {
     pub(crate) telemetry: Telemetry,
     /// Largest share of an auxiliary rate at full clock speed.
     pub(crate) load: f64,
+}
+
+impl<const N: usize> Motion<N> {
+    /// The share of a* along the path's twist, metres made radians by the arm's length.
+    pub(crate) fn along_path(&self, length_m: f64) -> Vector6<f64> {
+        let (V, a, L2) = (&self.V_nominal, &self.a, length_m * length_m);
+        let dot = |x: &Vector6<f64>, y: &Vector6<f64>| linear(x).dot(&linear(y)) / L2 + angular(x).dot(&angular(y));
+        let size = dot(V, V);
+        if size < 1e-8 { Vector6::zeros() } else { V * (dot(V, a) / size) }
+    }
 }

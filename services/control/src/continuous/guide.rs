@@ -20,7 +20,7 @@ const SIDE: f64 = 1e-3;
 const SOON_S: f64 = 0.15;
 /// Lag of the clock behind its target, s.
 const LAG_S: f64 = 0.04;
-/// Distance in which a refused arm comes to rest, per speed, s: 1/(k_v/2), and a reserve.
+/// Distance in which an arm refused before a limit comes to rest, per speed, s: 1/k_v, and a reserve for the torque rate, at which braking begins.
 const STOPPING_S: f64 = 0.06;
 /// Joint speed below which a joint is at rest, rad/s.
 const RESTING: f64 = 0.02;

@@ -1,0 +1,64 @@
+//! The posture that the null space of a redundant arm is driven to.
+
+use crate::continuous::avoidance;
+use crate::setup::{SetupError, posture_goals};
+use crate::tick::{Inputs, Motion};
+use crate::trajectory::{Path, Progress};
+use model::Robot;
+use nalgebra::SVector;
+use shared_types::scenario::{Control, Scenario};
+
+/// The posture goals of a task.
+#[derive(Clone, Debug)]
+pub(crate) struct Postures<const N: usize> {
+    q_start: SVector<f64, N>,
+    /// Posture goal of each leg, rad.
+    goals: Vec<SVector<f64, N>>,
+    /// Whether the scenario commands any of them.
+    commanded: bool,
+}
+
+impl<const N: usize> Postures<N> {
+    /// The scenario's posture goals; the start posture where it has none.
+    ///
+    /// # Errors
+    /// [`SetupError::Posture`] for a posture that does not fit the robot.
+    pub(crate) fn new(robot: &Robot, scenario: &Scenario, q_start: SVector<f64, N>) -> Result<Self, SetupError> {
+        let commanded = scenario.segment.iter().any(|segment| segment.posture_deg.is_some());
+        Ok(Self { q_start, goals: posture_goals(robot, scenario, &q_start)?, commanded })
+    }
+
+    /// Posture goal of each leg, rad.
+    pub(crate) fn goals(&self) -> &[SVector<f64, N>] {
+        &self.goals
+    }
+
+    /// Acceleration wanted in the null space, rad/s²: towards the planned posture, else the commanded one, and near a lost direction around it.
+    ///
+    /// `around` is the first place from which on the singularities can be gone around; `task` are the axes that count.
+    pub(crate) fn acceleration(
+        &self,
+        control: &Control,
+        (path, progress): (&Path, &Progress),
+        now: &Inputs<'_, N>,
+        motion: &Motion<N>,
+        (around, task): (Option<usize>, &[bool; 6]),
+    ) -> SVector<f64, N> {
+        let Control { k_p, k_v, .. } = *control;
+        if let Some(plan) = motion.planned.as_ref().filter(|_| !self.commanded) {
+            return (plan.q - now.q) * k_p + (plan.dq * motion.clock - now.qdot) * k_v;
+        }
+        let towards = (self.at(path, progress) - now.q) * (0.25 * k_p);
+        let around = around.and_then(|first| avoidance::around(&now.at.J, task, now.report, first));
+        around.map_or(towards, |(rate, weight)| towards * (1.0 - weight) + rate * (k_v * weight)) - now.qdot * k_v
+    }
+
+    /// The goal, reached by the leg's own time law.
+    fn at(&self, path: &Path, progress: &Progress) -> SVector<f64, N> {
+        let Some(goal) = self.goals.get(progress.leg) else {
+            return *self.goals.last().unwrap_or(&self.q_start);
+        };
+        let from = progress.leg.checked_sub(1).map_or(&self.q_start, |i| &self.goals[i]);
+        from + (goal - from) * path.ramp(progress)
+    }
+}
