@@ -215,8 +215,12 @@ mod tests {
 
     #[test]
     fn a_scenario_survives_being_written_and_read() {
-        let scenario = Scenario::parse("a.toml", TEXT, &[]).unwrap();
-        let text = toml::to_string(&scenario).unwrap();
-        assert_eq!(Scenario::parse("b.toml", &text, &[]).unwrap(), scenario);
+        for floor in ["plant.floor_m=-0.5", "plant.floor_m=0", "plant.floor_m=\"none\""] {
+            let scenario = Scenario::parse("a.toml", TEXT, &[floor.to_owned()]).unwrap();
+            let text = toml::to_string(&scenario).unwrap();
+            assert_eq!(Scenario::parse("b.toml", &text, &[]).unwrap(), scenario);
+        }
+        let word = Scenario::parse("a.toml", TEXT, &["plant.floor_m=\"never\"".to_owned()]).unwrap_err();
+        assert!(word.to_string().contains("or \"none\""), "{word}");
     }
 }

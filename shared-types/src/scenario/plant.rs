@@ -20,13 +20,44 @@ pub struct Plant {
     pub friction: bool,
     /// Factor on every mass and inertia of the simulated arm (the controller's model keeps the true ones).
     pub mass_factor: f64,
-    /// Height of the floor in B; m. None: no floor.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    /// Height of the floor in B; m. `"none"`: no floor.
+    #[serde(with = "floor")]
     pub floor_m: Option<f64>,
     /// Whether links that are not neighbours, and clear of each other at the start, may collide.
     pub self_collision: bool,
     /// Ticks for which the drive holds the last torque before it stops the arm by itself.
     pub hold_ticks: u32,
+}
+
+/// A height, or the word `"none"`: TOML has no null, and a floor left out is the default one.
+mod floor {
+    use serde::de::Error;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    const NONE: &str = "none";
+
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum Floor {
+        Height(f64),
+        Word(String),
+    }
+
+    #[expect(clippy::ref_option, reason = "serde's signature")]
+    pub(super) fn serialize<S: Serializer>(floor_m: &Option<f64>, out: S) -> Result<S::Ok, S::Error> {
+        match floor_m {
+            Some(height) => height.serialize(out),
+            None => NONE.serialize(out),
+        }
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
+        match Floor::deserialize(from) {
+            Ok(Floor::Height(height)) => Ok(Some(height)),
+            Ok(Floor::Word(word)) if word == NONE => Ok(None),
+            _ => Err(D::Error::custom("floor_m is a height in m, or \"none\"")),
+        }
+    }
 }
 
 /// See [`Plant::model`].
