@@ -98,3 +98,30 @@ fn arms_of_any_size_are_inspected_in_the_middle_of_their_ranges() {
         assert_eq!(found["rank"], joints.min(6));
     }
 }
+
+#[test]
+fn an_arm_from_another_base_on_is_the_rest_of_the_chain() {
+    let desk = Desk::new();
+    let said = |arguments: &[&str]| {
+        let said = desk.armplane(&[&["inspect", "--robot", "ur5", "--json"], arguments].concat());
+        assert_eq!(said.code, 0, "{}", said.err);
+        serde_json::from_str::<Value>(&said.out).unwrap()
+    };
+    let whole = said(&["--q=0,-1.2,1.6,-1.0,0.9,0.2"]);
+    let rest = said(&["--base", "shoulder_link", "--q=-1.2,1.6,-1.0,0.9,0.2"]);
+    // The first joint at rest, the others carry what they carried.
+    let (all, part) = (numbers(&whole["A"]), numbers(&rest["A"]));
+    assert_eq!((all.len(), part.len()), (36, 25));
+    for row in 0..5 {
+        for column in 0..5 {
+            let (a, b) = (all[6 * (row + 1) + column + 1], part[5 * row + column]);
+            assert!((a - b).abs() < 1e-12, "A[{row}, {column}]: {a} against {b}");
+        }
+    }
+    for (a, b) in numbers(&whole["gravity"])[1..].iter().zip(numbers(&rest["gravity"])) {
+        assert!((a - b).abs() < 1e-12, "gravity: {a} against {b}");
+    }
+    let none = desk.armplane(&["inspect", "--robot", "ur5", "--base", "wheel"]);
+    assert_eq!(none.code, 2, "{}", none.out);
+    assert!(none.err.contains("wheel"), "{}", none.err);
+}

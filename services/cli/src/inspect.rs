@@ -18,6 +18,9 @@ pub(crate) struct InspectArgs {
     /// A built-in robot's name, or a URDF file.
     #[arg(long, value_name = "NAME|FILE.urdf", default_value = "puma560")]
     robot: String,
+    /// Base link: the joints before it are no part of the arm [default: the robot's].
+    #[arg(long, value_name = "LINK")]
+    base: Option<String>,
     /// End-effector frame [default: the robot's].
     #[arg(long, value_name = "LINK")]
     frame: Option<String>,
@@ -33,7 +36,11 @@ pub(crate) struct InspectArgs {
 }
 
 pub(crate) fn inspect(args: &InspectArgs, as_json: bool) -> Result<ExitCode, Failure> {
-    let robot = load::robot(&args.robot, None)?;
+    let whole = load::robot(&args.robot, None)?;
+    let robot = match &args.base {
+        Some(base) => load::on_base(&whole, base)?,
+        None => whole,
+    };
     let q = posture(args, &robot)?;
     let qdot = args.qdot.clone().unwrap_or_else(|| vec![0.0; q.len()]);
     if qdot.len() != q.len() || qdot.iter().any(|rate| !rate.is_finite()) {

@@ -147,6 +147,30 @@ pub fn robot(name: &str, folder: Option<&Path>) -> Result<Robot, Failure> {
         .map_err(|error| Failure::Input(format!("{}: {error}", path.display())))
 }
 
+/// The same arm from another link of its URDF on: the joints before `base` are no part of it, and what the description says of the whole chain
+/// (factors, length, task axes, postures) does not hold for the rest.
+///
+/// # Errors
+/// [`Failure::Input`] where there is no such link, or no arm hangs on it.
+pub fn on_base(robot: &Robot, base: &str) -> Result<Robot, Failure> {
+    let refused = |error: RobotError| Failure::Input(format!("{} from the base '{base}' on: {error}", robot.name));
+    let mut description: toml::Table = robot.source.description.parse().map_err(Failure::input)?;
+    for whole in ["factors", "length_m", "task", "postures"] {
+        description.remove(whole);
+    }
+    description.insert("base_frame".to_owned(), base.into());
+    let with = |description: &toml::Table| {
+        Robot::from_source(&RobotSource { description: description.to_string(), ..robot.source.clone() }).map_err(refused)
+    };
+    let mut bare = description.clone();
+    bare.remove("joints");
+    let rest = with(&bare)?;
+    if let Some(toml::Value::Table(joints)) = description.get_mut("joints") {
+        joints.retain(|name, _| rest.joints.iter().any(|joint| joint.name == name));
+    }
+    with(&description)
+}
+
 /// The texts a robot was made of, for the manifest.
 fn robot_text(robot: &Robot) -> RobotText {
     let RobotSource { name, description, urdf } = robot.source.clone();
