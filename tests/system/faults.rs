@@ -55,6 +55,23 @@ fn planned_deaths_and_lost_messages_give_the_same_bytes_every_time_and_the_goal_
 }
 
 #[test]
+fn an_estimate_that_no_arm_can_have_moved_to_gets_no_torque() {
+    for (field, amount) in [("q[1]", "1e6"), ("qdot[4]", "1000.0")] {
+        let desk = Desk::new();
+        let corrupt = format!("as = \"huge\"\nfield = \"{field}\"\namount = {amount}\nfor_ticks = 80");
+        desk.file("absurd.toml", &scenario(&fault("estimator", "corrupt", &corrupt)));
+        let summary = desk.run(&["absurd.toml", "--no-record"]);
+        assert_eq!(summary["faults"][0]["injected"], true, "{}", summary["faults"]);
+        assert_eq!(summary["outcome"], "goal reached", "{field}: {}", summary["reason"]);
+        assert!(summary["reason"].as_str().unwrap().contains("set aside for 80 ticks"), "{field}: {}", summary["reason"]);
+        // It takes 22 % of the limits to follow the path, and as much to be brought to rest: not the full torque of 80 ms.
+        let torque = summary["joints"]["torque_max_ratio"].as_f64().unwrap();
+        assert!(torque < 0.3, "{field}: {torque} of the torque limit");
+        assert!(summary["joints"]["speed_max_ratio"].as_f64().unwrap() < 0.3, "{field}");
+    }
+}
+
+#[test]
 fn a_killed_recorder_loses_nothing_in_lockstep() {
     let desk = Desk::new();
     desk.file("whole.toml", &scenario(""));
