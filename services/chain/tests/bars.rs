@@ -177,13 +177,16 @@ fn scenarios_with_noise() {
         ("iiwa-posture", [0.5, 0.1, 0.5, 0.1]),
         ("seven-joints", [0.5, 0.1, 0.5, 0.1]),
     ];
+    // Encoder noise in the torques, root mean square over any half second, as a share of the limit, in two passes through a lock.
+    const HISS: f64 = 0.005;
     let mut missed = vec![];
     for (name, bar) in bars {
         let (robot, scenario) = built_in(name, &[]);
         let f = run(&robot, &scenario);
         print(name, &f);
+        let hisses = ["fig5-wrist-rotation", "overhead-pass"].contains(&name) && f.hiss[0] > HISS;
         let within = [f.along[0], f.along[1], f.orthogonal[0], f.orthogonal[1]].iter().zip(bar).all(|(value, bar)| *value <= bar);
-        if !(within && f.end[0] < 0.1 && f.clean && f.step_p95 < 0.5 && f.switch_j < 2.5) {
+        if !(within && f.end[0] < 0.1 && f.clean && f.step_p95 < 0.5 && f.switch_j < 2.5) || hisses {
             missed.push(name);
         }
     }
