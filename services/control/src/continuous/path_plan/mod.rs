@@ -34,6 +34,9 @@ const STARTS: usize = 6;
 const DISTINCT: f64 = 0.1;
 const ALLOWANCES: [f64; 2] = [4.0, 16.0];
 
+/// What may be left of a leg where a route is as good as at its end, as a share of the deviation allowed.
+const ARRIVED: f64 = 0.1;
+
 /// Why there is no route.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Infeasible {
@@ -59,7 +62,7 @@ pub enum Obstacle {
     Reach,
     /// No posture continues the motion, though the poses are within reach.
     Discontinuous,
-    /// The search has ended before it had tried everything, or the goal lies on the branch where the search ended.
+    /// The search has ended before it had tried everything, or as good as at the goal, or the goal lies on the branch where the search ended.
     Undecided,
 }
 
@@ -205,8 +208,9 @@ fn attempt<const N: usize>(request: &Request<'_, N>, fan: bool, times: &[f64]) -
                 break;
             }
             let beyond = pose((far.t - from_s + 0.01 * leg.duration_s).min(leg.duration_s));
+            let left = arm.excess(&arm.error(&goal, &pose(far.t - from_s)), &goal.R, request.position_m, request.orientation_rad);
             let obstacle = match far.block {
-                _ if search.is_exhausted() => Obstacle::Undecided,
+                _ if search.is_exhausted() || left < ARRIVED => Obstacle::Undecided,
                 Block::Limit { joint, value } => {
                     let (low, high) = (model.lower()[joint], model.upper()[joint]);
                     Obstacle::Limit { joint, limit: if value - low < high - value { low } else { high } }
