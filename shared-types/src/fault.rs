@@ -75,6 +75,9 @@ pub struct Fault {
     /// By how much; the unit is the way's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub amount: Option<f64>,
+    /// `kill`: the process ends after so many of its messages of the first tick have left, not before the first of them; at most all but the last.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub after_outputs: Option<u32>,
     /// Seed of its random numbers; from the scenario's where absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seed: Option<u64>,
@@ -135,16 +138,17 @@ impl ScheduledFault {
             field: field.filter(|_| kind == Kind::Corrupt),
             joint: matches!(kind, Kind::Sensor | Kind::Drive).then_some(self.target + 1),
             amount: (!matches!(kind, Kind::Delay) && self.amount != 0.0).then_some(self.amount),
+            after_outputs: (self.after_outputs() > 0).then_some(self.after_outputs()),
             seed: (rule.has_probability || matches!(kind, Kind::Delay | Kind::Sensor)).then_some(self.seed),
         })
     }
 
-    /// The end of a process that no plan had, from a tick on: the kill that repeats it.
+    /// The end of a process that no plan had, from a tick on of which so many messages have left: the kill that repeats it.
     #[must_use]
-    pub fn death(process: u32, at: u64, rate_hz: u32) -> Self {
+    pub fn death(process: u32, at: u64, after_outputs: u32, rate_hz: u32) -> Self {
         let length = (Kind::Kill.usual_length_s() * f64::from(rate_hz)).round().max(1.0) as u64;
-        let until = at.saturating_add(length);
-        Self { process, kind: Kind::Kill as u32, way: 0, target: 0, at, until, probability: 1.0, amount: 0.0, jitter: 0, seed: 0 }
+        let (kind, until) = (Kind::Kill as u32, at.saturating_add(length));
+        Self { process, kind, way: 0, target: after_outputs, at, until, probability: 1.0, amount: 0.0, jitter: 0, seed: 0 }
     }
 }
 
@@ -166,6 +170,7 @@ impl Fault {
             field: None,
             joint: None,
             amount: None,
+            after_outputs: None,
             seed: None,
         }
     }
@@ -191,6 +196,7 @@ impl Fault {
         }
         let target = match kind {
             Kind::Corrupt => self.corrupted_place(&on.fields)?,
+            Kind::Kill => self.after_outputs.unwrap_or(0),
             _ => self.joint.map_or(Ok(0), |joint| {
                 joint.checked_sub(1).ok_or_else(|| Complaint::new("joint", "there is no joint 0", "joints count from 1"))
             })?,
@@ -270,6 +276,9 @@ impl Fault {
         if self.jitter_ticks.is_some() && kind != Kind::Delay {
             return stray("jitter_ticks");
         }
+        if self.after_outputs.is_some() && kind != Kind::Kill {
+            return stray("after_outputs");
+        }
         if self.amount.is_some() && kind != Kind::SlowDisk && rule.ways.iter().all(|(_, amount)| *amount == 0.0) {
             return stray("amount");
         }
@@ -346,6 +355,9 @@ impl std::fmt::Display for Fault {
             (Some(tick), _) => write!(f, ", at tick {tick}")?,
             (None, Some(s)) => write!(f, ", at {s} s")?,
             (None, None) => {}
+        }
+        if let Some(outputs) = self.after_outputs {
+            write!(f, " after {outputs} of its messages")?;
         }
         match (self.for_ticks, self.for_s) {
             (Some(ticks), _) => write!(f, ", for {ticks} ticks"),
@@ -437,5 +449,9 @@ mod tests {
     fn it_says_itself_in_a_line() {
         let fault = parse("process='controller'\nkind='drop'\nat_tick=9\nfor_ticks=5\nprobability=0.25");
         assert_eq!(fault.to_string(), "drop of the controller, 25 % of the messages, at tick 9, for 5 ticks");
+        let fault = parse("process='controller'\nkind='kill'\nat_tick=9\nafter_outputs=1\nfor_ticks=5");
+        assert_eq!(fault.to_string(), "kill of the controller, at tick 9 after 1 of its messages, for 5 ticks");
+        let scheduled = fault.schedule(&graph().target("controller").unwrap(), 1000, 0).unwrap();
+        assert_eq!((scheduled.after_outputs(), scheduled.fault("controller", &[])), (1, Some(fault)));
     }
 }

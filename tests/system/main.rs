@@ -10,6 +10,7 @@ mod exchange;
 mod faults;
 mod folders;
 mod graph;
+mod histories;
 mod hostile;
 mod inspect;
 mod life;

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
+use lab::conformance::kills::{self, Killed};
 use lab::conformance::verify::{Place, Ran, Request, Verified};
 use message_log::Difference;
 use serde_json::json;
@@ -23,6 +24,9 @@ pub(crate) struct VerifyArgs {
     /// How often to run it, each time under another condition.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1000))]
     runs: u32,
+    /// Instead: kill processes at random moments of so many runs, and repeat each run from the scenario that it leaves.
+    #[arg(long, value_name = "N", conflicts_with_all = ["runs", "unordered"], value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    kills: Option<u32>,
     /// Seed of every random number of the run [default: the scenario's].
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
@@ -43,6 +47,14 @@ pub(crate) struct VerifyArgs {
 pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let _signals = session::interrupts()?;
     let load::Loaded { scenario, robot, graph } = load::scenario_in(args.graph.as_deref(), &args.scenario, &args.set, args.seed)?;
+    let terminal = Terminal::default();
+    if let Some(histories) = args.kills {
+        let request =
+            kills::Request { scenario: &scenario, robot: &robot, graph: &graph, histories, seed: scenario.seed, out: args.out.as_deref() };
+        let killed = kills::verify_kills(&request, &|progress| terminal.show(progress))?;
+        print_killed(&scenario, &killed, as_json);
+        return Ok(if killed.unrepeated.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(1) });
+    }
     let request = Request {
         name: &args.scenario,
         scenario: &scenario,
@@ -52,7 +64,6 @@ pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<ExitCode, Failu
         out: args.out.as_deref(),
         unordered: args.unordered,
     };
-    let terminal = Terminal::default();
     let verified = lab::conformance::verify::verify(&request, &|progress| terminal.show(progress))?;
     if as_json {
         print_json(&scenario, &verified);
@@ -60,6 +71,35 @@ pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<ExitCode, Failu
         print(&scenario, &verified);
     }
     Ok(if verified.is_identical { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+fn print_killed(scenario: &Scenario, killed: &Killed, as_json: bool) {
+    let Killed { histories, deaths, within_tick, at_start, unrepeated, kept } = killed;
+    if as_json {
+        let one = |run: &kills::Unrepeated| {
+            let place = run.place.as_ref().map(|place| json!({"tick": place.tick, "topic": place.topic, "field": place.difference.field}));
+            json!({"run": run.number, "reason": run.reason, "deaths": run.deaths, "difference": place})
+        };
+        let whole = json!({
+            "scenario": scenario.name, "seed": scenario.seed, "histories": histories, "deaths": deaths, "within_tick": within_tick,
+            "at_start": at_start, "unrepeated": unrepeated.iter().map(one).collect::<Vec<_>>(), "kept": kept,
+        });
+        say!("{whole}");
+        return;
+    }
+    for kills::Unrepeated { number, place, .. } in unrepeated {
+        if let Some(Place { tick, topic, difference: Difference { field, expected, found }, .. }) = place {
+            say!(
+                "run {number} and its repetition first differ at tick {tick}, topic {topic}, field {field}: {found} instead of {expected}"
+            );
+        }
+    }
+    if let Some(kept) = kept {
+        say!("the runs that were not repeated are in {}", kept.display());
+    }
+    let deaths = format!("{deaths} deaths, {within_tick} between two messages of a tick, {at_start} of replacements that had not answered");
+    let repeated = *histories as usize - unrepeated.len();
+    say!("{}, seed {}: {repeated} of {histories} runs repeated byte for byte ({deaths})", scenario.name, scenario.seed);
 }
 
 /// Why the first run is the reference, where it is.

@@ -2,14 +2,14 @@
 
 use std::time::{Duration, Instant};
 
-use runtime::{FaultRecord, Mode, Origin, Process, State, now_ns};
+use runtime::{FaultRecord, Mode, Origin, State, now_ns};
 use rustix::process::Signal;
 use shared_types::fault::{Kind, ScheduledFault, Way};
 
 use crate::child::Exit;
 use crate::delay::Delay;
 use crate::outcome::{End, Failure};
-use crate::plan::{Child, Commands, Event, Report, Restart};
+use crate::plan::{Commands, Event, Report, Restart};
 use crate::signals::Interrupts;
 use crate::spawn::{BEAT, Supervised};
 
@@ -86,39 +86,36 @@ impl Supervised {
         let explained = table.records().filter(|(_, account)| has_ended(account)).count();
         let is_known = explained >= self.control_page.process(index).incarnation() as usize;
         if !is_known {
-            let tick = self.first_tick_missed(index);
-            let death = ScheduledFault::death(index as u32, tick, self.plan.rate_hz);
+            let (tick, sent) = self.left_off(index);
+            let death = ScheduledFault::death(index as u32, tick, sent, self.plan.rate_hz);
             let Some(place) = table.enter(&death, Origin::Detected) else {
                 return Err(Failure::NoRoom { process: self.name(index).to_owned(), tick });
             };
             table.mark_injected(place, now_ns());
+            // After the entry: a reader that finds the tick closed looks for its messages in the keepers' files.
+            self.control_page.process(index).close_before(tick);
         }
         table.mark_detected(index, self.ticks(), now_ns());
         self.control_page.ring_all();
         Ok(())
     }
 
-    /// The first tick of which nothing has come from a dead process. In lockstep everybody waits for it by now, so that its readers say how
-    /// far it came: it may have died between sending and saying so. In real time nobody waits.
-    fn first_tick_missed(&self, index: usize) -> u64 {
+    /// Where a death has left the outputs of a process: the first tick that is not whole, and how many messages of it have left.
+    ///
+    /// A process may die between sending and closing a tick, or between two messages of one tick. The keepers of its topics show which; the ticks
+    /// that its readers have closed do not, because a tick closes without a message too. In real time no reader waits.
+    fn left_off(&self, index: usize) -> (u64, u32) {
         let closed = self.control_page.process(index).ticks();
-        if self.plan.mode == Mode::Realtime {
-            return closed;
-        }
         let process = &self.plan.children[index].process;
-        let reads = |other: &Process| !other.polled && process.writes.iter().any(|topic| other.reads.contains(topic));
-        // A reader that was down at the tick has passed over it, whatever was sent.
-        let has_missed = |other: usize| {
-            let is_it = |fault: &ScheduledFault| fault.process as usize == other && fault.concerns(closed);
-            let takes_down = |fault: &ScheduledFault| fault.kind().is_some_and(Kind::takes_down);
-            self.control_page.fault_table().records().any(|(_, record)| is_it(&record.scheduled) && takes_down(&record.scheduled))
-        };
-        let has_got = |(other, child): (usize, &Child)| {
-            // The tick source reports the beginning of a tick, the others its end.
-            let head_start = u64::from(child.process.makes_ticks);
-            reads(&child.process) && self.control_page.process(other).ticks() > closed + head_start && !has_missed(other)
-        };
-        closed + u64::from(self.plan.children.iter().enumerate().any(has_got))
+        if self.plan.mode == Mode::Realtime || process.writes.is_empty() {
+            return (closed, 0);
+        }
+        let sent = self.hub.outputs_sent(&process.writes, closed).unwrap_or_else(|error| {
+            tracing::warn!("{error}");
+            0
+        });
+        // The tick source closes a tick when its messages have left, the others when they have answered: both after the last of them.
+        if sent as usize >= process.writes.len() { (closed + 1, 0) } else { (closed, sent) }
     }
 
     /// Continues those that a fault has stopped for a time.

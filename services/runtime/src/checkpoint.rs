@@ -82,11 +82,11 @@ pub struct CheckpointSlots<C: Checkpoint> {
 }
 
 impl<C: Checkpoint> CheckpointSlots<C> {
-    /// Maps the file, which is made where there is none. The previous checkpoint is the newest of a tick before `before`; `None`: there is none.
+    /// Maps the file, which is made where there is none. The previous checkpoint is the newest of a tick from which the process may go on.
     ///
     /// # Errors
     /// When there is no room, or the file holds a checkpoint of another layout.
-    pub(crate) fn open(path: &Path, before: Option<u64>) -> std::io::Result<Self> {
+    pub(crate) fn open(path: &Path, may_resume_from: impl Fn(u64) -> bool) -> std::io::Result<Self> {
         let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).mode(0o600).open(path)?;
         if file.metadata()?.len() < size_of::<File<C>>() as u64 {
             // Written, not only truncated: the memory is there now, or the error is.
@@ -109,7 +109,9 @@ impl<C: Checkpoint> CheckpointSlots<C> {
         }
         let commits = mapped.commits().load(Ordering::Acquire);
         let newest = (commits.saturating_sub(2)..commits).rev();
-        let number = before.and_then(|before| newest.into_iter().find(|number| mapped.tick(*number).load(Ordering::Relaxed) < before));
+        let number = newest.into_iter().find(|number| may_resume_from(mapped.tick(*number).load(Ordering::Relaxed)));
+        // A commit from which nobody may go on is taken back: the next one takes its slot, not that of the checkpoint before.
+        mapped.commits().store(number.map_or(0, |number| number + 1), Ordering::Release);
         // SAFETY: a slot of the mapping whose writer is dead; every bit pattern is a checkpoint, for it is `Pod`.
         let previous = number.map(|number| unsafe { mapped.slot(number).read() });
         Ok(Self { mapped: Rc::new(mapped), previous })
@@ -131,5 +133,31 @@ impl<C: Checkpoint> CheckpointSlots<C> {
         let commits = self.mapped.commits().load(Ordering::Relaxed);
         // SAFETY: a slot of the mapping that nobody reads before it is committed; the borrow of `self` keeps it the only one.
         unsafe { &mut *self.mapped.slot(commits) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::RunDir;
+    use shared_types::ControllerCheckpoint;
+
+    #[test]
+    fn a_commit_that_is_taken_back_does_not_cost_the_one_before() {
+        let run = RunDir::create().unwrap();
+        let open = |before: u64| CheckpointSlots::<ControllerCheckpoint>::open(&run.path().join("c"), |tick| tick < before).unwrap();
+        let commit = |slots: &mut CheckpointSlots<ControllerCheckpoint>, tick: u64| {
+            bytemuck::bytes_of_mut(slots.slot()).fill(tick as u8);
+            slots.committer().commit(tick);
+        };
+        let found = |before: u64| open(before).previous().map(|last| bytemuck::bytes_of(last)[0]);
+        let mut slots = open(0);
+        assert!(slots.previous().is_none());
+        (4..6).for_each(|tick| commit(&mut slots, tick));
+        // A death after the commit of tick 5 and before its message, and another one after the commit of the replacement's first tick.
+        let mut slots = open(5);
+        commit(&mut slots, 105);
+        assert_eq!((found(5), found(5)), (Some(4), Some(4)));
+        assert_eq!(found(0), None);
     }
 }

@@ -370,6 +370,24 @@ impl Context {
         fault.until
     }
 
+    /// Ends this process where the fault table has it end between the outputs of a tick.
+    #[inline]
+    pub(crate) fn apply_faults_between_outputs(&self, tick: u64) {
+        if !self.is_unharmed() {
+            self.fall_between_outputs(tick);
+        }
+    }
+
+    #[cold]
+    fn fall_between_outputs(&self, tick: u64) {
+        let (of, sent) = self.attached.outputs_sent.get();
+        if let Some(outage) = self.protocol().downfall_after(tick, sent.count_ones()).filter(|_| of == tick) {
+            self.control_page.fault_table().mark_injected(outage.place, now_ns());
+            self.leave(State::Gone);
+            kill_self();
+        }
+    }
+
     /// Attached where a replacement has died before it could answer, so that a run repeats the deaths of its plan.
     fn apply_faults_at_start(&self) {
         self.learn();
@@ -465,8 +483,8 @@ impl Context {
     /// Tells those that wait for no message but for the others' progress that this process has closed a tick.
     #[inline]
     pub(crate) fn report_progress(&self) {
-        // Without faults everybody waits for messages alone.
-        if !self.is_unharmed() {
+        // Without faults everybody waits for messages alone, but for the source: for those outside the loop.
+        if !self.is_unharmed() || self.leaves[self.me] {
             self.report_closing();
         }
     }

@@ -23,7 +23,7 @@ pub(crate) struct Role {
 }
 
 /// How far a process has come.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub(crate) struct Progress {
     /// Ticks closed. The tick source counts a tick when its messages are sent, the others when they have answered.
     pub(crate) ticks: u64,
@@ -36,7 +36,7 @@ pub(crate) struct Progress {
 }
 
 /// A fault that takes a process down for some ticks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Outage {
     /// Place in the fault table.
     pub(crate) place: usize,
@@ -52,11 +52,18 @@ pub(crate) struct Outage {
     pub(crate) is_death: bool,
     /// No plan had it: detected when it had happened.
     pub(crate) is_unplanned: bool,
+    /// So many outputs of the first tick leave before the process ends.
+    pub(crate) after_outputs: u32,
 }
 
 impl Outage {
     fn covers(&self, tick: u64) -> bool {
         (self.at..self.until).contains(&tick)
+    }
+
+    /// Whether it comes between the outputs of a tick and has not come yet: the tick is not over before.
+    fn is_due_within(&self, tick: u64) -> bool {
+        self.after_outputs > 0 && self.at == tick && !self.has_struck
     }
 }
 
@@ -112,16 +119,17 @@ impl<'a, V: View> Protocol<'a, V> {
         Self { view, me }
     }
 
-    /// For a process that has been started again: its state is that of the last tick before this one. `None` in a first incarnation.
+    /// For a process that has been started again: whether the state committed for a tick may be the one from which it goes on, the newest such.
+    /// None is in a first incarnation.
     ///
-    /// A state that was committed for the tick of the death itself belongs to a message that never left.
-    pub(crate) fn resumes_before(&self) -> Option<u64> {
+    /// A state that was committed for a tick of a death, this one or an earlier one, belongs to a message that never left.
+    pub(crate) fn may_resume_from(&self, tick: u64) -> bool {
         let Progress { ticks: closed, incarnation, .. } = self.view.progress(self.me);
-        if incarnation < 2 {
-            return None;
+        if incarnation < 2 || !self.view.is_lockstep() {
+            return incarnation >= 2;
         }
         let last = self.view.outages().filter(|outage| outage.process == self.me && (outage.at <= closed || outage.has_struck)).last();
-        Some(last.filter(|_| self.view.is_lockstep()).map_or(u64::MAX, |outage| outage.at.max(closed)))
+        last.is_none_or(|outage| tick < outage.at.max(closed)) && !self.is_down(self.me, tick)
     }
 
     fn processes(&self) -> std::ops::Range<usize> {
@@ -134,7 +142,8 @@ impl<'a, V: View> Protocol<'a, V> {
 
     /// Whether a process is dead or stopped at a tick.
     pub(crate) fn is_down(&self, process: usize, tick: u64) -> bool {
-        self.view.has_faults() && self.view.outages().any(|outage| outage.process == process && outage.covers(tick))
+        let covers = |outage: Outage| outage.process == process && outage.covers(tick) && !outage.is_due_within(tick);
+        self.view.has_faults() && self.view.outages().any(covers)
     }
 
     /// Whether a writer sends nothing more at a tick: it has closed the tick, or it is down and the tick has begun.
@@ -165,13 +174,14 @@ impl<'a, V: View> Protocol<'a, V> {
         self.processes().find(|process| most(self.view.role(*process)).is_some_and(|most| lags(process, most)))
     }
 
-    /// For the tick source, before it ends: a process outside the loop that has not closed all ticks before a tick.
+    /// For the tick source, before it ends: a process outside the loop that has not closed all ticks before a tick; with faults any process, because
+    /// a tick that ends without torque may end before all have answered it.
     pub(crate) fn unfinished(&self, tick: u64) -> Option<usize> {
         let lags = |process: &usize| {
             let closed = self.view.progress(*process).ticks;
             self.view.role(*process).is_leaf && closed < tick && !self.is_down(*process, closed)
         };
-        self.processes().find(lags)
+        self.processes().find(lags).or_else(|| self.straggler(tick))
     }
 
     /// A process that the fault table has back by a tick, and that is not back.
@@ -237,8 +247,21 @@ impl<'a, V: View> Protocol<'a, V> {
     pub(crate) fn downfall(&self, tick: u64) -> Option<Outage> {
         let role = self.view.role(self.me);
         let falls_once = role.polled || role.makes_ticks || !self.view.is_lockstep();
-        let concerns = |outage: &Outage| outage.process == self.me && outage.covers(tick) && !(falls_once && outage.has_struck);
-        self.view.outages().find(concerns)
+        let is_due = |outage: &Outage| outage.covers(tick) && !outage.is_due_within(tick) && !(falls_once && outage.has_struck);
+        self.view.outages().find(|outage| outage.process == self.me && is_due(outage))
+    }
+
+    /// The outage that takes this process down when so many of its outputs of a tick have left.
+    pub(crate) fn downfall_after(&self, tick: u64, outputs: u32) -> Option<Outage> {
+        let is_it = |outage: &Outage| outage.process == self.me && outage.is_due_within(tick) && outage.after_outputs == outputs;
+        self.view.outages().find(is_it)
+    }
+
+    /// The first tick of which a process has sent nothing more when it died without a plan: 0 where it has not. A message of an earlier tick may
+    /// have reached the keeper of its topic and not all of its readers.
+    pub(crate) fn sent_before_death(&self, process: usize) -> u64 {
+        let is_it = |outage: &Outage| outage.process == process && outage.is_unplanned && outage.is_death;
+        self.view.outages().filter(is_it).map(|outage| outage.at + u64::from(outage.after_outputs > 0)).max().unwrap_or(0)
     }
 
     /// For a process that has been started again: a death that came to its predecessor's replacement before that could answer. It must come again,

@@ -207,6 +207,7 @@ fn outages(seed: u64, processes: usize) -> Vec<Outage> {
             has_struck: false,
             is_death: true,
             is_unplanned: false,
+            after_outputs: 0,
         }
     };
     (0..(draw(999) % 4) as usize).map(outage).collect()
@@ -236,7 +237,16 @@ fn no_process_waits_for_ever_and_messages_do_not_depend_on_the_schedule() {
 
 #[test]
 fn a_process_that_dies_again_before_it_answers_has_the_incarnation_of_both_deaths() {
-    let death = |place, at, until| Outage { place, process: 1, at, until, has_struck: false, is_death: true, is_unplanned: false };
+    let death = |place, at, until| Outage {
+        place,
+        process: 1,
+        at,
+        until,
+        has_struck: false,
+        is_death: true,
+        is_unplanned: false,
+        after_outputs: 0,
+    };
     let mut run = Run::new(&[vec![], vec![0]], &[death(0, 5, 10), death(1, 5, 12)]);
     run.finish(3);
     assert_eq!(run.progress[1].incarnation, 3);

@@ -247,7 +247,7 @@ impl Shell {
         let path = shared.run.path().join(format!("checkpoint-{}", shared.name()));
         let failed = |source| OpenError::Checkpoint { process: shared.name().to_owned(), source };
         shared.learn();
-        let slots = CheckpointSlots::open(&path, shared.protocol().resumes_before()).map_err(failed)?;
+        let slots = CheckpointSlots::open(&path, |tick| shared.protocol().may_resume_from(tick)).map_err(failed)?;
         shared.attached.checkpoints.borrow_mut().push(slots.committer());
         Ok(slots)
     }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use shared_types::fault::{Fault, Kind, Target};
+use shared_types::fault::{Fault, Kind, ScheduledFault, Target};
 use shared_types::process::Role;
 use shared_types::{PlantState, SensorSample, SingularityReport, StateEstimate};
 
@@ -11,8 +11,8 @@ use crate::bus::format::Format;
 use crate::bus::node::join;
 use crate::bus::topic::Topic;
 use crate::{
-    CHAIN_DEPTH, ControlPage, Count, Hub, Interrupted, Manifest, Mode, Origin, Phase, Process, ProcessError, RECORDER_DEPTH, RunDir,
-    SendError, Shell, State, Stop, now_ns,
+    CHAIN_DEPTH, Collector, ControlPage, Count, Hub, Interrupted, Manifest, Mode, Origin, Phase, Process, ProcessError, RECORDER_DEPTH,
+    RunDir, SendError, Shell, State, Stop, now_ns,
 };
 
 /// A run without a launcher: its phases are through, so that shells of one thread need not wait for each other.
@@ -359,6 +359,37 @@ fn a_reader_of_everything_that_comes_back_gets_what_it_missed_and_nothing_twice(
         assert_eq!(ticks, (81..=210).collect::<Vec<_>>());
         assert_eq!(counts, [0, 0, 0]);
     });
+}
+
+#[test]
+fn a_message_that_reached_the_keeper_alone_reaches_its_readers_after_the_death() {
+    let stage = stage(Mode::Lockstep);
+    let plant = stage.shell("plant");
+    let mut sensors = plant.writer::<SensorSample>().unwrap();
+    // No other reader is there yet.
+    stage.hub.connect().unwrap();
+    (0..2).for_each(|tick| sensors.send(sample(tick)).unwrap());
+    let (estimator, recorder) = (stage.shell("estimator"), stage.shell("recorder"));
+    let (mut reader, mut collector) = (estimator.reader::<SensorSample>().unwrap(), recorder.collector::<SensorSample>().unwrap());
+    let collected = |collector: &mut Collector<SensorSample>| {
+        let mut ticks = Vec::new();
+        collector.collect(|sample| ticks.push(sample.header.tick)).unwrap();
+        ticks
+    };
+    assert!(recorder.poll(Duration::ZERO).unwrap() && collected(&mut collector).is_empty());
+    let topics = ["sensor".to_owned()];
+    let sent = |tick| stage.hub.outputs_sent(&topics, tick).unwrap();
+    assert_eq!((sent(1), sent(2)), (1, 0));
+    let place = stage.control_page.fault_table().enter(&ScheduledFault::death(0, 2, 0, 1000), Origin::Detected).unwrap();
+    stage.control_page.fault_table().mark_injected(place, now_ns());
+    // What the replacement sends comes by the usual way, behind them.
+    sensors.send(sample(102)).unwrap();
+    for tick in [0, 1] {
+        assert_eq!(reader.next().unwrap().unwrap().header.tick, tick);
+    }
+    assert_eq!((collected(&mut collector), collected(&mut collector)), (vec![0, 1, 102], vec![]));
+    assert_eq!(reader.next().unwrap().unwrap().header.tick, 102);
+    assert_eq!((estimator.count(Count::Repeated), recorder.count(Count::Repeated)), (0, 0));
 }
 
 #[test]

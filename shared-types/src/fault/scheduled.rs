@@ -14,7 +14,7 @@ pub struct ScheduledFault {
     pub kind: u32,
     /// Number of its [`Way`].
     pub way: u32,
-    /// The joint from 0, or the place of the corrupted number in the message, in bytes.
+    /// The joint from 0, or the place of the corrupted number in the message, in bytes; for `kill` the messages of the first tick that leave before it.
     pub target: u32,
     /// First tick.
     pub at: u64,
@@ -41,6 +41,12 @@ impl ScheduledFault {
     #[must_use]
     pub fn way(&self) -> Option<Way> {
         Way::of(self.way)
+    }
+
+    /// How many messages of its first tick leave before the process ends.
+    #[must_use]
+    pub fn after_outputs(&self) -> u32 {
+        if self.kind() == Some(Kind::Kill) { self.target } else { 0 }
     }
 
     /// Whether a tick is concerned.

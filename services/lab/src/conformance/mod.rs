@@ -2,6 +2,7 @@
 
 mod condition;
 mod inputs;
+pub mod kills;
 mod outputs;
 pub mod replay;
 mod stops;

@@ -1,5 +1,6 @@
 //! Processes of a run stopped from outside (SIGSTOP), one after the other, for times at which a watchdog would call them dead.
 
+use std::os::fd::OwnedFd;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -51,14 +52,20 @@ impl Stops {
 
 /// Stops a child of this process for as long as `wait` takes.
 fn stop(pid: u32, wait: impl FnOnce()) {
-    let Some(Ok(process)) = Pid::from_raw(pid.cast_signed()).map(|pid| pidfd_open(pid, PidfdFlags::empty())) else { return };
-    // Behind the handle is a child of ours, or its process id belongs to somebody else by now.
-    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
-    let parent = stat.rsplit_once(") ").and_then(|(_, rest)| rest.split(' ').nth(1)?.parse().ok());
-    if parent == Some(getpid().as_raw_nonzero().get()) && pidfd_send_signal(&process, Signal::STOP).is_ok() {
+    let Some(process) = child(pid) else { return };
+    if pidfd_send_signal(&process, Signal::STOP).is_ok() {
         wait();
         let _ = pidfd_send_signal(&process, Signal::CONT);
     }
+}
+
+/// A handle on a child of this process; `None` where there is none of that process id.
+pub(super) fn child(pid: u32) -> Option<OwnedFd> {
+    let process = pidfd_open(Pid::from_raw(pid.cast_signed())?, PidfdFlags::empty()).ok()?;
+    // Behind the handle is a child of ours, or its process id belongs to somebody else by now.
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+    let parent = stat.rsplit_once(") ").and_then(|(_, rest)| rest.split(' ').nth(1)?.parse().ok());
+    (parent == Some(getpid().as_raw_nonzero().get())).then_some(process)
 }
 
 impl Drop for Stops {

@@ -270,7 +270,7 @@ fn ended_by(mishap: Mishap) -> Option<(String, Exit)> {
 }
 
 /// Reads what two runs kept, side by side, up to the first difference.
-fn first_place(graph: &Graph, reference: &Path, messages: &Path, run: usize) -> Result<Option<Place>, Failure> {
+pub(super) fn first_place(graph: &Graph, reference: &Path, messages: &Path, run: usize) -> Result<Option<Place>, Failure> {
     struct First<'a>(&'a Path, &'a Path);
     impl Each for First<'_> {
         type Output = Result<Option<(u64, Difference)>, Failure>;

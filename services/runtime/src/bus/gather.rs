@@ -35,7 +35,7 @@ impl Gathering {
             self.recall = self.catch_up(recall, take)?;
         }
         while self.recall.is_none()
-            && let Some(message) = self.inlet.receive_any()?
+            && let Some(message) = self.inlet.receive_in_order()?
         {
             self.hand_over(&message, take);
         }
@@ -92,10 +92,12 @@ impl Gathering {
             self.inlet.shared.entry().add(Count::Repeated, 1);
         }
         self.last = Some(tick.max(expected));
+        self.inlet.begin_at(tick.saturating_add(1));
     }
 
     pub(crate) fn resume(&mut self, last: Option<u64>, lost: u64) {
         (self.last, self.lost) = (last, lost);
+        self.inlet.begin_at(last.map_or(0, |last| last + 1));
     }
 
     /// Goes on behind the last message that an earlier reader has left in its files.

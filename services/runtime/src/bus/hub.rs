@@ -65,6 +65,19 @@ impl Hub {
         self.keepers.iter().try_for_each(Keeper::hand_over)
     }
 
+    /// How many of these topics have a message of a tick or a later one: the outputs that their writer had sent when it was killed. All of them are
+    /// handed over: a writer sends to the keeper first, so that a message that any reader has is there too.
+    ///
+    /// # Errors
+    /// When iceoryx2 fails.
+    pub fn outputs_sent(&self, topics: &[String], tick: u64) -> Result<u32, TopicError> {
+        // A replacement that lived for a moment only may not have been connected yet.
+        self.connect()?;
+        self.hand_over()?;
+        let written = self.keepers.iter().filter(|keeper| topics.iter().any(|topic| topic == keeper.topic()));
+        Ok(written.filter(|keeper| keeper.last_tick().is_some_and(|last| last >= tick)).count() as u32)
+    }
+
     /// Hands over where a process has requested it; whether one has.
     ///
     /// # Errors

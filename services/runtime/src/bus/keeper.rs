@@ -2,7 +2,7 @@
 
 use crate::bus::depth::depth;
 use crate::bus::error::TopicError;
-use crate::bus::format::Format;
+use crate::bus::format::{Format, header};
 use crate::bus::node::Bus;
 use crate::bus::port::Receiver;
 use crate::bus::topic::Topic;
@@ -41,6 +41,16 @@ impl Keeper {
             self.handed_over.push(&message);
         }
         Ok(())
+    }
+
+    pub(crate) fn topic(&self) -> &'static str {
+        self.format.topic
+    }
+
+    /// The tick of the newest message handed over.
+    pub(crate) fn last_tick(&self) -> Option<u64> {
+        let newest = self.handed_over.count().checked_sub(1)?;
+        self.handed_over.get(newest).map(|message| header(&message).tick)
     }
 
     fn failed(&self, reason: impl std::fmt::Display) -> TopicError {

@@ -11,6 +11,7 @@ mod gather;
 pub(crate) mod hub;
 mod inlet;
 mod keeper;
+mod missed;
 pub(crate) mod node;
 pub(crate) mod port;
 pub(crate) mod reader;

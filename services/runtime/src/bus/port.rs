@@ -69,7 +69,11 @@ impl Receiver {
     /// The next message that is there.
     pub(crate) fn receive(&self) -> Result<Option<Incoming>, ReceiveError> {
         let sample = self.subscriber.receive()?;
-        Ok(sample.map(|sample| Incoming { payload: sample.payload().as_ptr().cast(), bytes: self.format.bytes, _sample: sample }))
+        Ok(sample.map(|sample| Incoming {
+            payload: sample.payload().as_ptr().cast(),
+            bytes: self.format.bytes,
+            _held: Held::Sample { _sample: sample },
+        }))
     }
 
     /// Whether a message is there.
@@ -113,10 +117,24 @@ pub(crate) struct Incoming {
     payload: *const u8,
     /// As the topic has it: what a foreign writer says of its length does not count.
     bytes: usize,
-    _sample: Sample<ipc::Service, Bytes, NoHeader>,
+    _held: Held,
+}
+
+/// The memory in which a received message lies.
+enum Held {
+    /// Shared memory.
+    Sample { _sample: Sample<ipc::Service, Bytes, NoHeader> },
+    /// A copy of the keeper's: its writer was killed while it sent it.
+    Copy { _words: Box<[u64]> },
 }
 
 impl Incoming {
+    /// A message from the keeper of its topic.
+    pub(crate) fn copied(message: &[u8]) -> Self {
+        let words: Box<[u64]> = message.chunks_exact(size_of::<u64>()).map(bytemuck::pod_read_unaligned).collect();
+        Self { payload: words.as_ptr().cast(), bytes: size_of_val(&*words), _held: Held::Copy { _words: words } }
+    }
+
     #[inline]
     pub(crate) fn header(&self) -> &Header {
         // SAFETY: a message is aligned to 8 and no shorter than its header, which has no padding and no invalid values.

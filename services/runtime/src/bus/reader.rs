@@ -101,9 +101,11 @@ impl Ticks {
     fn new(shared: Rc<Context>, receiver: Rc<Receiver>) -> Self {
         let topic = receiver.format().topic;
         let bit = shared.topic_bit(topic);
-        let inlet = Inlet::new(Rc::clone(&shared), receiver, Admission::OfTheLiving);
+        let mut inlet = Inlet::new(Rc::clone(&shared), receiver, Admission::OfTheLiving);
         // A replacement does not get messages of its down time.
-        let last = shared.returns_at().checked_sub(1);
+        let returns_at = shared.returns_at();
+        inlet.begin_at(returns_at);
+        let last = returns_at.checked_sub(1);
         Self { shared, inlet, topic, bit, current: None, last, ahead: None }
     }
 

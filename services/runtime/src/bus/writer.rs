@@ -187,6 +187,9 @@ impl<M: Message> Loan<'_, M> {
         } else {
             outlet.deliver(self.message)?;
         }
+        if !is_last {
+            shared.apply_faults_between_outputs(tick);
+        }
         // With shaped messages in lockstep a tick is closed when its inputs are exhausted, for one message may be several or none.
         if is_last && !(shared.is_shaped() && shared.is_lockstep()) {
             shared.entry().set_ticks(tick + 1);

@@ -45,6 +45,7 @@ impl View for Context {
                 has_struck: record.injected_ns != 0,
                 is_death: kind != Kind::Hang || fault.way() == Some(Way::ForEver),
                 is_unplanned: record.origin == Origin::Detected,
+                after_outputs: fault.after_outputs(),
             })
         };
         let count = self.faults.known.borrow().faults().len();

@@ -108,6 +108,11 @@ impl ProcessEntry {
         self.ticks.store(ticks, Ordering::Release);
     }
 
+    /// The launcher, for a dead process: closes the ticks before `tick`, which the process has answered and not closed any more.
+    pub fn close_before(&self, tick: u64) {
+        self.ticks.fetch_max(tick, Ordering::AcqRel);
+    }
+
     /// Its process id; 0 before its first start.
     #[must_use]
     pub fn pid(&self) -> u32 {

@@ -242,6 +242,12 @@ impl KnownFaults {
         &self.faults
     }
 
+    /// The state of the fault table that this is a copy of.
+    #[inline]
+    pub(crate) fn changes(&self) -> u32 {
+        self.changes
+    }
+
     #[inline]
     pub(crate) fn is_current(&self, table: &FaultTable) -> bool {
         self.changes == table.changes()

@@ -1,0 +1,69 @@
+//! Messages that reached the keeper of a topic and not all of its readers, because their writer was killed while it sent them.
+//!
+//! A writer sends to the keeper first, and the launcher hands over what the keepers hold before it enters a death in the fault table. So a reader
+//! that knows of the death and finds nothing more in its buffer takes from the keeper's file what the dead writer had sent beyond that.
+
+use crate::bus::format::header;
+use crate::context::Context;
+use crate::memory::HandedOver;
+
+/// One reader's view of the keeper of its topic, in lockstep; in real time nobody acts on the word of the dead.
+pub(crate) struct Missed {
+    writer: Option<usize>,
+    topic: &'static str,
+    /// Bytes of a message.
+    size: usize,
+    /// Ticks below it have come, or are not for this reader.
+    next: u64,
+    /// The state of the fault table up to which nothing is missing.
+    settled: u32,
+}
+
+impl Missed {
+    pub(crate) fn new(context: &Context, topic: &'static str, size: usize) -> Self {
+        let writer = context.manifest.writer_of(topic).filter(|_| context.is_lockstep());
+        Self { writer, topic, size, next: 0, settled: 0 }
+    }
+
+    /// Nothing before this tick is missed.
+    #[inline]
+    pub(crate) fn begin_at(&mut self, tick: u64) {
+        self.next = self.next.max(tick);
+    }
+
+    /// Whether something may be missing: the fault table has changed since the last look.
+    #[inline]
+    pub(crate) fn is_open(&self, context: &Context) -> bool {
+        self.writer.is_some() && self.settled != context.control_page.fault_table().changes()
+    }
+
+    /// The oldest missed message of a tick before `before`, the tick of what the buffer has next; `u64::MAX`: it is empty.
+    ///
+    /// Requires that the buffer was looked at after the fault table was learnt.
+    #[inline]
+    pub(crate) fn take(&mut self, context: &Context, before: u64) -> Option<Vec<u8>> {
+        if self.is_open(context) && before > self.next { self.look(context, before) } else { None }
+    }
+
+    #[cold]
+    fn look(&mut self, context: &Context, before: u64) -> Option<Vec<u8>> {
+        let known = context.faults.known.borrow().changes();
+        let sent = self.writer.map_or(0, |writer| context.protocol().sent_before_death(writer));
+        let missed = if self.next < sent { self.oldest(context, before.min(sent)) } else { None };
+        match &missed {
+            Some(message) => self.begin_at(header(message).tick.saturating_add(1)),
+            None if before == u64::MAX || sent <= self.next => self.settled = known,
+            None => {}
+        }
+        missed
+    }
+
+    /// The oldest message of the ticks from the next one on and before another in the file of the topic.
+    fn oldest(&self, context: &Context, before: u64) -> Option<Vec<u8>> {
+        let handed_over = HandedOver::open(&context.run, self.topic, self.size).ok()?;
+        let count = handed_over.count();
+        let newest_first = (count.saturating_sub(handed_over.length())..count).rev().map_while(|number| handed_over.get(number));
+        let with_ticks = newest_first.map(|message| (header(&message).tick, message));
+        with_ticks.take_while(|(tick, _)| *tick >= self.next).filter(|(tick, _)| *tick < before).last().map(|(_, message)| message)
+    }
+}

@@ -1,0 +1,67 @@
+//! Processes killed from outside in lockstep: the scenario that a run leaves repeats it byte for byte, and no kill holds it up.
+
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::PathBuf;
+
+use serde_json::Value;
+
+use crate::command::{Desk, assert_nothing_left, children_of_run, finish, until};
+use crate::life::signal;
+use crate::patience::ticks;
+
+#[test]
+fn random_deaths_repeat_themselves_byte_for_byte() {
+    let desk = Desk::new();
+    let said = desk.armplane(&["verify", "--kills", "5", "--set", "segment.1.duration_s=1", "--json"]);
+    let killed: Value = serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
+    assert_eq!((said.code, &killed["unrepeated"], &killed["histories"]), (0, &Value::Array(vec![]), &5.into()), "{killed}");
+    assert!(killed["deaths"].as_u64().unwrap() >= 5, "{killed}");
+}
+
+#[test]
+fn a_death_between_two_outputs_of_a_tick_is_planned_and_repeats() {
+    let desk = Desk::new();
+    let count = |topics: &Value, topic: &str| topics[topic]["count"].as_u64().unwrap();
+    let fault = |more: &str| {
+        let fault = format!("[[fault]]\nprocess = \"controller\"\nkind = \"kill\"\nat_tick = 300\n{more}");
+        let path = "settle_s = 0.2\n\n[[segment]]\nby_m = [0.05, 0.0, 0.05]\nduration_s = 0.8\n\n";
+        desk.file("s.toml", &format!("name = \"short\"\nrobot = \"puma560\"\nstart.posture = \"nominal\"\n{path}{fault}"));
+        // The arm leaves its path while no torque comes, and its task ends before it is back.
+        let run = |out| serde_json::from_str::<Value>(&desk.armplane(&["run", "s.toml", "--json", "--out", out]).out).expect("a summary");
+        let [one, other] = ["a", "b"].map(|out| run(out)["topics"].take());
+        assert_eq!(one, other, "{more}");
+        (count(&one, "control_state"), count(&one, "torque"))
+    };
+    let (states, torques) = fault("");
+    assert_eq!(states, torques, "a whole tick");
+    let (states, torques) = fault("after_outputs = 1");
+    assert_eq!(states, torques + 1, "the state of its last tick, and no torque");
+    desk.file("t.toml", "name = \"t\"\nrobot = \"puma560\"\nfault = [{ process = \"plant\", kind = \"drop\", after_outputs = 1 }]");
+    let said = desk.armplane(&["run", "t.toml"]);
+    assert!(said.code == 2 && said.err.contains("after_outputs"), "{}", said.err);
+}
+
+#[test]
+fn a_process_killed_while_it_makes_a_connection_holds_nobody_up() {
+    let desk = Desk::new();
+    let run = desk.start(&["run", "--set", "segment.1.duration_s=5", "--json", "--no-record", "--out", "r"]);
+    until("the first ticks", || ticks(&run) > 0);
+    let (_, analyzer) = children_of_run(run.id()).into_iter().find(|(name, _)| name == "analyzer").unwrap();
+    let launcher = run.id().cast_signed();
+    signal(launcher, "STOP");
+    let maps = std::fs::read_to_string(format!("/proc/{analyzer}/maps")).unwrap();
+    let connections = maps.lines().filter_map(|line| line.split_once('/').map(|(_, path)| PathBuf::from(format!("/{path}"))));
+    let connections: Vec<_> = connections.filter(|path| path.extension().is_some_and(|extension| extension == "connection")).collect();
+    signal(analyzer, "KILL");
+    for connection in &connections {
+        let _ = std::fs::remove_file(connection);
+        // As a process leaves it that is killed between the first two steps of making it.
+        std::fs::OpenOptions::new().write(true).create_new(true).mode(0o200).open(connection).unwrap();
+    }
+    signal(launcher, "CONT");
+    let said = finish(run);
+    let summary: Value = serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
+    assert!(connections.len() >= 3, "{connections:?}");
+    assert_eq!((&summary["outcome"], &summary["processes"][2]["restarts"]), (&"goal reached".into(), &1.into()), "{}", said.err);
+    assert_nothing_left(said.launcher);
+}
