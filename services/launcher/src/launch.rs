@@ -12,6 +12,7 @@ use crate::outcome::{End, Failure, LaunchError, Outcome};
 use crate::plan::{Commands, Event, Plan, Report};
 use crate::signals::{Interrupts, Urgency};
 use crate::spawn::{Slot, Slots, Supervised};
+use crate::unfinished::Sweeper;
 
 /// A prepared run: its directory, control page and topics exist, and no process yet.
 ///
@@ -44,7 +45,8 @@ impl Launcher {
         }
         let hub = Hub::create(&run, &manifest)?;
         let slots = plan.children.iter().map(|_| Slot::default()).collect();
-        Ok(Self(Supervised { slots: Slots(slots), hub, control_page, run, plan, recalls_until: None }))
+        let _sweeper = Sweeper::start(&run)?;
+        Ok(Self(Supervised { slots: Slots(slots), hub, _sweeper, control_page, run, plan, recalls_until: None }))
     }
 
     /// The run's directory, for files that the processes shall find there (the scenario).

@@ -20,6 +20,7 @@ mod spawn;
 mod stop;
 #[cfg(test)]
 mod tests;
+mod unfinished;
 mod watch;
 
 pub use child::Exit;

@@ -42,6 +42,9 @@ pub enum LaunchError {
     /// Signals cannot be caught.
     #[error("cannot catch SIGINT, SIGTERM and SIGHUP: {0}")]
     Signals(io::Error),
+    /// No second thread.
+    #[error("cannot start a second thread of the launcher: {0} (see `ulimit -u`)")]
+    Sweeper(io::Error),
     /// Too few open files allowed.
     #[error("this shell allows a process {allowed} open files; a run needs {needed}: raise the limit with `ulimit -n {needed}`")]
     OpenFiles {

@@ -11,6 +11,7 @@ use crate::child::{self, Exit};
 use crate::delay::Delay;
 use crate::outcome::{Failure, LaunchError, ProcessOutcome};
 use crate::plan::{Commands, Event, Plan, Report};
+use crate::unfinished::Sweeper;
 
 /// How often progress is reported, and signals are looked at; an exit is detected at once.
 pub(crate) const BEAT: Duration = Duration::from_millis(40);
@@ -27,6 +28,8 @@ pub(crate) struct Supervised {
     // Dropped in this order: no child may outlive the control page, no file may outlive the directory.
     pub(crate) slots: Slots,
     pub(crate) hub: Hub,
+    /// Until the topics are gone: to remove what dead processes left may mean to wait for an unfinished segment.
+    pub(crate) _sweeper: Sweeper,
     pub(crate) control_page: ControlPage,
     pub(crate) run: RunDir,
     pub(crate) plan: Plan,

@@ -30,6 +30,7 @@ mod run_dir;
 mod shell;
 mod stamping;
 mod tick_source;
+mod unfinished;
 mod validation;
 mod wait;
 
