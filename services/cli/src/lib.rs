@@ -22,6 +22,7 @@ mod recover;
 mod replay;
 mod report;
 mod run;
+mod simulate;
 mod soak;
 mod sweep;
 mod table;
@@ -70,9 +71,19 @@ enum Command {
                       without a recording. Compares every message of every topic with what one thread computes without shared memory, or where \
                       the scenario plans faults, which happen to processes, with the first run. Where they differ it names the first tick, \
                       topic and field.",
-        after_help = "Examples:\n  armplane verify fig5-wrist-rotation\n  armplane verify my.toml --runs 12 --json\n\nExit code 1: some bytes differ."
+        after_help = "Examples:\n  armplane verify fig5-wrist-rotation\n  armplane verify my.toml --runs 12 --json\n  armplane verify --kills 100\n\nExit code 1: some bytes differ."
     )]
     Verify(verify::VerifyArgs),
+    /// Simulate random histories of processes that die, in one process.
+    #[command(
+        long_about = "Draws small graphs, deaths at random moments and planned ones, and processes that are slow to wake, and takes them through the \
+                      protocol that lockstep runs use, the launcher's part included: where a death is placed, which messages are taken from the \
+                      keepers, from which checkpoint a replacement goes on. Each history must end, without a tick answered twice, and the plan that \
+                      it leaves must give the same messages under other schedules. A history that breaks a promise is shrunk to the smallest one \
+                      found. The numbers that processes compute are stand-ins; files and volumes are not simulated.",
+        after_help = "Examples:\n  armplane simulate\n  armplane simulate --seed 7 --histories 1000000 --json\n\nExit code 1: a promise is broken."
+    )]
+    Simulate(simulate::SimulateArgs),
     /// Feed a run's recorded inputs to one process and show where its outputs first differ.
     #[command(
         long_about = "Takes the messages that a run kept, feeds its inputs to the step of one process as this program computes it, and compares every \
@@ -224,6 +235,7 @@ fn work() -> ExitCode {
     let done = match cli.command.unwrap_or_else(|| Command::Run(run::RunArgs::default())) {
         Command::Run(args) => run::run(&args, json),
         Command::Verify(args) => verify::verify(&args, json),
+        Command::Simulate(args) => simulate::simulate(&args, json),
         Command::Replay(args) => replay::replay(&args, json),
         Command::Bench(args) => bench::bench(&args, json),
         Command::Compare(args) => compare::compare(&args, json),

@@ -28,6 +28,7 @@ pub mod realtime;
 mod reserved;
 mod run_dir;
 mod shell;
+pub mod simulation;
 mod stamping;
 mod tick_source;
 mod unfinished;

@@ -5,6 +5,7 @@ mod inputs;
 pub mod kills;
 mod outputs;
 pub mod replay;
+pub mod simulate;
 mod stops;
 pub mod verify;
 
