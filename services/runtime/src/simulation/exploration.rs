@@ -18,7 +18,7 @@ impl State {
             if me > 0 && self.kills_left > 0 && !matches!(self.at[me], At::Dead | At::Detected | At::Done) {
                 let mut next = self.clone();
                 next.kills_left -= 1;
-                next.die(me, At::Dead);
+                next.kill(me);
                 all.push(next);
             }
         }
@@ -45,6 +45,9 @@ fn explore(graph: &Graph, outages: &[Outage], kills: u32, defect: Defect) -> Exp
         explored.states += 1;
         if state.broken.is_some() {
             explored.stuck.get_or_insert(state);
+            continue;
+        }
+        if state.has_failed {
             continue;
         }
         if state.at.iter().all(|at| *at == At::Done) {

@@ -85,7 +85,7 @@ impl History {
             while let Some((_, victim)) = kills.next_if(|kill| kill.0 <= step) {
                 state.kill(victim);
             }
-            if state.at.iter().all(|at| *at == At::Done) {
+            if state.has_failed || state.at.iter().all(|at| *at == At::Done) {
                 return Ok((state, step));
             }
             let first = random(schedule, step) as usize;
@@ -109,7 +109,7 @@ impl History {
             Err(failure) => return Outcome { failure: Some(failure), ..Outcome::default() },
         };
         let mut outcome = Outcome { deaths: live.progress.iter().map(|one| u64::from(one.incarnation) - 1).sum(), steps, failure: None };
-        for repetition in 1..=REPETITIONS {
+        for repetition in 1..=if live.has_failed { 0 } else { REPETITIONS } {
             match self.run(&live.plan(), &[], random(self.schedule, repetition), defect) {
                 Ok((again, more)) => {
                     outcome.steps += more;

@@ -70,6 +70,8 @@ pub(super) struct State {
     buffers: Vec<BTreeMap<Place, u64>>,
     pub(super) kills_left: u32,
     is_stopping: bool,
+    /// A process died and the launcher detected it after the last tick: the run is reported as failed, and has no plan that repeats it.
+    pub(super) has_failed: bool,
     /// The first promise of the machine itself that was broken.
     pub(super) broken: Option<&'static str>,
 }
@@ -139,6 +141,7 @@ impl State {
             buffers: vec![BTreeMap::new(); count],
             kills_left: kills,
             is_stopping: false,
+            has_failed: false,
             broken: None,
         }
     }
@@ -162,6 +165,7 @@ impl State {
     /// Kills a process that lives, without a plan.
     pub(super) fn kill(&mut self, me: usize) {
         if !matches!(self.at[me], At::Dead | At::Detected | At::Done) {
+            self.has_failed |= self.is_stopping;
             self.die(me, At::Dead);
         }
     }
@@ -270,6 +274,7 @@ impl State {
                 }
                 // The launcher stops the others now: each at its next wait.
                 self.is_stopping = true;
+                self.has_failed = self.at.contains(&At::Dead);
                 let is_waiting = |at: &At| !matches!(at, At::Sending(..) | At::Closing);
                 self.at.iter_mut().filter(|at| is_waiting(at)).for_each(|at| *at = At::Done);
             }
