@@ -114,7 +114,7 @@ fn death(shell: &Shell, name: &str, tick: u64, failure: &Failure) -> ProcessErro
     let manifest = shell.manifest();
     if let Some(me) = manifest.index_of(name).filter(|_| tick > 0 || shell.incarnation() == 1) {
         let table = shell.fault_table();
-        if let Some(place) = table.enter(&ScheduledFault::death(me as u32, tick, manifest.rate_hz), Origin::Detected) {
+        if let Some(place) = table.enter(&ScheduledFault::death(me as u32, tick, 0, manifest.rate_hz), Origin::Detected) {
             table.mark_injected(place, now_ns());
             table.mark_detected(me, tick, now_ns());
         }
