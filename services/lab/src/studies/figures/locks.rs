@@ -52,7 +52,7 @@ pub(super) fn three_locks(locks: [(u32, &Trace); 3]) -> Figure {
         let why = match kind {
             KIND_ELBOW => "shoulder, elbow and wrist are in one line, and ζ is that line",
             KIND_WRIST => "axes 4 and 6 are one line, and ζ is at right angles to it and to axis 5",
-            _ => "the wrist is as near to the waist's axis as the shoulder's offset lets it come, and ζ is at right angles to the arm's plane",
+            _ => "the wrist is as near to the waist's axis as it can come, and ζ is normal to the arm's plane",
         };
         notes.push(format!("{name} ({class}): {why}; |s| = {} at {:.2} s of its run.", digits(sample.s[place].abs()), sample.t));
         numbers.insert(name, json!({"s": sample.s[place], "t_s": sample.t, "zeta": [zeta.x, zeta.y, zeta.z], "type": class}));
