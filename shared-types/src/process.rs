@@ -146,6 +146,17 @@ impl Program {
     /// All of them, in the order of the data.
     pub const ALL: [Self; 5] = [Self::Plant, Self::Estimator, Self::Analyzer, Self::Controller, Self::Recorder];
 
+    /// The names of all of them, in the same order.
+    pub const NAMES: [&'static str; Self::ALL.len()] = {
+        let mut names = [""; Self::ALL.len()];
+        let mut place = 0;
+        while place < names.len() {
+            names[place] = Self::ALL[place].name();
+            place += 1;
+        }
+        names
+    };
+
     /// The name of its process in a graph, and its subcommand.
     #[must_use]
     pub const fn name(self) -> &'static str {

@@ -1,5 +1,7 @@
 //! Where things are in a recording.
 
+use shared_types::process::Program;
+
 /// Numbers at the control rate.
 pub(crate) const SIGNALS: &str = "/signals";
 /// Numbers that are only drawn, at a lower rate.
@@ -98,7 +100,7 @@ pub(crate) fn label(name: &str) -> String {
 pub(crate) const AFTER_TIME: &str = " s\u{2003}";
 
 /// Processes that have a lane of the state timeline.
-pub(crate) const PROCESSES: [&str; 5] = ["plant", "estimator", "analyzer", "controller", "recorder"];
+pub(crate) const PROCESSES: [&str; Program::ALL.len()] = Program::NAMES;
 /// The other lanes that are no singularity's.
 const LANES: [&str; 3] = ["drive", "phase", "fault"];
 

@@ -2,9 +2,7 @@
 
 mod csv;
 mod format;
-#[cfg(feature = "mcap")]
 mod mcap;
-#[cfg(feature = "parquet")]
 mod parquet;
 
 use std::path::{Path, PathBuf};
@@ -20,9 +18,9 @@ pub use format::ExportError;
 pub enum ExportFormat {
     /// `signals.csv` and `events.csv`.
     Csv,
-    /// `signals.parquet` and `events.parquet`; needs the feature `parquet`.
+    /// `signals.parquet` and `events.parquet`.
     Parquet,
-    /// `run.mcap`, as Foxglove reads it; needs the feature `mcap`.
+    /// `run.mcap`, as Foxglove reads it.
     Mcap,
 }
 
@@ -38,7 +36,7 @@ pub enum ExportNews<'a> {
 /// Reads a recording once and writes it into files of a format in the folder `out`; returns their paths.
 ///
 /// # Errors
-/// [`ExportError`] where the recording cannot be read, a file not be written, or this build lacks the format.
+/// [`ExportError`] where the recording cannot be read, or a file not be written.
 pub fn export(
     parts: &[PathBuf],
     format: ExportFormat,
@@ -74,13 +72,7 @@ pub fn export(
 fn opened(format: ExportFormat, out: &Path) -> Result<Box<dyn Format>, ExportError> {
     match format {
         ExportFormat::Csv => Ok(Box::new(Csv::create(out)?)),
-        #[cfg(feature = "parquet")]
         ExportFormat::Parquet => Ok(Box::new(parquet::Parquet::create(out)?)),
-        #[cfg(not(feature = "parquet"))]
-        ExportFormat::Parquet => Err(ExportError::Lacks { format: "parquet" }),
-        #[cfg(feature = "mcap")]
         ExportFormat::Mcap => Ok(Box::new(mcap::Mcap::create(out)?)),
-        #[cfg(not(feature = "mcap"))]
-        ExportFormat::Mcap => Err(ExportError::Lacks { format: "mcap" }),
     }
 }

@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use session::{Failure, Run, save_blueprint};
 use shared_types::scenario::Layout;
-use viz::{ExportError, ExportNews};
+use viz::ExportNews;
 
 use crate::layout::layout;
 use crate::out::say;
@@ -80,8 +80,5 @@ fn write(parts: &[PathBuf], format: viz::ExportFormat, out: &Path) -> Result<Vec
         ExportNews::Damaged(damage) => bar.suspend(|| eprintln!("{damage}")),
     });
     bar.finish_and_clear();
-    written.map_err(|error| match error {
-        ExportError::Lacks { .. } => Failure::input(error),
-        error => Failure::work(error),
-    })
+    written.map_err(Failure::work)
 }

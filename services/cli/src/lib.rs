@@ -155,7 +155,7 @@ enum Command {
         long_about = "Reads the recording back and writes its numbers as one wide table (a row a tick) and its log and states as another, \
                       into the run's folder or --out. Columns: `joint.q.1`, `singularity.s.wrist`, `error.position_mm.orthogonal` and so on; what \
                       they mean, with units, is in the recording under /signals/about. `rbl` is the layout for the viewer.",
-        after_help = "Examples:\n  armplane export --format csv\n  armplane export runs/fig5-wrist-rotation-001 --format parquet --out tables\n  armplane export --format rbl --layout timing\n\nparquet and mcap need a build with --features parquet,mcap."
+        after_help = "Examples:\n  armplane export --format csv\n  armplane export runs/fig5-wrist-rotation-001 --format parquet --out tables\n  armplane export --format rbl --layout timing"
     )]
     Export(export::ExportArgs),
     /// Inject a fault into a running graph.

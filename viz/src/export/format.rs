@@ -19,14 +19,6 @@ pub enum ExportError {
         /// The error of the file system or of the format's crate.
         reason: String,
     },
-    /// The format's feature is not in this build.
-    #[error(
-        "this build has no {format}: build it with `cargo build --release --features {format}` (`parquet,mcap` for both), or use --format csv"
-    )]
-    Lacks {
-        /// The format, and the feature's name.
-        format: &'static str,
-    },
 }
 
 impl ExportError {

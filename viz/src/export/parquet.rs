@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::read::Rows;
-use ::parquet::basic::{ConvertedType, Repetition, Type as Physical};
+use ::parquet::basic::{Compression, ConvertedType, Repetition, Type as Physical, ZstdLevel};
 use ::parquet::data_type::{ByteArray, ByteArrayType, DataType, DoubleType, FloatType, Int64Type};
 use ::parquet::errors::ParquetError;
 use ::parquet::file::properties::WriterProperties;
@@ -88,7 +88,7 @@ fn file(path: &Path, fields: Result<Vec<Arc<Type>>, ParquetError>) -> Result<Ser
     let file = File::create(path).map_err(|error| failed(&error))?;
     fields
         .and_then(|fields| Type::group_type_builder("run").with_fields(fields).build())
-        .and_then(|schema| SerializedFileWriter::new(file, Arc::new(schema), Arc::new(WriterProperties::builder().build())))
+        .and_then(|schema| SerializedFileWriter::new(file, Arc::new(schema), Arc::new(WriterProperties::builder().set_compression(Compression::ZSTD(ZstdLevel::default())).build())))
         .map_err(|error| failed(&error))
 }
 
