@@ -69,13 +69,13 @@ words! {
         Stale "stale",
         /// A field of its messages is corrupted on the way.
         Corrupt "corrupt",
-        /// An encoder lies.
+        /// An encoder reads wrong values.
         Sensor "sensor",
         /// A joint's drive does not follow its command.
         Drive "drive",
         /// Its clock jumps or runs at another rate.
         Clock "clock",
-        /// Somebody else is busy on its core.
+        /// Another load runs on its core.
         Starve "starve",
         /// The volume it writes to is full.
         DiskFull "disk-full",

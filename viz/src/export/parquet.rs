@@ -85,10 +85,11 @@ fn field(name: &str, physical: Physical, repetition: Repetition) -> Result<Arc<T
 
 fn file(path: &Path, fields: Result<Vec<Arc<Type>>, ParquetError>) -> Result<SerializedFileWriter<File>, ExportError> {
     let failed = ExportError::write(path);
+    let properties = WriterProperties::builder().set_compression(Compression::ZSTD(ZstdLevel::default())).build();
     let file = File::create(path).map_err(|error| failed(&error))?;
     fields
         .and_then(|fields| Type::group_type_builder("run").with_fields(fields).build())
-        .and_then(|schema| SerializedFileWriter::new(file, Arc::new(schema), Arc::new(WriterProperties::builder().set_compression(Compression::ZSTD(ZstdLevel::default())).build())))
+        .and_then(|schema| SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties)))
         .map_err(|error| failed(&error))
 }
 
