@@ -13,43 +13,19 @@ use crate::context::Context;
 use crate::wait::Interrupted;
 
 /// Reads everything of a topic, in order; never waits.
-pub struct Collector<M: Message>(Gathering, PhantomData<fn(&M)>);
+pub struct Collector<M: ?Sized>(Gathering, PhantomData<fn(&M)>);
 
-/// Reads everything of a topic of which only other programs know the type, as bytes that begin with a header; never waits.
-pub struct ForeignCollector(Gathering);
+/// Reads everything of a topic of which only other programs know the type, as bytes that begin with a header.
+pub type ForeignCollector = Collector<[u8]>;
 
-impl<M: Message> Collector<M> {
+impl<M: ?Sized> Collector<M> {
     pub(crate) fn new(shared: Rc<Context>, receiver: Rc<Receiver>) -> Self {
         Self(Gathering::new(shared, receiver), PhantomData)
-    }
-
-    /// Hands over all messages that are there, oldest first.
-    ///
-    /// # Errors
-    /// When iceoryx2 fails.
-    pub fn collect(&mut self, mut take: impl FnMut(&M)) -> Result<(), Interrupted> {
-        self.0.collect(&mut |message| {
-            // Admitted messages are of the type's size.
-            read(message, |message| take(message));
-        })
     }
 
     /// Goes on where an earlier reader of the topic had come to.
     pub fn resume(&mut self, last: Option<u64>, lost: u64) {
         self.0.resume(last, lost);
-    }
-
-    /// Counts a message that an earlier reader has left in its files.
-    pub fn recount(&mut self, message: &M) {
-        self.0.count(message.header().tick);
-    }
-
-    /// Goes on behind the last message that an earlier reader has left in its files: what was on its way to it comes first.
-    ///
-    /// # Errors
-    /// When the launcher does not answer, or the file of the topic cannot be mapped.
-    pub fn recall(&mut self, last: Option<&M>) -> Result<(), Interrupted> {
-        self.0.recall(last.map(bytes_of))
     }
 
     /// The last tick taken in.
@@ -65,22 +41,39 @@ impl<M: Message> Collector<M> {
     }
 }
 
-impl ForeignCollector {
-    pub(crate) fn new(shared: Rc<Context>, receiver: Rc<Receiver>) -> Self {
-        Self(Gathering::new(shared, receiver))
+impl<M: Message> Collector<M> {
+    /// Hands over all messages that are there, oldest first.
+    ///
+    /// # Errors
+    /// When iceoryx2 fails.
+    pub fn collect(&mut self, mut take: impl FnMut(&M)) -> Result<(), Interrupted> {
+        self.0.collect(&mut |message| {
+            // Admitted messages are of the type's size.
+            read(message, |message| take(message));
+        })
     }
 
+    /// Counts a message that an earlier reader has left in its files.
+    pub fn recount(&mut self, message: &M) {
+        self.0.count(message.header().tick);
+    }
+
+    /// Goes on behind the last message that an earlier reader has left in its files: what was on its way to it comes first.
+    ///
+    /// # Errors
+    /// When the launcher does not answer, or the file of the topic cannot be mapped.
+    pub fn recall(&mut self, last: Option<&M>) -> Result<(), Interrupted> {
+        self.0.recall(last.map(bytes_of))
+    }
+}
+
+impl Collector<[u8]> {
     /// Hands over all messages that are there, oldest first, as their bytes.
     ///
     /// # Errors
     /// When iceoryx2 fails.
     pub fn collect(&mut self, mut take: impl FnMut(&[u8])) -> Result<(), Interrupted> {
         self.0.collect(&mut take)
-    }
-
-    /// Goes on where an earlier reader of the topic had come to.
-    pub fn resume(&mut self, last: Option<u64>, lost: u64) {
-        self.0.resume(last, lost);
     }
 
     /// Counts a message that an earlier reader has left in its files.
@@ -94,17 +87,5 @@ impl ForeignCollector {
     /// When the launcher does not answer, or the file of the topic cannot be mapped.
     pub fn recall(&mut self, last: Option<&[u8]>) -> Result<(), Interrupted> {
         self.0.recall(last)
-    }
-
-    /// The last tick taken in.
-    #[must_use]
-    pub fn last(&self) -> Option<u64> {
-        self.0.last()
-    }
-
-    /// Ticks that never came: gaps between the ticks that did, from tick 0.
-    #[must_use]
-    pub fn lost(&self) -> u64 {
-        self.0.lost()
     }
 }
