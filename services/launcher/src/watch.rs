@@ -28,11 +28,7 @@ fn is_paused(account: &FaultRecord) -> bool {
 
 /// Whether a fault ends its process, by itself or through the launcher.
 fn ends_process(fault: &ScheduledFault) -> bool {
-    match fault.kind() {
-        Some(Kind::Kill | Kind::Crash) => true,
-        Some(Kind::Hang) => fault.way() == Some(Way::ForEver),
-        _ => false,
-    }
+    fault.kind().is_some_and(|kind| kind.ends_process(fault.way()))
 }
 
 impl Supervised {

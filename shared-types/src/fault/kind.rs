@@ -214,6 +214,18 @@ impl Kind {
         matches!(self, Self::Kill | Self::Crash | Self::Hang)
     }
 
+    /// Whether the process ends of it, in the way it comes: a process that stands still for ever is killed by the launcher.
+    #[must_use]
+    pub fn ends_process(self, way: Option<Way>) -> bool {
+        self.takes_down() && (self != Self::Hang || way == Some(Way::ForEver))
+    }
+
+    /// Whether it may concern a share of the messages only.
+    #[must_use]
+    pub fn has_probability(self) -> bool {
+        self.rule().has_probability
+    }
+
     /// Whether several messages, or none, may leave in one tick.
     #[must_use]
     pub fn shapes_messages(self) -> bool {

@@ -1,7 +1,5 @@
 //! A process's run as the lockstep protocol sees it.
 
-use shared_types::fault::{Kind, Way};
-
 use super::Context;
 use crate::control_page::{PROGRESS, State};
 use crate::fault::table::Origin;
@@ -43,7 +41,7 @@ impl View for Context {
                 at: fault.at,
                 until: fault.until,
                 has_struck: record.injected_ns != 0,
-                is_death: kind != Kind::Hang || fault.way() == Some(Way::ForEver),
+                is_death: kind.ends_process(fault.way()),
                 is_unplanned: record.origin == Origin::Detected,
                 after_outputs: fault.after_outputs(),
             })

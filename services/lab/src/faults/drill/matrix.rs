@@ -13,7 +13,7 @@ use runtime::{ControlPage, RunDir, random};
 use serde_json::{Value, json};
 use session::{Failure, Observer, Progress, load};
 use shared_types::codes::{DRIVE_ACTIVE, DRIVE_BRAKED};
-use shared_types::fault::{Fault, Kind, ScheduledFault, Way};
+use shared_types::fault::{Fault, ScheduledFault};
 use shared_types::job::{Job, Mode};
 use shared_types::process::Program;
 use shared_types::scenario::Scenario;
@@ -241,12 +241,7 @@ fn whole<M: Message>(mut kept: LogReader<M>) -> Vec<M> {
 
 /// Whether a fault takes the simulated world with it: then the run ends, cleanly, and there is no arm to be judged any more.
 fn ends_world(fault: &Fault) -> bool {
-    let is_end = match fault.kind {
-        Kind::Kill | Kind::Crash => true,
-        Kind::Hang => fault.way == Some(Way::ForEver),
-        _ => false,
-    };
-    fault.process == Program::Plant.name() && is_end
+    fault.process == Program::Plant.name() && fault.kind.ends_process(fault.way)
 }
 
 /// Largest distance in joint space from the base's path; rad. Not the time lost on it: each posture is compared with those that the base had

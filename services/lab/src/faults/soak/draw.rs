@@ -80,11 +80,7 @@ impl Act {
     /// How many deaths of its process it costs.
     pub(super) fn deaths(&self) -> u32 {
         match self {
-            Self::Fault(fault) => match fault.kind {
-                Kind::Kill | Kind::Crash => 1,
-                Kind::Hang => u32::from(fault.way == Some(Way::ForEver)),
-                _ => 0,
-            },
+            Self::Fault(fault) => u32::from(fault.kind.ends_process(fault.way)),
             Self::Signal(_, Signal::Kill | Signal::Stop) => 1,
             Self::Signal(_, Signal::KillTwice(_)) => 2,
             Self::Signal(_, Signal::StopFor(_)) => 0,
@@ -243,8 +239,7 @@ impl Dealer {
             _ if usual > 0.0 => Some(dice.scaled(usual, 3.0)),
             _ => None,
         };
-        let has_share = matches!(kind, Kind::Drop | Kind::Duplicate | Kind::Reorder | Kind::Stale | Kind::Corrupt);
-        let probability = (has_share && dice.next().is_multiple_of(2)).then(|| 0.05 + 0.95 * dice.unit());
+        let probability = (kind.has_probability() && dice.next().is_multiple_of(2)).then(|| 0.05 + 0.95 * dice.unit());
         let field = (kind == Kind::Corrupt).then(|| {
             let fields: Vec<_> = fields.iter().filter(|field| field.is_number()).collect();
             let field = fields[dice.below(fields.len() as u64) as usize];
