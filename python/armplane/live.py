@@ -31,7 +31,7 @@ class Subscriber:
         config = iceoryx2.config.default()
         config.global_cfg.root_path = iceoryx2.Path.new(run)
         config.global_cfg.prefix = iceoryx2.FileName.new(os.path.basename(run) + ".")
-        # What a dead process leaves is the launcher's to clean up.
+        # The launcher clears away the files of a dead process.
         config.global_cfg.node.cleanup_dead_nodes_on_creation = False
         config.global_cfg.node.cleanup_dead_nodes_on_destruction = False
         config.global_cfg.service.cleanup_dead_nodes_on_open = False

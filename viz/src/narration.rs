@@ -190,7 +190,7 @@ pub(crate) fn capital(name: &str) -> String {
     letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
 }
 
-/// What the hand cannot do.
+/// The motion that the hand has lost.
 pub(crate) fn lost(angular: bool) -> &'static str {
     if angular { "turn about ζ" } else { "move along ζ" }
 }

@@ -26,7 +26,7 @@ pub(crate) struct Law {
 
 impl Law {
     /// # Errors
-    /// What the scenario lacks, in words.
+    /// The missing part of the scenario, in words.
     pub(crate) fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, String> {
         let frame = Some(scenario.frame.as_str()).filter(|frame| !frame.is_empty());
         let arm = Model::new(robot, frame).map_err(|error| error.to_string())?;
@@ -57,7 +57,7 @@ impl Law {
             t if t < self.duration_s + self.settle_s => PHASE_SETTLING,
             _ => PHASE_DONE,
         };
-        // What the recorder judges and draws.
+        // The recorder judges and draws these.
         let (X_BE, X_BE_d) = (self.arm.forward_kinematics(&q), self.arm.forward_kinematics(&q_d));
         state.tau_task = torque.tau;
         state.p_BE_d = X_BE_d.p.into();

@@ -77,7 +77,7 @@ fn words(robot: &Robot, infeasible: &Infeasible) -> String {
     }
 }
 
-/// What would help, as far as it is known.
+/// The remedy, as far as it is known.
 fn help<const N: usize>(robot: &Robot, scenario: &Scenario, remedy: Option<Remedy<N>>) -> String {
     match remedy {
         Some(Remedy::Start(q)) => {

@@ -17,7 +17,7 @@ use shared_types::layout::MessageLayout;
 /// Messages begin at multiples of it: a cache line.
 const LINE: usize = 64;
 
-/// What the page says of the process and its run.
+/// The page's description of the process and its run.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct About {
     pub(crate) is_lockstep: bool,

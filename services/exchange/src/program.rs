@@ -56,7 +56,7 @@ pub(crate) enum Failure {
     Failed { process: String, tick: u64, complaint: String },
 }
 
-/// What the program answered.
+/// The program's answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Answer {
     Done,
@@ -221,7 +221,7 @@ impl<'a> Program<'a> {
 /// Starts the command so that it cannot outlive this process, which may be killed at any tick.
 fn start(mut command: Command, page: &Page) -> std::io::Result<Child> {
     let parent = getpid();
-    // What it prints goes into the log of the run.
+    // Its output goes into the log of the run.
     command.env(EXCHANGE_VARIABLE, page.path()).stdin(Stdio::null()).stdout(std::io::stderr());
     // SAFETY: between fork and exec only two system calls are made; nothing is allocated or locked.
     unsafe {

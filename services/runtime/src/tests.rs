@@ -382,7 +382,7 @@ fn a_message_that_reached_the_keeper_alone_reaches_its_readers_after_the_death()
     assert_eq!((sent(1), sent(2)), (1, 0));
     let place = stage.control_page.fault_table().enter(&ScheduledFault::death(0, 2, 0, 1000), Origin::Detected).unwrap();
     stage.control_page.fault_table().mark_injected(place, now_ns());
-    // What the replacement sends comes by the usual way, behind them.
+    // The messages of the replacement arrive in the buffer, behind them.
     sensors.send(sample(102)).unwrap();
     for tick in [0, 1] {
         assert_eq!(reader.next().unwrap().unwrap().header.tick, tick);

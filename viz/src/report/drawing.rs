@@ -198,7 +198,7 @@ impl<'a> Drawing<'a> {
         }
     }
 
-    /// What ζ has swept since the arm entered.
+    /// The sector that ζ has swept since the arm entered.
     fn sector(&mut self, out: &mut Vec<(usize, Path)>, colour: &str, mark: &MarkTrack, tick: u64, centre: Vec3) {
         let (directions, turned) = swept(mark.since_entry(tick, self.hold));
         let Some(first) = directions.first().copied().filter(|_| turned > 5.0) else { return };

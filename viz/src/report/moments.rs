@@ -158,7 +158,7 @@ impl<'a> Course<'a> {
             out.extend(freed.map(|(tick, _)| moment(*tick, &format!("{} free", capital(&one.name)))));
         }
         out.push(moment(self.last / 2, "Halfway"));
-        // What cannot be told apart is one picture.
+        // Moments too close to be told apart are one picture.
         let apart = (self.last / 50).max(1);
         let mut kept: Vec<Moment> = Vec::new();
         for one in out {

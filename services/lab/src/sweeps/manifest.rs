@@ -173,7 +173,7 @@ impl Sweep {
         load().map_err(|failure: Failure| failure.to_string())
     }
 
-    /// What each Parquet file says of itself, but for its own partition.
+    /// The metadata of each Parquet file, but for its own partition.
     pub(super) fn metadata(&self, partition: u64) -> Vec<(String, String)> {
         let of = |value: fn(&Column) -> &String| {
             let named: BTreeMap<_, _> = self.columns.iter().map(|column| (&column.name, value(column))).collect();

@@ -17,7 +17,7 @@ use crate::studies::compare::{Score, scored};
 pub(super) struct Column {
     /// Its name.
     pub(super) name: String,
-    /// What it holds.
+    /// The type of its values.
     pub(super) kind: Kind,
     /// Unit of its numbers; empty where there is none.
     pub(super) unit: String,
@@ -123,7 +123,7 @@ pub(super) fn results(loaded: Result<(&Robot, &Scenario), String>) -> (Vec<Cell>
     }
 }
 
-/// What a run gives, or why there is nothing; nothing more is said of a panic.
+/// The results of a run, or the reason why there are none; a panic leaves no further detail.
 fn guarded<T>(run: impl FnOnce() -> Result<T, Refused>) -> Result<T, String> {
     catch_unwind(AssertUnwindSafe(run)).map_err(|_| String::new())?.map_err(|refused| refused.to_string())
 }

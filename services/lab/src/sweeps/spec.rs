@@ -42,7 +42,7 @@ pub(super) struct Spec {
     /// Values laid over the scenario of every run.
     #[serde(default)]
     pub(super) set: Vec<String>,
-    /// What differs from run to run.
+    /// The keys that differ from run to run.
     #[serde(default)]
     pub(super) key: Vec<Key>,
     /// Runs drawn at random instead of the product of all keys.

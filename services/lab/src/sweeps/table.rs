@@ -105,7 +105,7 @@ impl Partition {
     /// Opens a file of [`write`].
     ///
     /// # Errors
-    /// What is wrong with it.
+    /// The defect.
     pub(super) fn open(path: &Path) -> Result<Self, String> {
         let unreadable = |error: String| format!("cannot read {}: {error}", path.display());
         let file = File::open(path).map_err(|error| unreadable(error.to_string()))?;

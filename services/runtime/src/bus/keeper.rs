@@ -1,4 +1,4 @@
-//! What the launcher holds of a topic, so that no death of a process loses a message.
+//! The launcher's reader of a topic: it holds the last messages, so that no death of a process loses one.
 
 use crate::bus::depth::depth;
 use crate::bus::error::TopicError;

@@ -329,7 +329,7 @@ impl State {
         }
     }
 
-    /// What the launcher leaves in the scenario.
+    /// The deaths that the launcher writes into the scenario.
     pub(super) fn plan(&self) -> Vec<Outage> {
         self.outages.iter().map(|outage| Outage { has_struck: false, is_unplanned: false, ..*outage }).collect()
     }

@@ -34,7 +34,7 @@ const STARTS: usize = 6;
 const DISTINCT: f64 = 0.1;
 const ALLOWANCES: [f64; 2] = [4.0, 16.0];
 
-/// What may be left of a leg where a route is as good as at its end, as a share of the deviation allowed.
+/// Rest of a leg with which a route counts as being at its end, as a share of the deviation allowed.
 const ARRIVED: f64 = 0.1;
 
 /// Why there is no route.
@@ -75,7 +75,7 @@ pub enum Remedy<const N: usize> {
     Allow(f64, f64),
 }
 
-/// What makes a task feasible that is not: another posture of the start pose, else more deviation from the path.
+/// A remedy for a task that is not feasible: another posture of the start pose, else more deviation from the path.
 ///
 /// Cost up to [`STARTS`] + [`ALLOWANCES`] searches: only for a refusal's words.
 #[must_use]
