@@ -166,34 +166,44 @@ pub(crate) fn positive(path: &str, value: f64) -> Result<(), Complaint> {
     }
 }
 
-/// serde's message, with its list of expected names turned into advice.
+/// serde's message in the words of the file's writer, with its list of expected names turned into advice.
 fn explain(message: &str) -> (String, String) {
     let message = message.trim();
+    if let Some(field) = message.strip_prefix("missing field ") {
+        return (format!("{field} is missing"), format!("add {} = …", field.trim_matches('`')));
+    }
     let Some((wrong, expected)) = message.split_once(", expected ") else {
         return (message.to_owned(), String::new());
     };
     let known: Vec<&str> = expected.split('`').skip(1).step_by(2).collect();
     let written = wrong.split('`').nth(1).unwrap_or_default();
-    match known.iter().map(|name| (edit_distance(written, name), name)).min() {
+    if let Some((_, found)) = wrong.split_once("invalid type: ").or_else(|| wrong.split_once("invalid value: ")) {
+        return (format!("{} does not fit here", in_words(found)), format!("it must be {}", in_words(expected)));
+    }
+    match known.iter().map(|name| (strsim::levenshtein(written, name), name)).min() {
         Some((distance, name)) if distance <= 2 + name.len() / 4 => (wrong.to_owned(), format!("did you mean `{name}`?")),
         _ => (wrong.to_owned(), format!("expected {expected}")),
     }
 }
 
-/// Levenshtein distance, for "did you mean".
-#[must_use]
-pub fn edit_distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().enumerate() {
-        let mut diagonal = std::mem::replace(&mut row[0], i + 1);
-        for (j, &y) in b.iter().enumerate() {
-            let substituted = diagonal + usize::from(x != y);
-            diagonal = row[j + 1];
-            row[j + 1] = substituted.min(diagonal + 1).min(row[j] + 1);
-        }
-    }
-    row[b.len()]
+/// A type of the program, as a value in a file.
+fn in_words(expected: &str) -> String {
+    const WORDS: [(&str, &str); 12] = [
+        ("f64", "a number"),
+        ("usize", "a whole number from 0"),
+        ("u64", "a whole number from 0"),
+        ("u32", "a whole number from 0"),
+        ("bool", "true or false"),
+        ("a boolean", "true or false"),
+        ("a string", "text in quotes"),
+        ("string", "the text"),
+        ("integer", "the whole number"),
+        ("floating point", "the number"),
+        ("sequence", "a list"),
+        ("map", "a table"),
+    ];
+    let (word, rest) = WORDS.iter().find_map(|(word, words)| Some((words, expected.strip_prefix(word)?))).unwrap_or((&"", expected));
+    format!("{word}{}", rest.replace("a sequence", "a list").replace("an array of length", "a list of"))
 }
 
 /// Where the value at `path` stands; the nearest enclosing value that exists, else nothing.

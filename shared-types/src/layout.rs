@@ -90,6 +90,12 @@ impl DeclaredTopic {
                     "put fields of 8 bytes before those of 4",
                 );
             }
+            if !is_field_name(name) {
+                return refuse(
+                    format!("`{}` cannot be the name of a field", name.escape_debug()),
+                    "lower-case letters, digits and `_`, a letter first",
+                );
+            }
             if fields.iter().any(|field: &Field| field.name == name) {
                 return refuse(format!("`{name}` is there twice"), "one field of each name");
             }
@@ -122,6 +128,12 @@ impl DeclaredTopic {
         let Self { name, type_name, about, .. } = self.clone();
         Ok(MessageLayout { topic: name, type_name, about, fields, bytes: end, hash: hash.value() })
     }
+}
+
+/// A name that C, Python and file formats take as it is.
+fn is_field_name(name: &str) -> bool {
+    let is_part = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
+    name.starts_with(|c: char| c.is_ascii_lowercase()) && name.chars().all(is_part)
 }
 
 /// Element and its size, alignment, and how many of them a type holds.

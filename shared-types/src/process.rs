@@ -11,8 +11,11 @@ pub const MAX_PROCESSES: usize = 16;
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Process {
-    /// Its name; without a `command` also the subcommand of `armplane` that it runs.
+    /// Its name; without a `command` and a `program` also the subcommand of `armplane` that it runs.
     pub name: String,
+    /// The subcommand of `armplane` that it runs under another name; empty: the one of its own name.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub program: String,
     /// The program that it runs and its arguments, in the folder of the graph's file; empty: this program itself.
     ///
     /// The environment names the process and its run: `ARMPLANE_PROCESS` and `ARMPLANE_RUN`.
@@ -117,7 +120,13 @@ impl Process {
     /// The program of ours that runs as the process; `None` for a command, or a name that it does not know.
     #[must_use]
     pub fn program(&self) -> Option<Program> {
-        if self.command.is_empty() && !self.external { Program::named(&self.name) } else { None }
+        if self.command.is_empty() && !self.external { Program::named(self.program_name()) } else { None }
+    }
+
+    /// The name of the program of ours that it asks for.
+    #[must_use]
+    pub fn program_name(&self) -> &str {
+        if self.program.is_empty() { &self.name } else { &self.program }
     }
 
     /// Whether a program takes part for it by an exchange page.

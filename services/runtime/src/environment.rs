@@ -1,6 +1,6 @@
 //! The place of a program in the run that started it: for programs that a graph names as the command of a process.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use shared_types::job::{JOB, Job};
 
@@ -18,8 +18,19 @@ impl Shell {
     /// # Errors
     /// [`OpenError::NotStarted`] where no graph started this program; else as [`Shell::open`].
     pub fn from_environment() -> Result<Self, OpenError> {
-        let variable = |name: &'static str| std::env::var(name).map_err(|_| OpenError::NotStarted { variable: name });
-        Self::open(Path::new(&variable(RUN_VARIABLE)?), &variable(PROCESS_VARIABLE)?)
+        Self::started(None, None)
+    }
+
+    /// As [`Shell::from_environment`], with a run that is used instead of the environment's, and a name for a program that no graph started.
+    ///
+    /// # Errors
+    /// As [`Shell::from_environment`].
+    pub fn started(run: Option<&Path>, process: Option<&str>) -> Result<Self, OpenError> {
+        let variable = |name: &'static str| std::env::var_os(name).ok_or(OpenError::NotStarted { variable: name });
+        let run = run.map_or_else(|| variable(RUN_VARIABLE).map(PathBuf::from), |run| Ok(run.to_owned()))?;
+        let name = variable(PROCESS_VARIABLE).map(|name| name.to_string_lossy().into_owned());
+        let name = name.or_else(|missing| process.map(str::to_owned).ok_or(missing))?;
+        Self::open(&run, &name)
     }
 
     /// The job of the run: its scenario, robot and graph.

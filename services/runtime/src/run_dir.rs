@@ -12,7 +12,7 @@
 use std::fs;
 use std::hash::{BuildHasher, RandomState};
 use std::os::fd::OwnedFd;
-use std::os::unix::fs::{DirBuilderExt, MetadataExt};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -140,6 +140,17 @@ impl RunDir {
     #[must_use]
     pub fn name(&self) -> &str {
         self.path.file_name().and_then(|name| name.to_str()).unwrap_or_default()
+    }
+
+    /// Takes the place of a process in the run, as long as the file is open; `None`: another process has it.
+    pub(crate) fn occupy(&self, process: &str) -> std::io::Result<Option<fs::File>> {
+        let path = self.path.join(format!("occupied-{process}"));
+        let file = fs::OpenOptions::new().create(true).truncate(false).write(true).mode(0o600).open(path)?;
+        match file.try_lock() {
+            Ok(()) => Ok(Some(file)),
+            Err(fs::TryLockError::WouldBlock) => Ok(None),
+            Err(fs::TryLockError::Error(error)) => Err(error),
+        }
     }
 
     /// All runs of this user in shared memory, living and dead, by name.

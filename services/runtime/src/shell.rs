@@ -64,6 +64,19 @@ pub enum OpenError {
         /// The environment variable that is missing.
         variable: &'static str,
     },
+    /// The process of that name runs already.
+    #[error("{process} of the run {run} is process {pid} already: the run starts each of its processes itself, once")]
+    Occupied {
+        /// The name in the graph.
+        process: String,
+        /// The run.
+        run: String,
+        /// Its process id.
+        pid: u32,
+    },
+    /// Its place in the run cannot be taken.
+    #[error("cannot take a place in the run: {0}")]
+    Occupancy(std::io::Error),
     /// Signals cannot be caught.
     #[error("cannot catch SIGTERM and SIGINT: {0}")]
     Signals(std::io::Error),
@@ -155,11 +168,13 @@ impl Shell {
             let known = manifest.processes.iter().map(|p| p.name.as_str()).collect::<Vec<_>>().join(", ");
             return Err(OpenError::NotInGraph { process: process.into(), run: run.path().display().to_string(), known });
         };
+        let control_page = Arc::new(ControlPage::open(&run)?);
+        let occupied = || OpenError::Occupied { process: process.into(), run: run.name().into(), pid: control_page.process(me).pid() };
+        let occupancy = run.occupy(process).map_err(OpenError::Occupancy)?.ok_or_else(occupied)?;
         let signalled = Arc::new(AtomicBool::new(false));
         for signal in [libc::SIGTERM, libc::SIGINT] {
             signal_hook::flag::register(signal, Arc::clone(&signalled)).map_err(OpenError::Signals)?;
         }
-        let control_page = Arc::new(ControlPage::open(&run)?);
         // Before the process is pinned: the watchdog may run on any core.
         Watchdog::start(&control_page, me).map_err(OpenError::Watchdog)?;
         settle(&manifest, me);
@@ -179,6 +194,7 @@ impl Shell {
             control_page,
             bus,
             me,
+            _occupancy: occupancy,
             stop: StopFlag { at: stops_at, signalled },
             has_started: Cell::new(false),
             tick: Cell::new(0),
@@ -421,6 +437,12 @@ impl Shell {
     #[must_use]
     pub fn run_dir(&self) -> &Path {
         self.shared.run.path()
+    }
+
+    /// The name of this process in the graph.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        self.shared.name()
     }
 
     pub(crate) fn shared(&self) -> Rc<Context> {

@@ -99,7 +99,8 @@ fn command(job: &Job, name: &str, run: &Path) -> std::io::Result<Command> {
     if job.graph.process(name).is_some_and(Process::is_exchanged) {
         return launcher::reexec(EXCHANGE, run);
     }
-    load::command(&job.graph, name).map_or_else(|| launcher::reexec(name, run), Ok)
+    let program = job.graph.process(name).map_or(name, Process::program_name);
+    load::command(&job.graph, name).map_or_else(|| launcher::reexec(program, run), Ok)
 }
 
 /// The subcommand that holds the exchange page of a process.

@@ -267,9 +267,10 @@ pub fn job(robot: &Robot, scenario: Scenario, graph: Graph, mode: Mode, out: Pat
 /// "there is no X `name`", with the nearest known name.
 pub fn unknown<'a>(what: &str, name: &str, known: impl Iterator<Item = &'a str>, more: &str) -> String {
     let known: Vec<&str> = known.collect();
-    let near = known.iter().min_by_key(|candidate| shared_types::file::edit_distance(name, candidate));
+    let distance = |candidate: &str| if candidate.starts_with(name) { 0 } else { strsim::levenshtein(name, candidate) };
+    let near = known.iter().min_by_key(|candidate| distance(candidate));
     let hint = match near {
-        Some(near) if shared_types::file::edit_distance(name, near) <= 1 + near.len() / 3 => format!("did you mean `{near}`?"),
+        Some(near) if distance(near) <= 1 + near.len() / 3 => format!("did you mean `{near}`?"),
         _ => format!("there are {}", known.join(", ")),
     };
     format!("there is no {what} `{name}`: {hint} {more}").trim_end().to_owned()

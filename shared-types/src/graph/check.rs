@@ -21,6 +21,10 @@ impl Graph {
     /// # Errors
     /// [`Complaint`], its path relative to the graph.
     pub(crate) fn check(&self) -> Result<(), Complaint> {
+        if self.process.is_empty() {
+            let remedy = "extends = \"armplane\" takes those of the built-in graph; [[process]] adds others";
+            return Err(Complaint::new("process", "the graph has no processes", remedy));
+        }
         if self.process.len() > MAX_PROCESSES {
             let message = format!("the graph has {} processes", self.process.len());
             return Err(Complaint::new(format!("process.{MAX_PROCESSES}"), message, format!("{MAX_PROCESSES} at most")));
@@ -28,7 +32,11 @@ impl Graph {
         self.check_topics()?;
         for (i, process) in self.process.iter().enumerate() {
             let at = |key: &str| format!("process.{i}.{key}");
-            if !is_name(&process.name) || process.name == "launcher" {
+            if RESERVED.contains(&process.name.as_str()) {
+                let message = format!("`{}` names a part of armplane in every run", process.name);
+                return Err(Complaint::new(at("name"), message, "choose another name"));
+            }
+            if !is_name(&process.name) {
                 return Err(Complaint::new(at("name"), format!("`{}` cannot be the name of a process", process.name), NAMES));
             }
             if self.process[..i].iter().any(|earlier| earlier.name == process.name) {
@@ -44,7 +52,21 @@ impl Graph {
             }
             check_program(process).map_err(|complaint| complaint.within(&format!("process.{i}")))?;
         }
+        self.check_once_only()?;
         self.check_loop()
+    }
+
+    /// A second recorder would write the same files.
+    fn check_once_only(&self) -> Result<(), Complaint> {
+        let recorders = || (0..self.process.len()).filter(|&i| self.process[i].program() == Some(Program::Recorder));
+        let (Some(first), Some(second)) = (recorders().next(), recorders().nth(1)) else { return Ok(()) };
+        let message =
+            format!("`{}` records the run as `{}` does, into the same files", self.process[second].name, self.process[first].name);
+        Err(Complaint::new(
+            format!("process.{second}.name"),
+            message,
+            "one recorder in a run; a program of your own may read the topics too",
+        ))
     }
 
     fn check_topics(&self) -> Result<(), Complaint> {
@@ -64,7 +86,7 @@ impl Graph {
                 && topic.type_name.chars().all(|c| c.is_ascii_alphanumeric() || "._".contains(c));
             if !is_type {
                 let message = format!("`{}` cannot be the name of a type", topic.type_name);
-                return Err(Complaint::new(at("type"), message, "as in armplane.Energy.v1"));
+                return Err(Complaint::new(at("type"), message, "3 to 128 letters, digits, `.` and `_`, as in armplane.Energy.v1"));
             }
             topic.layout().map_err(|complaint| complaint.within(&format!("topic.{i}")))?;
             if self.writer(&topic.name).is_none() {
@@ -128,6 +150,9 @@ impl Graph {
     }
 }
 
+/// Names in logs and fault tables that are no process of the graph.
+const RESERVED: [&str; 1] = ["launcher"];
+
 const NAMES: &str = "up to 32 lower-case letters, digits, `-` and `_`, a letter first";
 
 fn is_name(name: &str) -> bool {
@@ -163,6 +188,14 @@ fn check_program(process: &Process) -> Result<(), Complaint> {
         return Err(Complaint::new("answer_limit_s", message, "exchange = true"));
     }
     if !process.command.is_empty() || process.external {
+        if !process.program.is_empty() {
+            let message = format!("`{name}` names a program of armplane and is another program");
+            return Err(Complaint::new("program", message, "take out `program`, or `command` and `external`"));
+        }
+        if let Some(i) = process.command.iter().position(|part| part.contains('\0')) {
+            let message = format!("the command of `{name}` holds a zero byte");
+            return Err(Complaint::new(format!("command.{i}"), message, "take it out: no program can be given one"));
+        }
         if process.command.first().is_some_and(|program| program.trim().is_empty()) {
             return Err(Complaint::new(
                 "command",
@@ -181,7 +214,11 @@ fn check_program(process: &Process) -> Result<(), Complaint> {
     let Some(program) = process.program() else {
         let known = Program::ALL.map(Program::name).join(", ");
         let remedy = format!("armplane itself runs {known}; give any other process a `command`");
-        return Err(Complaint::new("name", format!("there is no process `{name}`"), remedy));
+        let (key, message) = match process.program.as_str() {
+            "" => ("name", format!("there is no process `{name}`")),
+            program => ("program", format!("armplane has no program `{program}`")),
+        };
+        return Err(Complaint::new(key, message, remedy));
     };
     for (key, topics, needed) in [
         ("reads", &process.reads, program.reads()),
@@ -203,7 +240,7 @@ mod tests {
 
     #[test]
     fn each_wrong_graph_is_refused_with_its_line() {
-        let cases: [(&str, &str, &str); 16] = [
+        let cases: [(&str, &str, &str); 21] = [
             ("writes = [\"estimate\"]", "writes = [\"estimte\"]", "there is no topic `estimte`"),
             ("writes = [\"estimate\"]", "writes = [\"estimate\", \"sensor\"]", "already written by `plant`"),
             ("feedback = [\"torque\"]", "reads = [\"torque\"]", "needs `torque` in its `feedback`"),
@@ -220,6 +257,15 @@ mod tests {
             ("reads = [\"sensor\"]", "external = true\ncommand = [\"mine\"]\nreads = [\"sensor\"]", "somebody else and has a command"),
             ("reads = [\"sensor\"]", "answer_limit_s = 3\nreads = [\"sensor\"]", "and no exchange page"),
             ("reads = [\"sensor\"]", "external = true", "`estimator` reads nothing"),
+            ("name = \"estimator\"", "name = \"launcher\"", "names a part of armplane in every run (choose another name)"),
+            ("name = \"estimator\"", "name = \"observer\"\nprogram = \"estimater\"", "armplane has no program `estimater`"),
+            ("name = \"estimator\"", "name = \"estimator\"\nprogram = \"estimator\"\ncommand = [\"mine\"]", "and is another program"),
+            ("name = \"estimator\"", "name = \"estimator\"\ncommand = [\"mine\", \"2\\u0000\"]", "holds a zero byte"),
+            (
+                "name = \"estimator\"",
+                "name = \"second\"\nprogram = \"recorder\"\nreads = [\"*\"]\n[[process]]\nname = \"estimator\"",
+                "records the run as",
+            ),
         ];
         for (right, wrong, expected) in cases {
             assert!(BUILT_IN.contains(right), "{right}");
@@ -237,6 +283,8 @@ mod tests {
         assert!(Graph::parse("e.toml", &right).is_ok());
         let cases = [
             ("extends = \"armplane\"", "extends = \"armplan\"", "there is no graph `armplan`", 1),
+            ("kinetic_j: f64", ": f64", "`` cannot be the name of a field", 5),
+            ("kinetic_j: f64", "kinetic\\nj: f64", "cannot be the name of a field", 5),
             ("kinetic_j: f64", "kinetic_j: f32", "no type of a field", 5),
             ("name = \"energy\"\ntype", "name = \"torque\"\ntype", "there is a topic `torque` already", 3),
             ("armplane.Energy.v1", "an energy", "cannot be the name of a type", 4),

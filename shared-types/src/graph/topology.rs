@@ -24,6 +24,7 @@ pub struct Graph {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub topic: Vec<DeclaredTopic>,
     /// The processes, in the order they are started.
+    #[serde(default)]
     pub process: Vec<Process>,
 }
 
