@@ -4,17 +4,14 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
-use lab::benchmarks::hour::{EVERY_S, Hour, Look};
 use lab::benchmarks::realtime::Ran;
-use lab::benchmarks::{self, Distribution, Only, Recorded, Row};
+use lab::benchmarks::{self, Only, Row, Rows};
 use lab::faults;
 use serde_json::json;
 use session::{Failure, load};
 
-use crate::out::say;
+use crate::out::{say, show};
 use crate::progress::Terminal;
-use crate::soak;
-use crate::table::{digits, number, table};
 
 #[derive(Args)]
 pub(crate) struct BenchArgs {
@@ -87,6 +84,9 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
     let terminal = Terminal::default();
     let observer: session::Observer<'_> = &|progress| terminal.show(progress);
     let (mut rows, mut record, mut realtime, mut hour) = (Vec::new(), None, Vec::new(), None);
+    if args.only.iter().any(|word| word.trim().is_empty()) {
+        return Err(Failure::Input("--only needs a word or a number of bytes, as in --only \"same core\" --only 4096".to_owned()));
+    }
     if chosen(Bench::Hop) {
         rows.extend(benchmarks::hop(args.samples, &Only(&args.only), observer)?);
     }
@@ -151,12 +151,15 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
         say!("{whole}");
     } else {
         if !rows.is_empty() {
-            print_rows(&rows);
+            show(&Rows(&rows));
+            if !args.only.is_empty() {
+                say!("only the rows with {}, and their floor: the whole table without --only", args.only.join(", "));
+            }
         }
-        record.iter().for_each(print_record);
-        realtime.iter().for_each(print_realtime);
-        hour.iter().for_each(print_hour);
-        soaked.iter().for_each(soak::print);
+        record.iter().for_each(show);
+        realtime.iter().for_each(show);
+        hour.iter().for_each(show);
+        soaked.iter().for_each(show);
         say!("{machine_line}");
         match &out {
             Some(_) => pictures.iter().for_each(|path| say!("{}", path.display())),
@@ -192,86 +195,4 @@ fn save(out: &Path, whole: &serde_json::Value, rows: &[Row], machine: &str) -> R
         paths.extend(page.save(&out.join(format!("bench-{bench}"))).map_err(Failure::work)?);
     }
     Ok(paths)
-}
-
-fn print_rows(rows: &[Row]) {
-    let mut lines = table(&["bench", "placement", "bytes", "mechanism", "samples", "p50 µs", "p99", "p99.9", "max", "ratio p50", "p99"]);
-    for row in rows {
-        let Distribution { samples, p50_us, p99_us, p999_us, max_us, .. } = row.distribution;
-        let ratio = |ratio: Option<f64>| number(ratio.map_or(String::new(), |ratio| format!("{ratio:.2}")));
-        lines.add_row([
-            row.bench.clone().into(),
-            row.placement.clone().into(),
-            number(row.payload_bytes),
-            row.mechanism.clone().into(),
-            number(samples),
-            number(digits(p50_us)),
-            number(digits(p99_us)),
-            number(digits(p999_us)),
-            number(digits(max_us)),
-            ratio(row.ratio_p50),
-            ratio(row.ratio_p99),
-        ]);
-    }
-    say!("{lines}");
-}
-
-fn print_record(recorded: &Recorded) {
-    let Recorded { cpu_us_per_tick, recording_mb_per_min, messages_mb_per_min } = recorded;
-    say!(
-        "recorder: {cpu_us_per_tick:.1} µs of processor time a tick; {recording_mb_per_min:.0} MB a minute of recording and \
-         {messages_mb_per_min:.0} of messages at 1 kHz"
-    );
-}
-
-fn print_hour(hour: &Hour) {
-    let Some((first, last)) = hour.memory.first().zip(hour.memory.last()) else {
-        say!("shorter than the {EVERY_S} s after which memory is looked at first");
-        return;
-    };
-    say!(
-        "\n{:.0} s of the arm's time, {} ticks at {:.0} a second, {}: {:.1} µs of processor time a tick in the recorder, {:.1} MB a minute of \
-         recording in {} parts and {:.0} of messages, {} lost",
-        last.at_s,
-        hour.ticks,
-        hour.ticks_per_s,
-        hour.outcome,
-        hour.recorder_cpu_us_per_tick,
-        hour.recording_mb_per_min,
-        hour.parts,
-        hour.messages_mb_per_min,
-        hour.lost
-    );
-    let headings = ["process", "after 1 min, MB", "most", "at the end", "change in the second half", "shared, MB"];
-    let mut rows = table(&headings);
-    for name in first.processes.keys() {
-        let own = |look: &Look| look.processes.get(name).map_or(0.0, |memory| memory.own_mb);
-        let most = hour.memory.iter().map(own).fold(0.0, f64::max);
-        let half = &hour.memory[hour.memory.len() / 2];
-        let shared = last.processes.get(name).map_or(0.0, |memory| memory.shared_mb);
-        let numbers = [own(first), most, own(last)].map(|mb| number(digits(mb)));
-        let change = number(format!("{:+.2}", own(last) - own(half)));
-        rows.add_row([name.into()].into_iter().chain(numbers).chain([change, number(digits(shared))]));
-    }
-    say!("{rows}");
-}
-
-fn print_realtime(ran: &Ran) {
-    let load = if ran.loaded { "a busy thread on every core" } else { "no load of ours" };
-    let seconds = ran.ticks as f64 / f64::from(ran.rate_hz);
-    say!("\n{} Hz for {seconds:.0} s, {load}: {} of {} deadlines missed, {}", ran.rate_hz, ran.deadlines.missed, ran.ticks, ran.outcome);
-    let mut rows = table(&["process", "missed", "why"]);
-    for process in &ran.processes {
-        let causes = ran.missed(process);
-        let why = causes.iter().map(|(cause, count)| format!("{count} {cause}")).collect::<Vec<_>>().join(", ");
-        rows.add_row([process.clone().into(), number(causes.values().sum::<u64>()), why.into()]);
-    }
-    say!("{rows}");
-    let mut rows = table(&["latency", "samples", "p50 µs", "p99", "p99.9", "max"]);
-    for (name, latency) in &ran.latency_us {
-        let times = [latency.p50, latency.p99, latency.p999, latency.max].map(|time| number(digits(time)));
-        rows.add_row([name.clone().into(), number(latency.count)].into_iter().chain(times));
-    }
-    say!("{rows}");
-    say!("recorder: {} lost, {:.1} µs of processor time a tick", ran.recorder.lost, ran.cpu_us_per_tick());
 }

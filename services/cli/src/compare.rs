@@ -4,18 +4,16 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
-use control::Kind;
-use lab::studies::compare::{
-    self, ArmSweep, Compared, KINDS, Ranked, Request, SWEEP, Score, Sweep, SweepSize, failures, margin, missed, quantile, verdicts, worth,
-};
+use lab::studies::compare::{self, ArmSweep, Compared, Ranked, Request, SWEEP, SweepSize, missed, worth};
 use serde_json::json;
 use session::{Failure, load};
-use shared_types::scenario::{Scenario, Strategy};
+use shared_types::scenario::Strategy;
 
 use crate::compare_arm;
-use crate::out::say;
+use crate::out::{say, show};
 use crate::progress::Terminal;
-use crate::table::{digits, fitted, number, table};
+use session::table::{number, table};
+use viz::plot::digits;
 
 /// How many of the best settings are shown.
 const SHOWN: usize = 5;
@@ -98,7 +96,7 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
     let terminal = Terminal::default();
     let mut each = |compared: &Compared| {
         if !as_json {
-            print_compared(compared);
+            show(compared);
         }
     };
     let (whole, folder) = compare::compare(&request, &|progress| terminal.show(progress), &mut each)?;
@@ -108,24 +106,6 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
         say!("{}\n  compare.json and a picture of each table, SVG and PNG", folder.display());
     }
     Ok(ExitCode::SUCCESS)
-}
-
-fn print_compared(compared: &Compared) {
-    let say_left_out = |name: &str, left_out: usize| {
-        if left_out > 0 {
-            say!("{name}: without its planned faults ({left_out}): laws are compared on one thread, and faults happen to processes");
-        }
-    };
-    match compared {
-        Compared::Scenario { scenario, faults_left_out, scores, .. } => {
-            say_left_out(&scenario.name, *faults_left_out);
-            print(scenario, scores);
-        }
-        Compared::Sweep { sweep, faults_left_out } => {
-            say_left_out(SWEEP, *faults_left_out);
-            print_sweep(sweep);
-        }
-    }
 }
 
 /// Two laws in one recording.
@@ -195,49 +175,4 @@ fn tune(args: &CompareArgs, laws: &[Strategy], as_json: bool) -> Result<ExitCode
 
 fn percent(ratio: f64) -> String {
     format!("{:.0} %", ratio * 100.0)
-}
-
-fn print(scenario: &Scenario, scores: &[Score]) {
-    say!("{}: {} (seed {})", scenario.name, scenario.title, scenario.seed);
-    let mut rows = fitted(&["law", "⊥ ζ, mm", "°", "∥ ζ, mm", "°", "speed", "torque", "time", "verdict"]);
-    for (score, verdict) in scores.iter().zip(verdicts(scores)) {
-        let error = |value: f64| number(if score.completed { digits(value) } else { "–".to_owned() });
-        rows.add_row([
-            score.law.clone().into(),
-            error(score.orthogonal_max_mm),
-            error(score.orthogonal_max_deg),
-            error(score.along_max_mm),
-            error(score.along_max_deg),
-            number(percent(score.speed_max_ratio)),
-            number(percent(score.torque_max_ratio)),
-            number(format!("× {:.2}", score.time_stretch)),
-            verdict.into(),
-        ]);
-    }
-    say!("{rows}");
-    failures(scores).iter().chain(&margin(scores)).for_each(|line| say!("{line}"));
-    say!("⊥ ζ: largest error orthogonal to the singular directions, ∥ ζ: along them; speed, torque: of the joints' limits.");
-    say!("S1 asks for less than 1 mm and 0.5° orthogonal to ζ, S2 for 1 mm and 3°, and 10 mm and 5° along ζ.");
-}
-
-fn print_sweep(sweep: &Sweep) {
-    say!("sweep: {} lines at {} m/s (seed {})", sweep.near.len(), sweep.speed, sweep.seed);
-    let mut rows =
-        fitted(&["law", "S1 %", "S2 %", "elbow", "wrist", "overhead", "ends %", "orthogonal p95, mm", "time p90", "S2 missed by"]);
-    for (law, scores) in &sweep.laws {
-        let share = |near: Option<Kind>, so: &dyn Fn(&Score) -> bool| {
-            let (yes, all) = sweep.count(scores, near, so);
-            format!("{:.1}", 100.0 * yes as f64 / all.max(1) as f64)
-        };
-        let mut row = vec![law.name().into(), number(share(None, &|score| score.s1)), number(share(None, &|score| score.s2))];
-        row.extend(KINDS.map(|kind| number(share(Some(kind), &|score| score.s2))));
-        row.extend([
-            number(share(None, &Score::ended)),
-            number(digits(quantile(scores, 0.95, |score| score.orthogonal_max_mm))),
-            number(format!("× {:.2}", quantile(scores, 0.9, |score| score.time_stretch))),
-            missed(scores).into(),
-        ]);
-        rows.add_row(row);
-    }
-    say!("{rows}\nelbow, wrist, overhead: S2 % of the lines near that lock");
 }

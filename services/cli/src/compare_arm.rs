@@ -9,7 +9,8 @@ use session::{Failure, Results};
 
 use crate::out::say;
 use crate::progress::Terminal;
-use crate::table::{digits, number, table};
+use session::table::{number, table};
+use viz::plot::digits;
 
 /// Draws, runs and prints the lines of one arm; saves them with the scenarios of those that did not reach their goal.
 pub(crate) fn compare_arm(sweep: &ArmSweep<'_>, out: Option<&Path>, as_json: bool) -> Result<ExitCode, Failure> {

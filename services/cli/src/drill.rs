@@ -9,7 +9,8 @@ use session::{Failure, load};
 
 use crate::out::say;
 use crate::progress::Terminal;
-use crate::table::{digits, number, table};
+use session::table::{number, table};
+use viz::plot::digits;
 
 #[derive(Args)]
 pub(crate) struct DrillArgs {

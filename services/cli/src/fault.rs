@@ -1,23 +1,15 @@
 //! `armplane fault`: injects a fault into a running graph.
 
-use std::path::Path;
 use std::process::ExitCode;
-use std::time::{Duration, Instant};
 
 use clap::Args;
-use runtime::{ControlPage, Manifest, RunDir, SHM, random};
 use serde_json::json;
-use session::observation::choose_to_change;
-use session::{Failure, JOB, load};
-use shared_types::fault::{Fault, Kind, Target, Way};
+use session::{Failure, inject};
+use shared_types::fault::{Fault, Kind, Way};
 use shared_types::graph::Role;
-use shared_types::job::Job;
 
 use crate::out::say;
-use crate::table::fitted;
-
-/// How long to wait for the next tick of a run.
-const PATIENCE: Duration = Duration::from_secs(2);
+use session::table::fitted;
 
 /// A stretch of time as people write it: `100ms`, `0.5s`, or a bare number of ticks.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -90,10 +82,6 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure
             "say what happens to which process: armplane fault PROCESS KIND; see `armplane fault --list`".to_owned(),
         ));
     };
-    let name = choose_to_change(args.run.as_deref())?;
-    let run = RunDir::open(&Path::new(SHM).join(&name)).map_err(Failure::input)?;
-    let manifest = Manifest::read(&run).map_err(Failure::work)?;
-    let control_page = ControlPage::open(&run).map_err(Failure::work)?;
     let fault = Fault {
         way: args.way,
         for_ticks: args.length.and_then(|length| if let Length::Ticks(ticks) = length { Some(ticks) } else { None }),
@@ -106,47 +94,13 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure
         amount: args.amount,
         ..Fault::new(process, kind)
     };
-    let job = job(&run);
-    let Some(index) = manifest.index_of(process) else {
-        let known: Vec<_> = manifest.processes.iter().map(|process| process.name.as_str()).collect();
-        return Err(Failure::Input(format!("the run has no process `{process}`; it has {}", known.join(", "))));
-    };
-    if let (Some(joint), Some(dof)) = (args.joint, job.as_ref().and_then(|job| load::robot_of(&job.robot).ok()).map(|robot| robot.dof()))
-        && joint as usize > dof
-    {
-        // A fault of a joint that the arm does not have could not be repeated.
-        return Err(Failure::Input(format!("joint: there is no joint {joint}: the arm of {name} has {dof} (joints count from 1)")));
-    }
-    // Any seed will do: the run records it with the fault.
-    let seed = random(runtime::now_ns(), u64::from(std::process::id()));
-    let target =
-        job.and_then(|job| job.graph.target(process)).unwrap_or(Target { index: index as u32, role: Role::Stage, fields: Vec::new() });
-    let scheduled = fault.schedule(&target, manifest.rate_hz, seed).map_err(|complaint| Failure::Input(complaint.to_string()))?;
-    let Some(place) = control_page.fault_table().request(&scheduled) else {
-        return Err(Failure::Work(format!("the run {name} has had {} faults and has room for no more", runtime::MOST_WHEN_REQUESTED)));
-    };
-    let asked = Instant::now();
-    while !control_page.fault_table().is_in_force(place) {
-        if asked.elapsed() > PATIENCE || !run.path().exists() {
-            return Err(Failure::Work(format!(
-                "the run {name} has begun no tick since: the fault takes effect with its next one, if there is one"
-            )));
-        }
-        std::thread::sleep(Duration::from_micros(200));
-    }
-    let in_force = control_page.fault_table().record(place).and_then(|account| account.scheduled.fault(process, &target.fields));
-    let Some(in_force) = in_force else { return Err(Failure::Work(format!("the run {name} does not know this fault"))) };
+    let (name, in_force) = inject(args.run.as_deref(), &fault)?;
     if as_json {
         say!("{}", json!({ "run": name, "tick": in_force.at_tick, "fault": in_force }));
     } else {
         say!("{in_force} ({name})");
     }
     Ok(ExitCode::SUCCESS)
-}
-
-/// The job of a run; `None` for a graph without one (a bench).
-fn job(run: &RunDir) -> Option<Job> {
-    serde_json::from_slice(&std::fs::read(run.path().join(JOB)).ok()?).ok()
 }
 
 /// The unit of a way's amount.

@@ -8,7 +8,7 @@ use session::{Failure, load};
 use shared_types::graph::Graph;
 
 use crate::out::say;
-use crate::table::{number, table};
+use session::table::{number, table};
 
 #[derive(Args)]
 pub(crate) struct GraphArgs {

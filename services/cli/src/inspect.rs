@@ -11,7 +11,8 @@ use shared_types::codes;
 use shared_types::scenario::Start;
 
 use crate::out::say;
-use crate::table::{digits, number, table};
+use session::table::{number, table};
+use viz::plot::digits;
 
 #[derive(Args)]
 pub(crate) struct InspectArgs {

@@ -7,8 +7,8 @@ use serde_json::json;
 use shared_types::scenario::Scenario;
 
 use crate::out::say;
-use crate::table::{number, table};
 use session::Failure;
+use session::table::{number, table};
 
 pub(crate) fn list(as_json: bool) -> Result<ExitCode, Failure> {
     let scenarios = sim::scenarios::names()

@@ -8,3 +8,9 @@ macro_rules! say {
     }};
 }
 pub(crate) use say;
+
+/// Prints what ends its own lines.
+pub(crate) fn show(text: &impl std::fmt::Display) {
+    use std::io::Write as _;
+    let _ = write!(std::io::stdout(), "{text}");
+}

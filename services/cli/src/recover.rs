@@ -4,10 +4,9 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
-use session::Failure;
+use session::{Failure, RunText};
 
-use crate::out::say;
-use crate::run::print;
+use crate::out::{say, show};
 
 #[derive(Args)]
 pub(crate) struct RecoverArgs {
@@ -22,7 +21,7 @@ pub(crate) fn recover(args: &RecoverArgs, as_json: bool) -> Result<ExitCode, Fai
     if as_json {
         say!("{}", serde_json::to_string_pretty(&summary).map_err(Failure::work)?);
     } else {
-        print(&summary, &args.run);
+        show(&RunText { summary: &summary, folder: &args.run });
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -10,7 +10,8 @@ use session::Failure;
 
 use crate::out::say;
 use crate::progress::Terminal;
-use crate::table::{digits, number, table};
+use session::table::{number, table};
+use viz::plot::digits;
 
 #[derive(Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]

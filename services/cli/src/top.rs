@@ -9,7 +9,8 @@ use session::Failure;
 use session::observation::{Observation, ObservedFault, ObservedProcess, ObservedSingularity, Observer, Times, choose};
 
 use crate::out::say;
-use crate::table::{digits, fitted, number};
+use session::table::{fitted, number};
+use viz::plot::digits;
 
 #[derive(Args)]
 pub(crate) struct TopArgs {

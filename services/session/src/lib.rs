@@ -1,11 +1,14 @@
 //! A run as a library: load its scenario, robot and graph, plan it, launch it, summarise it, keep its results, find it again.
 //!
-//! [`run`] is one run in that order. Nothing starts before everything is validated. This crate prints nothing: what happens while a run lasts goes to an [`Observer`].
+//! [`run`] is one run in that order. Nothing starts before everything is validated. This crate prints nothing: what happens while a run lasts goes to an [`Observer`],
+//! and a summary can be shown ([`RunText`]).
 
 pub mod load;
 pub mod observation;
+pub mod table;
 
 mod failure;
+mod injection;
 mod launch;
 mod layout;
 mod machine;
@@ -16,9 +19,11 @@ mod results;
 mod runs;
 mod session;
 mod summary;
+mod text;
 mod viewer;
 
 pub use failure::Failure;
+pub use injection::inject;
 pub use launch::{Begin, EXCHANGE, interrupts, launch, launch_begun, launch_watched};
 pub use layout::save_blueprint;
 pub use machine::machine;
@@ -30,4 +35,5 @@ pub use runs::Run;
 pub use session::{Finished, Request, run};
 pub use shared_types::job::JOB;
 pub use summary::{deadlines, summarise};
+pub use text::RunText;
 pub use viewer::{show, viewer_command};

@@ -14,7 +14,7 @@ impl Only<'_> {
     fn admits(&self, bench: &str, placement: &str, bytes: usize, mechanism: Mechanism) -> bool {
         let is_in = |word: &String| match word.parse::<usize>() {
             Ok(number) => number == bytes,
-            Err(_) => [bench, placement, mechanism.name()].iter().any(|text| text.contains(word.as_str())),
+            Err(_) => [bench, placement, mechanism.name()].iter().any(|text| text.to_lowercase().contains(&word.to_lowercase())),
         };
         self.0.iter().all(is_in)
     }

@@ -9,6 +9,7 @@ pub mod realtime;
 mod record;
 mod ring;
 mod steps;
+mod text;
 mod transports;
 
 pub use distribution::{Distribution, Row};
@@ -18,3 +19,4 @@ pub use picture::pictures;
 pub use record::{Recorded, record};
 pub use ring::peer;
 pub use steps::{model, steps};
+pub use text::Rows;

@@ -7,6 +7,8 @@ mod outputs;
 pub mod replay;
 pub mod simulate;
 mod stops;
+mod text;
 pub mod verify;
 
 pub use outputs::Topic;
+pub use text::{ReplayedText, VerifiedText};

@@ -47,7 +47,13 @@ pub fn replay(run: &Path, process: Program, settings: &[String], observer: Obser
     let job = job(run)?;
     let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
     let scenario = with_settings(&job.scenario, settings)?;
-    let tape = Tape { folder: run.join(recorder::MESSAGES), run, observer, scheduled_faults: scheduled_faults(run, &job, process.name())? };
+    let Some(name) = job.graph.process.iter().find(|one| one.program() == Some(process)).map(|one| one.name.clone()) else {
+        let (program, run) = (process.name(), run.display());
+        return Err(Failure::Input(format!(
+            "no process of {run} is armplane's {program}: its graph has another program in that place, whose step cannot be fed again"
+        )));
+    };
+    let tape = Tape { folder: run.join(recorder::MESSAGES), run, observer, scheduled_faults: scheduled_faults(run, &job, &name)? };
     observer(Progress::Begin { title: &scenario.name, length: scenario.planned_ticks(), unit: "ticks" });
     let refused = |error: Refused| Failure::input(error);
     let replayed = match process {

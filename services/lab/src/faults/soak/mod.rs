@@ -9,6 +9,7 @@ mod read_back;
 mod round;
 mod rounds;
 mod tally;
+mod text;
 
 pub use judge::Messages;
 pub use picture::picture;

@@ -7,6 +7,7 @@ mod race;
 mod scenarios;
 mod score;
 mod sweep;
+mod text;
 mod tune;
 mod verdict;
 
@@ -16,6 +17,5 @@ pub use race::{Race, Racer, race};
 pub use scenarios::{Compared, Request, compare};
 pub use score::Score;
 pub(crate) use score::scored;
-pub use sweep::{KINDS, SWEEP, Sweep, SweepSize, missed, quantile};
+pub use sweep::{SWEEP, Sweep, SweepSize, missed};
 pub use tune::{Point, Ranked, tune, worth};
-pub use verdict::{failures, margin, verdicts};

@@ -23,7 +23,7 @@ pub struct SweepSize {
 }
 
 /// The singularities in turn.
-pub const KINDS: [Kind; 3] = [Kind::Elbow, Kind::Wrist, Kind::Overhead];
+pub(super) const KINDS: [Kind; 3] = [Kind::Elbow, Kind::Wrist, Kind::Overhead];
 
 /// The lines and what each law made of them.
 pub struct Sweep {
@@ -94,7 +94,7 @@ impl Sweep {
 }
 
 /// The value that a share of the runs does not exceed.
-pub fn quantile(scores: &[Score], share: f64, of: impl Fn(&Score) -> f64) -> f64 {
+pub(super) fn quantile(scores: &[Score], share: f64, of: impl Fn(&Score) -> f64) -> f64 {
     let mut values: Vec<f64> = scores.iter().map(of).collect();
     values.sort_by(f64::total_cmp);
     let place = (share * values.len() as f64).ceil() as usize;

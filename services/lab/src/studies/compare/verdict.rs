@@ -31,8 +31,7 @@ fn winners(scores: &[Score]) -> Vec<&Score> {
 }
 
 /// Each law's verdict in a table: it wins, succeeds, or fails.
-#[must_use]
-pub fn verdicts(scores: &[Score]) -> Vec<String> {
+pub(super) fn verdicts(scores: &[Score]) -> Vec<String> {
     let winners = winners(scores);
     let of = |score: &Score| match (score.s1 || score.s2, winners.iter().any(|one| std::ptr::eq(*one, score))) {
         (true, true) if scores.len() > winners.len() => format!("wins, {}", score.success()),
@@ -43,15 +42,13 @@ pub fn verdicts(scores: &[Score]) -> Vec<String> {
 }
 
 /// The bars that each law that fails has missed, a line each.
-#[must_use]
-pub fn failures(scores: &[Score]) -> Vec<String> {
+pub(super) fn failures(scores: &[Score]) -> Vec<String> {
     let failed = scores.iter().filter(|score| !(score.s1 || score.s2));
     failed.map(|score| format!("{} misses {}", score.law, score.missed.join(", "))).collect()
 }
 
 /// The margin by which the best law wins, in one sentence; `None` where there is nothing to compare.
-#[must_use]
-pub fn margin(scores: &[Score]) -> Option<String> {
+pub(super) fn margin(scores: &[Score]) -> Option<String> {
     let winners = winners(scores);
     let (best, next) = (*winners.first()?, *ranked(scores).get(winners.len())?);
     let names = winners.iter().map(|one| one.law.as_str()).collect::<Vec<_>>().join(" and ");

@@ -1,6 +1,7 @@
-//! Tables for people.
+//! Tables for people: in the terminal's width, or 100 columns.
 
-use comfy_table::{Cell, CellAlignment, ContentArrangement, LineStyle, Table, TableStyle};
+pub use comfy_table::Cell;
+use comfy_table::{CellAlignment, ContentArrangement, LineStyle, Table, TableStyle};
 
 /// Lines above, below, and under the headings; none between rows.
 const STYLE: TableStyle = TableStyle::new()
@@ -9,7 +10,8 @@ const STYLE: TableStyle = TableStyle::new()
     .bottom_border(LineStyle::none().fill('─').junction('─'));
 
 /// A table with these headings, fitted to the terminal.
-pub(crate) fn table(headings: &[&str]) -> Table {
+#[must_use]
+pub fn table(headings: &[&str]) -> Table {
     let mut table = Table::new();
     table.load_style(STYLE).set_content_arrangement(ContentArrangement::Dynamic);
     table.set_header(headings.iter().map(Cell::new));
@@ -17,7 +19,8 @@ pub(crate) fn table(headings: &[&str]) -> Table {
 }
 
 /// A table that fits into 100 columns where there is no terminal to fit it to.
-pub(crate) fn fitted(headings: &[&str]) -> Table {
+#[must_use]
+pub fn fitted(headings: &[&str]) -> Table {
     let mut table = table(headings);
     if table.width().is_none() {
         table.set_width(100);
@@ -26,8 +29,6 @@ pub(crate) fn fitted(headings: &[&str]) -> Table {
 }
 
 /// A right-aligned cell, for numbers.
-pub(crate) fn number(text: impl ToString) -> Cell {
+pub fn number(text: impl ToString) -> Cell {
     Cell::new(text).set_alignment(CellAlignment::Right)
 }
-
-pub(crate) use viz::plot::digits;

@@ -1,0 +1,82 @@
+//! A comparison as text for people.
+
+use std::fmt;
+
+use control::Kind;
+use session::table::{fitted, number};
+use shared_types::scenario::Scenario;
+use viz::plot::digits;
+
+use super::scenarios::Compared;
+use super::score::Score;
+use super::sweep::{KINDS, SWEEP, Sweep, missed, quantile};
+use super::verdict::{failures, margin, verdicts};
+
+/// A table of the laws, the verdict, and its terms.
+impl fmt::Display for Compared {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (name, faults_left_out) = match self {
+            Self::Scenario { scenario, faults_left_out, .. } => (scenario.name.as_str(), *faults_left_out),
+            Self::Sweep { faults_left_out, .. } => (SWEEP, *faults_left_out),
+        };
+        if faults_left_out > 0 {
+            let why = "laws are compared on one thread, and faults happen to processes";
+            writeln!(f, "{name}: without its planned faults ({faults_left_out}): {why}")?;
+        }
+        match self {
+            Self::Scenario { scenario, scores, .. } => scenario_text(f, scenario, scores),
+            Self::Sweep { sweep, .. } => sweep_text(f, sweep),
+        }
+    }
+}
+
+fn percent(ratio: f64) -> String {
+    format!("{:.0} %", ratio * 100.0)
+}
+
+fn scenario_text(f: &mut fmt::Formatter<'_>, scenario: &Scenario, scores: &[Score]) -> fmt::Result {
+    writeln!(f, "{}: {} (seed {})", scenario.name, scenario.title, scenario.seed)?;
+    let mut rows = fitted(&["law", "⊥ ζ, mm", "°", "∥ ζ, mm", "°", "speed", "torque", "time", "verdict"]);
+    for (score, verdict) in scores.iter().zip(verdicts(scores)) {
+        let error = |value: f64| number(if score.completed { digits(value) } else { "–".to_owned() });
+        rows.add_row([
+            score.law.clone().into(),
+            error(score.orthogonal_max_mm),
+            error(score.orthogonal_max_deg),
+            error(score.along_max_mm),
+            error(score.along_max_deg),
+            number(percent(score.speed_max_ratio)),
+            number(percent(score.torque_max_ratio)),
+            number(format!("× {:.2}", score.time_stretch)),
+            verdict.into(),
+        ]);
+    }
+    writeln!(f, "{rows}")?;
+    for line in failures(scores).iter().chain(&margin(scores)) {
+        writeln!(f, "{line}")?;
+    }
+    writeln!(f, "⊥ ζ: largest error orthogonal to the singular directions, ∥ ζ: along them; speed, torque: of the joints' limits.")?;
+    writeln!(f, "S1 asks for less than 1 mm and 0.5° orthogonal to ζ, S2 for 1 mm and 3°, and 10 mm and 5° along ζ.")
+}
+
+fn sweep_text(f: &mut fmt::Formatter<'_>, sweep: &Sweep) -> fmt::Result {
+    writeln!(f, "sweep: {} lines at {} m/s (seed {})", sweep.near.len(), sweep.speed, sweep.seed)?;
+    let mut rows =
+        fitted(&["law", "S1 %", "S2 %", "elbow", "wrist", "overhead", "ends %", "orthogonal p95, mm", "time p90", "S2 missed by"]);
+    for (law, scores) in &sweep.laws {
+        let share = |near: Option<Kind>, so: &dyn Fn(&Score) -> bool| {
+            let (yes, all) = sweep.count(scores, near, so);
+            format!("{:.1}", 100.0 * yes as f64 / all.max(1) as f64)
+        };
+        let mut row = vec![law.name().into(), number(share(None, &|score| score.s1)), number(share(None, &|score| score.s2))];
+        row.extend(KINDS.map(|kind| number(share(Some(kind), &|score| score.s2))));
+        row.extend([
+            number(share(None, &Score::ended)),
+            number(digits(quantile(scores, 0.95, |score| score.orthogonal_max_mm))),
+            number(format!("× {:.2}", quantile(scores, 0.9, |score| score.time_stretch))),
+            missed(scores).into(),
+        ]);
+        rows.add_row(row);
+    }
+    writeln!(f, "{rows}\nelbow, wrist, overhead: S2 % of the lines near that lock")
+}

@@ -1,0 +1,66 @@
+//! Faults in a running graph.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use runtime::{ControlPage, Manifest, RunDir, SHM, random};
+use shared_types::fault::{Fault, Target};
+use shared_types::graph::Role;
+use shared_types::job::{JOB, Job};
+
+use crate::observation::choose_to_change;
+use crate::{Failure, load};
+
+/// How long to wait for the next tick of a run.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// Injects a fault into the run of that name, or the only one that was started from this folder; returns the run's name and the fault with the
+/// tick at which it is in force.
+///
+/// # Errors
+/// [`Failure::Input`] where the run, the process or the fault does not exist; [`Failure::Work`] where the run has no room or no further tick.
+pub fn inject(wanted: Option<&str>, fault: &Fault) -> Result<(String, Fault), Failure> {
+    let name = choose_to_change(wanted)?;
+    let run = RunDir::open(&Path::new(SHM).join(&name)).map_err(Failure::input)?;
+    let manifest = Manifest::read(&run).map_err(Failure::work)?;
+    let control_page = ControlPage::open(&run).map_err(Failure::work)?;
+    let job = job(&run);
+    let Some(index) = manifest.index_of(&fault.process) else {
+        let known: Vec<_> = manifest.processes.iter().map(|process| process.name.as_str()).collect();
+        return Err(Failure::Input(format!("the run has no process `{}`; it has {}", fault.process, known.join(", "))));
+    };
+    if let (Some(joint), Some(dof)) = (fault.joint, job.as_ref().and_then(|job| load::robot_of(&job.robot).ok()).map(|robot| robot.dof()))
+        && joint as usize > dof
+    {
+        // A fault of a joint that the arm does not have could not be repeated.
+        return Err(Failure::Input(format!("joint: there is no joint {joint}: the arm of {name} has {dof} (joints count from 1)")));
+    }
+    // Any seed will do: the run records it with the fault.
+    let seed = random(runtime::now_ns(), u64::from(std::process::id()));
+    let target = job.and_then(|job| job.graph.target(&fault.process)).unwrap_or(Target {
+        index: index as u32,
+        role: Role::Stage,
+        fields: Vec::new(),
+    });
+    let scheduled = fault.schedule(&target, manifest.rate_hz, seed).map_err(|complaint| Failure::Input(complaint.to_string()))?;
+    let Some(place) = control_page.fault_table().request(&scheduled) else {
+        return Err(Failure::Work(format!("the run {name} has had {} faults and has room for no more", runtime::MOST_WHEN_REQUESTED)));
+    };
+    let asked = Instant::now();
+    while !control_page.fault_table().is_in_force(place) {
+        if asked.elapsed() > PATIENCE || !run.path().exists() {
+            return Err(Failure::Work(format!(
+                "the run {name} has begun no tick since: the fault takes effect with its next one, if there is one"
+            )));
+        }
+        std::thread::sleep(Duration::from_micros(200));
+    }
+    let in_force = control_page.fault_table().record(place).and_then(|account| account.scheduled.fault(&fault.process, &target.fields));
+    let Some(in_force) = in_force else { return Err(Failure::Work(format!("the run {name} does not know this fault"))) };
+    Ok((name, in_force))
+}
+
+/// The job of a run; `None` for a graph without one (a bench).
+fn job(run: &RunDir) -> Option<Job> {
+    serde_json::from_slice(&std::fs::read(run.path().join(JOB)).ok()?).ok()
+}

@@ -1,0 +1,149 @@
+//! A run's summary as text for people.
+
+use std::fmt;
+use std::path::Path;
+
+use shared_types::summary::Summary;
+use viz::plot::digits;
+
+use crate::results::SUMMARY;
+use crate::table::{number, table};
+
+/// The outcome of a run, its errors, singularities, limits, times and faults, and the files in its folder.
+#[derive(Debug)]
+pub struct RunText<'a> {
+    /// Of the run.
+    pub summary: &'a Summary,
+    /// With its results.
+    pub folder: &'a Path,
+}
+
+impl fmt::Display for RunText<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { summary, folder } = self;
+        writeln!(f, "{}: {} — {}\n", summary.scenario, summary.outcome, summary.reason)?;
+        // A run without a tick has no numbers.
+        if summary.ticks > 0 {
+            tables(f, summary)?;
+        }
+        files(f, summary, folder)
+    }
+}
+
+fn tables(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
+    let mut rows = table(&["task", "largest", "orthogonal to ζ", "at the end"]);
+    let task = &summary.task;
+    rows.add_row([
+        "position, mm".into(),
+        number(digits(task.position_max_mm)),
+        number(digits(task.orthogonal_max_mm)),
+        number(digits(task.final_position_mm)),
+    ]);
+    rows.add_row([
+        "orientation, °".into(),
+        number(digits(task.orientation_max_deg)),
+        number(digits(task.orthogonal_max_deg)),
+        number(digits(task.final_orientation_deg)),
+    ]);
+    writeln!(f, "{rows}")?;
+    let mut rows = table(&["singularity", "type", "min |s|", "inside, ticks", "ζ turned, °"]);
+    for singularity in &summary.singularities {
+        rows.add_row([
+            singularity.name.clone().into(),
+            singularity.class.clone().into(),
+            number(digits(singularity.s_min)),
+            number(singularity.inside_ticks),
+            number(digits(singularity.zeta_turned_deg)),
+        ]);
+    }
+    writeln!(f, "{rows}")?;
+    for turn in &summary.turns {
+        let joints = |moves: &[f64]| moves.iter().map(|by| format!("{by:+.2}")).collect::<Vec<_>>().join(" ");
+        writeln!(f, "ζ turned   {} at tick {}", turn.singularity, turn.tick)?;
+        writeln!(f, "           planned: joints by {} ° in {:.2} s", joints(&turn.planned_deg), turn.planned_s)?;
+        writeln!(
+            f,
+            "           actual:  joints by {} ° in {:.2} s",
+            joints(&turn.moved_deg),
+            turn.took_ticks as f64 / f64::from(summary.rate_hz.max(1))
+        )?;
+    }
+    let percent = |ratio: f64| format!("{:.0} %", ratio * 100.0);
+    let joints = &summary.joints;
+    // An arm that moves has used some of each limit that it has.
+    let torque = match joints.torque_max_ratio > 0.0 {
+        true => format!(
+            "torque {} of the limit, largest step in one tick {}",
+            percent(joints.torque_max_ratio),
+            percent(joints.torque_step_max_ratio)
+        ),
+        false => "torque without a limit".to_owned(),
+    };
+    let speed = match joints.speed_max_ratio > 0.0 {
+        true => format!("speed {} of the limit", percent(joints.speed_max_ratio)),
+        false => "speed without a limit".to_owned(),
+    };
+    writeln!(f, "joints     {torque}; {speed}")?;
+    if joints.switches > 0 {
+        writeln!(f, "switches   {} changes of mode; mode switches injected {} mJ", joints.switches, digits(joints.switch_energy_j * 1e3))?;
+    }
+    let simulated_s = summary.ticks as f64 / f64::from(summary.rate_hz.max(1));
+    writeln!(
+        f,
+        "time       {} ticks at {} Hz in {:.2} s: {:.0} ticks/s, {:.1} × real time, {}",
+        summary.ticks,
+        summary.rate_hz,
+        summary.wall_s,
+        summary.ticks_per_s,
+        simulated_s / summary.wall_s.max(1e-9),
+        summary.mode
+    )?;
+    if let Some(chain) = summary.latency_us.get("chain") {
+        writeln!(
+            f,
+            "latency    sensor sent to torque received: p50 {:.1} µs, p99 {:.1}, p99.9 {:.1}, max {:.1}",
+            chain.p50, chain.p99, chain.p999, chain.max
+        )?;
+    }
+    if summary.deadlines.total > 0 {
+        writeln!(f, "deadlines  {} missed of {}", summary.deadlines.missed, summary.deadlines.total)?;
+        for (cause, count) in &summary.deadlines.by_cause {
+            writeln!(f, "           {count} {cause}")?;
+        }
+    }
+    for fault in summary.faults.iter().filter(|fault| fault.fault.is_some()) {
+        let ms = |event: &str, ms: Option<f64>| ms.map(|ms| format!(", {event} after {ms:.2} ms")).unwrap_or_default();
+        let course = if fault.injected {
+            ms("detected", fault.detected_ms) + &ms("recovered", fault.recovered_ms)
+        } else {
+            ", did not take effect".into()
+        };
+        writeln!(f, "fault      {} ({}){course}", fault.detail, fault.origin)?;
+    }
+    Ok(())
+}
+
+fn files(f: &mut fmt::Formatter<'_>, summary: &Summary, folder: &Path) -> fmt::Result {
+    if !summary.recorder.error.is_empty() {
+        writeln!(f, "recording  {}", summary.recorder.error)?;
+    }
+    writeln!(f, "\n{}", folder.display())?;
+    if folder.join(SUMMARY).exists() {
+        writeln!(f, "  {SUMMARY}  all of this and more, for machines")?;
+    }
+    if !summary.recorder.file.is_empty() {
+        writeln!(
+            f,
+            "  {}       {:.1} MB{}; open it with: armplane view {}",
+            summary.recorder.file,
+            summary.recorder.bytes as f64 / 1e6,
+            if summary.recorder.parts > 1 { format!(" in {} parts", summary.recorder.parts) } else { String::new() },
+            folder.display()
+        )?;
+    }
+    if summary.recorder.messages_bytes > 0 {
+        let (messages, megabytes) = (recorder::MESSAGES, summary.recorder.messages_bytes as f64 / 1e6);
+        writeln!(f, "  {messages}/     {megabytes:.1} MB; compute it again with: armplane replay {}", folder.display())?;
+    }
+    Ok(())
+}
