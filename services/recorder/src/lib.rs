@@ -62,6 +62,8 @@ const HORIZON: u64 = 60_000;
 /// [`ProcessError`] where the recorder cannot begin, the graph breaks, or the summary cannot be written. A recording that fails
 /// (a full disk) does not end the run: it is said in the summary.
 pub fn run(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<(), ProcessError> {
+    // Two recorders would write the same files.
+    let _recording = shell.hold("recording")?;
     let summary = record(shell, robot, job, run_dir)?;
     let path = run_dir.join(SUMMARY);
     written(&summary)

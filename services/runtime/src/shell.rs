@@ -439,6 +439,15 @@ impl Shell {
         self.shared.run.path()
     }
 
+    /// Takes a place that one process of the run may have, besides that of its own name, for as long as the file is open.
+    ///
+    /// # Errors
+    /// When another process has it, or the file cannot be made.
+    pub fn hold(&self, place: &str) -> Result<std::fs::File, ProcessError> {
+        let held = self.shared.run.occupy(place).map_err(OpenError::Occupancy)?;
+        held.ok_or_else(|| ProcessError::setup(format!("another process of the run has the place `{place}`, which only one can have")))
+    }
+
     /// The name of this process in the graph.
     #[must_use]
     pub fn name(&self) -> &str {
