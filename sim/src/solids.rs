@@ -40,7 +40,7 @@ fn described(robot: &Robot) -> Vec<Solid> {
             // rapier's cylinder lies along y.
             Geometry::Cylinder { radius, length } => {
                 let half = length / 2.0;
-                (SharedShape::cylinder(half, radius), half.hypot(radius), shape.X_LS * y_to_z())
+                (SharedShape::cylinder(half, radius), libm::hypot(half, radius), shape.X_LS * y_to_z())
             }
             Geometry::Sphere { radius } => (SharedShape::ball(radius), radius, shape.X_LS),
             Geometry::Capsule { radius, length } => {

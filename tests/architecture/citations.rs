@@ -7,10 +7,10 @@
 
 use std::collections::BTreeSet;
 
-use proc_macro2::TokenTree;
+use proc_macro2::{Delimiter, TokenTree};
 
 use crate::claims;
-use crate::source::{self, File, Function, documentation, functions, items, name_of, paths, root, walk};
+use crate::source::{self, File, Function, documentation, functions, is, is_path_separator, items, name_of, paths, root, walk};
 
 /// Statements and figures of Chang & Khatib 1995.
 const EQUATIONS: [&str; 5] = ["Eq. 1", "Eq. 2", "Eq. 3", "Eq. 4", "Eq. 5"];
@@ -72,7 +72,13 @@ fn named(text: &str, scenarios: &BTreeSet<Tie>) -> Option<Vec<Tie>> {
 /// Calls from a test to the function that computes the equation, at most.
 const CALLS: usize = 4;
 
-/// Whether a body names something, itself or through functions of its target that it calls.
+/// Whether the tokens after a name use it: a call, an item of it, its fields; a name alone may be a variable.
+fn is_used(after: &[TokenTree]) -> bool {
+    let is_group = |token: &TokenTree| matches!(token, TokenTree::Group(group) if group.delimiter() != Delimiter::Bracket);
+    after.first().is_some_and(is_group) || is_path_separator(after)
+}
+
+/// Whether a body uses something, itself or through functions of its target that it calls.
 fn mentions(body: &[TokenTree], all: &[Function], name: &str) -> bool {
     let literal = format!("\"{name}\"");
     let mut seen = BTreeSet::new();
@@ -81,9 +87,10 @@ fn mentions(body: &[TokenTree], all: &[Function], name: &str) -> bool {
         let mut next = Vec::new();
         for body in bodies {
             let words: BTreeSet<String> = paths(body).into_iter().flatten().collect();
-            let mut found = words.contains(name);
+            let mut found = false;
             walk(body, &mut |tokens| {
-                found |= tokens.iter().any(|token| matches!(token, TokenTree::Literal(value) if value.to_string() == literal))
+                found |= tokens.iter().any(|token| matches!(token, TokenTree::Literal(value) if value.to_string() == literal));
+                found |= tokens.iter().enumerate().any(|(at, token)| is(token, name) && is_used(&tokens[at + 1..]));
             });
             if found {
                 return true;
@@ -182,6 +189,11 @@ fn the_check_sees_what_is_missing() {
     assert_eq!(wrong_in(code), 1, "no test");
     assert_eq!(wrong_in(&format!("{code}// covers: CK95 Eq. 4 (inverse)\nfn t() {{ assert!(inverse() == ()); }}")), 2, "not a test");
     assert_eq!(wrong_in(&format!("{code}// covers: CK95 Eq. 4 (inverse)\n#[test]\nfn t() {{ assert!(true); }}")), 2, "not called");
+    assert_eq!(
+        wrong_in(&format!("{code}// covers: CK95 Eq. 4 (inverse)\n#[test]\nfn t() {{ let inverse = 1; assert!(inverse > 0); }}")),
+        2,
+        "a variable of that name"
+    );
     assert_eq!(
         wrong_in(&format!("{code}// covers: CK95 Eq. 3 (inverse)\n#[test]\nfn t() {{ assert!(inverse() == ()); }}")),
         2,

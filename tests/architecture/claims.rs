@@ -19,8 +19,8 @@ const ASSERTIONS: [&str; 10] = [
     "prop_assert_ne",
     "compile_fail",
 ];
-/// Methods that fail a test where a value is not the one that was expected. `unwrap` alone claims only that nothing went wrong.
-const EXPECTATIONS: [&str; 3] = ["expect", "expect_err", "unwrap_err"];
+/// Methods that fail a test where something goes right that should not. `unwrap` and `expect` claim only that nothing went wrong.
+const EXPECTATIONS: [&str; 2] = ["expect_err", "unwrap_err"];
 
 /// Whether the tokens assert something by themselves.
 fn asserts_itself(body: &[TokenTree]) -> bool {
@@ -122,6 +122,7 @@ fn the_check_sees_a_test_without_a_claim() {
     };
     assert!(claims("#[test] fn t() { assert_eq!(1, f()); }"));
     assert!(claims("#[test] fn t() { check(3); } fn check(n: u32) { assert!(n > 2); }"), "through a helper");
+    assert!(!claims("#[test] fn t() { f().expect(\"a file\"); }"));
     assert!(!claims("#[test] fn t() { f().unwrap(); }") && !claims("#[test] fn t() { check(3); } fn check(_: u32) {}"));
     let ends = |text: &str| silent_ends(&of(text)[0].body);
     assert_eq!(ends("#[test] fn t() { let Some(x) = f() else { return }; assert!(x); }"), 1);

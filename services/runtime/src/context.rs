@@ -1,7 +1,6 @@
 //! One process's view of its run: its place in the graph, the current tick, its faults, and the one wait.
 
 use std::cell::{Cell, RefCell};
-use std::fs::File;
 use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -91,8 +90,6 @@ pub(crate) struct Context {
     pub(crate) bus: Bus,
     /// Its index in the manifest.
     pub(crate) me: usize,
-    /// Held open for as long as this process has its place in the run.
-    pub(crate) _occupancy: File,
     pub(crate) stop: StopFlag,
     pub(crate) has_started: Cell<bool>,
     /// The tick in hand: everything before it is closed.

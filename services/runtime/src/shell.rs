@@ -142,6 +142,8 @@ pub struct Shell {
     round: Cell<Round>,
     /// A polled process is in its last round before a fault takes it down.
     is_falling: Cell<bool>,
+    /// Held open for as long as this process has its place in the run.
+    _occupancy: std::fs::File,
 }
 
 /// Where a polled process is between two rounds.
@@ -194,7 +196,6 @@ impl Shell {
             control_page,
             bus,
             me,
-            _occupancy: occupancy,
             stop: StopFlag { at: stops_at, signalled },
             has_started: Cell::new(false),
             tick: Cell::new(0),
@@ -205,7 +206,7 @@ impl Shell {
         shared.learn();
         shared.tick.set(shared.returns_at());
         let shared = Rc::new(shared);
-        Ok(Self { shared, round: Cell::new(Round::Before), is_falling: Cell::new(false) })
+        Ok(Self { shared, round: Cell::new(Round::Before), is_falling: Cell::new(false), _occupancy: occupancy })
     }
 
     /// Reads a topic message by message: the next tick in lockstep, the newest in real time.

@@ -62,7 +62,7 @@ impl SingularityMeter {
             }
             if inside {
                 let entry = Vector3::from(watched.zeta_at_entry);
-                let turned = entry.cross(&zeta).norm().atan2(entry.dot(&zeta)).to_degrees();
+                let turned = libm::atan2(entry.cross(&zeta).norm(), entry.dot(&zeta)).to_degrees();
                 summary.zeta_turned_deg = larger(summary.zeta_turned_deg, turned);
             }
             watched.inside = inside;

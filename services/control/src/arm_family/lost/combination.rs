@@ -12,7 +12,7 @@ pub(super) fn is_set<const N: usize>(a: &SVector<f64, N>) -> bool {
 pub(super) fn preferred(class: Class, [aa, ab, bb]: [f64; 3]) -> Option<[f64; 2]> {
     // C = mean + radius·cos 2(ψ − ψ₀).
     let (mean, half) = (0.5 * (aa + bb), 0.5 * (aa - bb));
-    let radius = half.hypot(ab);
+    let radius = libm::hypot(half, ab);
     if radius < 1e-6 {
         return None;
     }
@@ -35,7 +35,7 @@ pub(super) fn preferred(class: Class, [aa, ab, bb]: [f64; 3]) -> Option<[f64; 2]
 /// The combination of two motions that turns ζ fastest, from its rates along each. `None` where neither turns it.
 pub(super) fn strongest([one, two]: [Vector3<f64>; 2]) -> Option<[f64; 2]> {
     let (half, cross) = (0.5 * (one.norm_squared() - two.norm_squared()), one.dot(&two));
-    if half.hypot(cross) < 1e-6 {
+    if libm::hypot(half, cross) < 1e-6 {
         return None;
     }
     let (sin, cos) = libm::sincos(0.5 * libm::atan2(cross, half));
