@@ -89,7 +89,7 @@ impl Complaint {
     }
 }
 
-/// Parses `text`, with `settings` (`key.path=value`, values as TOML or bare text) laid over it.
+/// Parses `text`, with `settings` (`key.path=value`, values as TOML or bare text) applied.
 ///
 /// # Errors
 /// [`InvalidFile`] for a syntax error, an unknown key, a wrong type, or a setting that does not fit.

@@ -102,7 +102,7 @@ mod tests {
         let graph = Graph::parse("graph.toml", BUILT_IN).unwrap();
         assert_eq!(names(&graph.process), Program::ALL.map(Program::name));
         assert!(graph.process.iter().all(|process| process.program().is_some()));
-        assert!(TOPICS.iter().all(|topic| graph.writer(topic).is_some()), "a topic that nobody writes");
+        assert!(TOPICS.iter().all(|topic| graph.writer(topic).is_some()), "a topic without a writer");
         assert_eq!(graph.process("recorder").unwrap().reads, TOPICS, "`*` is every topic");
         assert_eq!((graph.world().unwrap().name.as_str(), graph.writer("torque").unwrap().name.as_str()), ("plant", "controller"));
         assert_eq!(names(graph.hops()), ["plant", "estimator", "analyzer", "controller"]);

@@ -60,7 +60,7 @@ pub struct Job {
     /// Whether the recorder keeps every message as it was on the wire, in `messages/TOPIC.kept` of the results folder.
     #[serde(default)]
     pub messages: bool,
-    /// Whether somebody watches the recording grow: it is written more often then.
+    /// Whether a viewer watches the recording grow: it is written more often then.
     #[serde(default)]
     pub live: bool,
     /// The kind of fault.

@@ -25,7 +25,7 @@ pub struct Process {
     /// page's path: `ARMPLANE_EXCHANGE`.
     #[serde(default, skip_serializing_if = "is_false")]
     pub exchange: bool,
-    /// The program is started by somebody else: the run says where its exchange page is, and waits for it. There is no `command` then.
+    /// The program is started separately: the run says where its exchange page is, and waits for it. There is no `command` then.
     #[serde(default, skip_serializing_if = "is_false")]
     pub external: bool,
     /// The longest that an exchange page's program may take for an answer; s. 0: 10 s.
@@ -77,7 +77,7 @@ pub enum Role {
     World,
     /// It reads messages of a tick and writes others of the same tick.
     Stage,
-    /// It writes nothing: in real time nobody waits for it, and it is stopped last.
+    /// It writes nothing: in real time no process waits for it, and it is stopped last.
     Observer,
 }
 

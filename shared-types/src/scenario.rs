@@ -105,7 +105,7 @@ fn settle_s() -> f64 {
 }
 
 impl Scenario {
-    /// Reads and validates a scenario, with `settings` (`key=value`) laid over it.
+    /// Reads and validates a scenario, with `settings` (`key=value`) applied.
     ///
     /// # Errors
     /// [`InvalidFile`]: where, what, and what to do.

@@ -142,7 +142,7 @@ fn a_runs_memory_is_its_users_alone() {
     }
     let is_root = std::fs::metadata("/proc/self").is_ok_and(|own| own.uid() == 0);
     if is_root {
-        // Only root can be somebody else.
+        // Only root can act as another user.
         let paths = names().into_iter().map(|name| format!("/dev/shm/{name}"));
         let insides = ["", "/control_page", "/job.json", "/nodes"].map(|name| format!("/dev/shm/{inside}{name}"));
         for path in paths.chain(insides).filter(|path| Path::new(path).exists()) {

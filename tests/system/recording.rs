@@ -93,7 +93,7 @@ fn live_passes_on_every_byte_of_every_part() {
 }
 
 #[test]
-fn nobody_waits_for_a_viewer_that_is_closed_or_stuck() {
+fn no_process_waits_for_a_viewer_that_is_closed_or_stuck() {
     let desk = Desk::new();
     let plain = desk.run(&SHORT);
     for (name, text, expected) in [("closed.sh", "exit 0", "closed"), ("stuck.sh", "echo $$ > pid; exec sleep 600", "stopped reading")] {

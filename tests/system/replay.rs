@@ -94,7 +94,7 @@ fn short(fault: &str) -> String {
 fn what_a_process_computed_and_a_fault_kept_from_leaving_is_computed_too() {
     let desk = Desk::new();
     for (process, fault) in [
-        // The filter's state goes on from samples whose estimates nobody has seen.
+        // The filter's state goes on from samples whose estimates were not recorded.
         ("estimator", "process = \"estimator\"\nkind = \"drop\"\nprobability = 0.5"),
         ("estimator", "process = \"estimator\"\nkind = \"corrupt\"\nas = \"nan\"\nprobability = 0.3"),
         ("controller", "process = \"controller\"\nkind = \"stale\"\nprobability = 0.5"),

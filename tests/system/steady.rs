@@ -110,7 +110,7 @@ fn in_the_steady_state(mode: &str, judge: impl Fn(&str, &BTreeMap<u64, u64>)) {
     assert_nothing_left(finish(child).launcher);
 }
 
-/// Calls of the futex that a tick may need: a sleep for each input (two where somebody rang for the other one), a ring for each reader.
+/// Calls of the futex that a tick may need: a sleep for each input (two where a writer rang for the other one), a ring for each reader.
 fn futex_bound(process: &str) -> u64 {
     let (inputs, readers) = match process {
         "plant" => (1, 1),

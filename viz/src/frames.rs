@@ -93,7 +93,7 @@ thread_local! {
     static SAID: RefCell<Option<String>> = const { RefCell::new(None) };
 }
 
-/// Does work that panics on damaged bytes: its panic is an error, and nobody sees a stack trace.
+/// Does work that panics on damaged bytes: its panic is an error without a stack trace.
 ///
 /// State touched by the work may be half done then, and must not be used again.
 ///

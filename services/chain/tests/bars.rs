@@ -281,7 +281,7 @@ fn a_wrong_mass_on_the_hybrid_plant() {
 }
 
 #[test]
-#[ignore = "a minute: friction nobody told the controller of"]
+#[ignore = "a minute: friction that the controller does not model"]
 fn unmodelled_friction_on_the_hybrid_plant() {
     for coulomb in [false, true] {
         for observer in [false, true] {

@@ -58,7 +58,7 @@ pub(crate) enum Bench {
     Hop,
     /// Once around four processes: sensor, estimate, singularities, torque.
     Cycle,
-    /// The same on a grid of 1 and 4 kHz, and how late the grid's owner wakes.
+    /// The same on a grid of 1 and 4 kHz, and how late the process that makes the ticks wakes.
     Paced,
     /// The arm's dynamics.
     Model,

@@ -35,7 +35,7 @@ pub(crate) struct CompareArgs {
     /// Seed of every random number of the runs, and of the sweep's lines [default: the scenario's].
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Lay a value over every scenario's, for example control.k_p=900 (repeatable).
+    /// Override a value of every scenario, for example control.k_p=900 (repeatable).
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Lines of the sweep.

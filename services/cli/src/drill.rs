@@ -26,7 +26,7 @@ pub(crate) struct DrillArgs {
     /// Seed of every random number of the runs, and of the ticks of the faults [default: the scenario's].
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Lay a value over the scenario's, for example control.k_p=900 (repeatable).
+    /// Override a value of the scenario, for example control.k_p=900 (repeatable).
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Keep the results here: drill.json and a heat map (SVG and PNG).

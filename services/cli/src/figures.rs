@@ -14,7 +14,7 @@ pub(crate) struct FiguresArgs {
     /// Folder for the figures [default: the next free runs/figures-NNN].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Lay a value over every scenario's, for example plant.encoder_bits=0 (repeatable).
+    /// Override a value of every scenario, for example plant.encoder_bits=0 (repeatable).
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
 }

@@ -1,6 +1,6 @@
 //! Printing for people and pipes.
 
-/// `println!`, but a reader that has gone away (`armplane run | head`) is no error: there is just nobody to tell.
+/// `println!`, but a reader that has gone away (`armplane run | head`) is no error.
 macro_rules! say {
     ($($text:tt)*) => {{
         use std::io::Write as _;

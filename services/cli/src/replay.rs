@@ -19,7 +19,7 @@ pub(crate) struct ReplayArgs {
     /// Which process.
     #[arg(long, value_name = "PROCESS", default_value = "controller", value_parser = replayable)]
     process: Program,
-    /// Lay a value over the recorded scenario's, for example control.k_p=900 (repeatable).
+    /// Override a value of the recorded scenario, for example control.k_p=900 (repeatable).
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
 }

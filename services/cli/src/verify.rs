@@ -29,7 +29,7 @@ pub(crate) struct VerifyArgs {
     /// Seed of every random number of the run [default: the scenario's].
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Lay a value over the scenario's, for example control.k_p=900 (repeatable).
+    /// Override a value of the scenario, for example control.k_p=900 (repeatable).
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// A process graph of your own instead of the built-in one.

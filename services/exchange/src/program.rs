@@ -189,7 +189,7 @@ impl<'a> Program<'a> {
         }
     }
 
-    /// Whether the program still runs. Of one that somebody else has started that is not known.
+    /// Whether the program still runs. of one that was started separately that is not known.
     fn look(&mut self, at: &str) -> Result<(), Failure> {
         match self.child.as_mut().map(Child::try_wait) {
             Some(Ok(Some(status))) => {

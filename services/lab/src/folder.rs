@@ -31,7 +31,7 @@ impl Folder {
         }
     }
 
-    /// It stays, for somebody to look into.
+    /// It is kept for inspection.
     pub(crate) fn keep(self) -> PathBuf {
         match self {
             Self::Kept(path) => path,

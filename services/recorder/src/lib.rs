@@ -1,4 +1,4 @@
-//! The recorder process: reads every topic, judges and hashes the run, and writes the recording. Nobody waits for it in real time.
+//! The recorder process: reads every topic, judges and hashes the run, and writes the recording. No process waits for it in real time.
 #![allow(non_snake_case)]
 
 mod assemble;
@@ -42,7 +42,7 @@ pub const SUMMARY: &str = "summary.json";
 pub const MESSAGES: &str = "messages";
 
 /// Pause between two rounds. To wake up costs more than a tick's messages do, so it takes several at a time: in lockstep, where everybody runs at
-/// full speed, so that nobody has to wait; in real time far fewer than the buffers hold.
+/// full speed, so that no process has to wait; in real time far fewer than the buffers hold.
 const fn pause(mode: Mode) -> Duration {
     match mode {
         Mode::Lockstep => Duration::from_millis(2),

@@ -24,7 +24,7 @@ pub struct Tape {
 }
 
 /// How often the recording is written besides at every checkpoint: a chunk costs the same whatever it holds, and what it holds goes with a run
-/// that is killed whole, or with a volume that is full. The picture is hardly ever, but where somebody watches.
+/// that is killed whole, or with a volume that is full. The picture is written rarely, but where a viewer watches.
 fn chunks(job: &Job) -> viz::Options {
     let often = viz::Options::default();
     let is_followed = job.live || job.mode == job::Mode::Realtime;

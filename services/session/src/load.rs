@@ -17,7 +17,7 @@ pub const DEFAULT_SCENARIO: &str = "fig5-wrist-rotation";
 
 /// A scenario with its robot, its start posture and its process graph, all checked against each other.
 pub struct Loaded {
-    /// With the settings laid over it.
+    /// With the settings applied.
     pub scenario: Scenario,
     /// The arm it names.
     pub robot: Robot,
@@ -25,7 +25,7 @@ pub struct Loaded {
     pub graph: Graph,
 }
 
-/// A scenario by built-in name or path, with settings laid over it.
+/// A scenario by built-in name or path, with settings applied.
 ///
 /// # Errors
 /// [`Failure::Input`] or [`Failure::File`] where there is no such scenario, or it, its robot or its faults are invalid.
@@ -80,7 +80,7 @@ impl Source {
         Ok(Self { file: name.to_owned(), text: read(path)?, folder: path.parent().map(Path::to_owned) })
     }
 
-    /// The scenario with settings laid over it, not yet checked against robot and graph.
+    /// The scenario with settings applied, not yet checked against robot and graph.
     ///
     /// # Errors
     /// [`Failure::File`] where text or settings are invalid.

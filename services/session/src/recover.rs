@@ -41,7 +41,7 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
     Ok(summary)
 }
 
-/// The fault table of a run whose directory nobody has cleaned away.
+/// The fault table of a run whose directory still exists.
 fn left_in_shared_memory(run: &str) -> Vec<FaultRecord> {
     let page = RunDir::open(&Path::new(SHM).join(run)).ok().and_then(|run| ControlPage::open(&run).ok());
     page.map(|page| page.fault_table().records().map(|(_, record)| record).collect()).unwrap_or_default()

@@ -149,7 +149,7 @@ fn lock(folder: &Path) -> io::Result<Option<OwnedFd>> {
     Ok(there.is_some_and(|there| (there.st_dev, there.st_ino) == (ours.st_dev, ours.st_ino)).then_some(held))
 }
 
-/// The next `runs/NAME-NNN` that nobody has made before.
+/// The next `runs/NAME-NNN` that does not exist yet.
 fn next_free(name: &str) -> io::Result<(PathBuf, Option<OwnedFd>, bool)> {
     std::fs::create_dir_all(RUNS)?;
     for n in 1.. {

@@ -21,7 +21,7 @@ use crate::viewer::Live;
 pub struct Request {
     /// A built-in scenario's name, or the path of a scenario file.
     pub scenario: String,
-    /// Values laid over the scenario's: `control.k_p=900`.
+    /// Values that override those of the scenario: `control.k_p=900`.
     pub settings: Vec<String>,
     /// Seed of every random number of the run; the scenario's where it is `None`.
     pub seed: Option<u64>,

@@ -138,7 +138,7 @@ fn numbers(word: &str) -> Option<(u32, u32)> {
 
 /// A running run in the viewer: what the recorder writes into its files is passed on to `rerun -`.
 ///
-/// Nobody waits for the viewer: the recorder writes files as ever, and a thread of this process reads them. The files are the queue, so a
+/// No process waits for the viewer: the recorder writes files as ever, and a thread of this process reads them. The files are the queue, so a
 /// slow viewer falls behind and loses nothing; one that is closed ends the passing on, not the run.
 pub(crate) struct Live {
     over: Arc<AtomicBool>,

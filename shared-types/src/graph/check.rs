@@ -165,10 +165,10 @@ fn check_program(process: &Process) -> Result<(), Complaint> {
     let name = &process.name;
     if process.exchange && process.command.is_empty() && !process.external {
         let message = format!("`{name}` exchanges messages with a program that is not named");
-        return Err(Complaint::new("exchange", message, "give its `command`, or external = true for one that somebody else starts"));
+        return Err(Complaint::new("exchange", message, "give its `command`, or external = true for a program that is started separately"));
     }
     if process.external && !process.command.is_empty() {
-        let message = format!("`{name}` is started by somebody else and has a command");
+        let message = format!("`{name}` is started separately and has a command");
         return Err(Complaint::new("external", message, "take out `command`, or `external`"));
     }
     if process.is_exchanged()
@@ -254,7 +254,7 @@ mod tests {
             ("writes = [\"estimate\"]", "writes = [\"*\"]", "stands in `writes`"),
             ("feedback = [\"torque\"]", "command = [\"mine\"]\nreads = [\"torque\"]", "nothing makes the ticks"),
             ("reads = [\"sensor\"]", "exchange = true\nreads = [\"sensor\"]", "exchanges messages with a program that is not named"),
-            ("reads = [\"sensor\"]", "external = true\ncommand = [\"mine\"]\nreads = [\"sensor\"]", "somebody else and has a command"),
+            ("reads = [\"sensor\"]", "external = true\ncommand = [\"mine\"]\nreads = [\"sensor\"]", "started separately and has a command"),
             ("reads = [\"sensor\"]", "answer_limit_s = 3\nreads = [\"sensor\"]", "and no exchange page"),
             ("reads = [\"sensor\"]", "external = true", "`estimator` reads nothing"),
             ("name = \"estimator\"", "name = \"launcher\"", "names a part of armplane in every run (choose another name)"),

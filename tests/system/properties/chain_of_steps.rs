@@ -122,7 +122,7 @@ impl<C: Checkpoint> Life<C> {
         save(self.checkpoint.get_or_insert_with(C::zeroed));
     }
 
-    /// It is started again from a last checkpoint that somebody may have changed.
+    /// It is started again from a last checkpoint that may have been changed.
     fn tampered(&mut self, hand: &mut Hand<'_>) -> Option<C> {
         let mut last = self.checkpoint?;
         hand.spoil_words(&mut last, 0);
@@ -132,7 +132,7 @@ impl<C: Checkpoint> Life<C> {
     }
 }
 
-/// The whole chain with somebody's fingers in it: of every message any number may be replaced on its way, messages are lost, processes start again
+/// The whole chain under tampering: of every message any number may be replaced on its way, messages are lost, processes start again
 /// from a last message that was tampered with. What acts on the arm stays finite and within the limits. Where the edge refuses what is not finite,
 /// as it does in a run, no process has anything to say that is not finite, unless it was told what is out of all range; and then its replacement,
 /// which goes on from what was said last, is cured.

@@ -48,7 +48,7 @@ pub struct Options {
     pub picture_chunk_s: f64,
     /// Pictures per second.
     pub picture_hz: f64,
-    /// Whether somebody watches as it is made: the viewer follows the end then, and plays nothing again.
+    /// Whether a viewer watches as it is made: the viewer follows the end then, and plays nothing again.
     pub is_live: bool,
 }
 

@@ -134,7 +134,7 @@ fn order(placed: &[Placed], camera: &Camera) -> Vec<usize> {
     left.sort_by(|a, b| placed[*b].depth.total_cmp(&placed[*a].depth));
     let mut out = Vec::with_capacity(n);
     while !left.is_empty() {
-        // In a circle nobody is free: the farthest goes first.
+        // In a circle none is free: the farthest goes first.
         let next = left.remove(left.iter().position(|place| waits[*place] == 0).unwrap_or(0));
         before[next].iter().for_each(|place| waits[*place] = waits[*place].saturating_sub(1));
         out.push(next);

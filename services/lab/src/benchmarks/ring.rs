@@ -95,7 +95,7 @@ pub(super) struct Ring {
 pub(super) struct Measured {
     /// Transport or step measured.
     pub mechanism: Mechanism,
-    /// Once around, from the grid point where there is one, so that a late trip delays nobody's clock.
+    /// Once around, from the grid point where there is one, so that a late trip delays no clock.
     pub trip: Distribution,
     /// From the grid point to the first instruction after it.
     pub wake: Distribution,
@@ -244,7 +244,7 @@ impl<In: Message + Default, Out: Message + Default> Ends for Messages<In, Out> {
     }
 }
 
-/// Blocks of a header and words that nobody touches: by topic, bare on iceoryx2, and by the machine's own means.
+/// Blocks of a header and words that are never touched: by topic, bare on iceoryx2, and by the machine's own means.
 struct Blocks<In: Message, Out: Message> {
     reader: Reader<In>,
     writer: Writer<Out>,
@@ -353,7 +353,7 @@ fn go<E: Ends>(
     if ring.cores[me].is_some() {
         realtime::enter(Some(PRIORITY)).iter().for_each(|right| tracing::warn!("measured without {right}"));
     }
-    // Nobody measures before everybody is connected, whichever mechanism comes first.
+    // No measurement before every process is connected, whichever mechanism comes first.
     shell.tick_source(0).next()?;
     if me == 0 {
         let measured = drive(ring, &mut ends)?;

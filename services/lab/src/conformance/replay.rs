@@ -39,7 +39,7 @@ impl Replayed {
     }
 }
 
-/// Feeds the recorded inputs of a run to the step of one process, with other values laid over the scenario, and compares its outputs.
+/// Feeds the recorded inputs of a run to the step of one process, with values of the scenario overridden, and compares its outputs.
 ///
 /// # Errors
 /// [`Failure`] where the run kept no messages, cannot be read, or the step refuses the scenario.
@@ -109,7 +109,7 @@ fn scheduled_faults(run: &Path, job: &Job, process: &str) -> Result<Vec<Schedule
     Ok(all.into_iter().filter(|scheduled| Some(scheduled.process) == index).collect())
 }
 
-/// The recorded scenario with other values laid over it. The arm stays: its inputs are in the record.
+/// The recorded scenario with values of it overridden. The arm stays: its inputs are in the record.
 fn with_settings(scenario: &Scenario, settings: &[String]) -> Result<Scenario, Failure> {
     if settings.is_empty() {
         return Ok(scenario.clone());

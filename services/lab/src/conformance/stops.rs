@@ -62,7 +62,7 @@ fn stop(pid: u32, wait: impl FnOnce()) {
 /// A handle on a child of this process; `None` where there is none of that process id.
 pub(super) fn child(pid: u32) -> Option<OwnedFd> {
     let process = pidfd_open(Pid::from_raw(pid.cast_signed())?, PidfdFlags::empty()).ok()?;
-    // Behind the handle is a child of ours, or its process id belongs to somebody else by now.
+    // Behind the handle is a child of ours, or its process id belongs to another process by now.
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
     let parent = stat.rsplit_once(") ").and_then(|(_, rest)| rest.split(' ').nth(1)?.parse().ok());
     (parent == Some(getpid().as_raw_nonzero().get())).then_some(process)

@@ -132,7 +132,7 @@ impl fmt::Display for ReplayedText<'_> {
 }
 
 impl Replayed {
-    /// For machines; `settings` are those that were laid over the recorded scenario.
+    /// For machines; `settings` are those that override values of the recorded scenario.
     #[must_use]
     pub fn json(&self, process: &str, job: &Job, settings: &[String]) -> Value {
         let first = self.first().map(|(tick, topic, Difference { field, expected, found })| {

@@ -42,7 +42,7 @@ pub struct Ran {
 pub struct Reference {
     /// Result of the run.
     pub ran: Ran,
-    /// Where its messages are; nowhere yet while nobody needs them.
+    /// Where its messages are; nowhere before they are needed.
     pub messages: Option<PathBuf>,
     /// Whether it is the first of the runs: faults happen to processes, and the graph's own programs run in processes, which one thread does not
     /// have.

@@ -10,7 +10,7 @@ use shared_types::{PlantState, SensorSample};
 /// Torque may change by so much of its limit in a millisecond, whatever happens (`sim::Drive`); the rounding of a sum is allowed for.
 const STEP_PER_MS: f64 = 0.5 + 1e-9;
 
-/// A joint that nobody drives may be carried over its speed limit by gravity and inertia, but not by the drives.
+/// A joint without drive torque may be carried over its speed limit by gravity and inertia, but not by the drives.
 pub(super) const SPEED_MARGIN: f64 = 1.05;
 
 /// The same where a controller is led to full torque by numbers far out of range: that gains 4 % of a PUMA's limit in the millisecond before the

@@ -3,7 +3,7 @@
 //! ```toml
 //! name = "gains"                       # of the results folder: runs/gains
 //! scenario = "fig5-wrist-rotation"     # a built-in scenario, or a file beside this one
-//! set = ["plant.friction=true"]        # laid over every run, as `armplane run --set` does it
+//! set = ["plant.friction=true"]        # overrides a value of every run, as `armplane run --set` does it
 //!
 //! [[key]]                              # a grid: the product of all keys
 //! key = "control.k_p"                  # whatever `--set` accepts
@@ -39,7 +39,7 @@ pub(super) struct Spec {
     pub(super) name: String,
     /// A built-in scenario's name, or a file beside this one.
     pub(super) scenario: String,
-    /// Values laid over the scenario of every run.
+    /// Values that override those of the scenario in every run.
     #[serde(default)]
     pub(super) set: Vec<String>,
     /// The keys that differ from run to run.

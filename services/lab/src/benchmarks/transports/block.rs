@@ -41,7 +41,7 @@ pub(crate) const fn message_words(block: usize) -> usize {
 #[repr(C)]
 pub(crate) struct BlockMessage<const BLOCK: usize, const N: usize, const WAY: usize> {
     header: Header,
-    /// Nobody writes or reads it.
+    /// Never written or read.
     rest: [u64; N],
 }
 
@@ -67,7 +67,7 @@ impl<const BLOCK: usize, const N: usize, const WAY: usize> Layout for BlockMessa
     const TYPE_NAME: &'static str = BLOCK_TOPICS[BLOCK][WAY];
     const FIELDS: &'static [Field] = &[
         Field::known("header", ["Header", "Header"], 0, size_of::<Header>(), "The header"),
-        Field::known("rest", ["[u64; N]", "u64"], size_of::<Header>(), N * size_of::<u64>(), "Words that nobody touches"),
+        Field::known("rest", ["[u64; N]", "u64"], size_of::<Header>(), N * size_of::<u64>(), "words that are never touched"),
     ];
     const ABOUT: &'static str = "A block of a benchmark.";
 }

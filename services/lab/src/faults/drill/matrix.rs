@@ -49,7 +49,7 @@ pub struct Request<'a> {
     pub pairs: u32,
     /// Seed of every random number; the scenario's where it is `None`.
     pub seed: Option<u64>,
-    /// Values laid over the scenarios'.
+    /// Values that override those of the scenario.
     pub settings: &'a [String],
     /// Where `drill.json` and the heat map go; nowhere where it is `None`.
     pub out: Option<&'a Path>,

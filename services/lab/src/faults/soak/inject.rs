@@ -24,7 +24,7 @@ pub(super) enum Done {
     Requested(usize),
     /// The process got its signal.
     Signalled,
-    /// It would have ended the run before its time, or there was nobody to be injected.
+    /// It would have ended the run before its time, or there was no process to inject it into.
     LeftOut(&'static str),
 }
 

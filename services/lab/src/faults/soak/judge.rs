@@ -126,13 +126,13 @@ fn end(seen: &Evidence) -> Option<String> {
     }
 }
 
-/// Every death is detected and recovered, and nobody dies unasked.
+/// Every death is detected and recovered, and no process ends unrequested.
 fn lives(seen: &Evidence) -> Vec<String> {
     let mut broken = Vec::new();
     for Death { process, what, before_end_s, is_detected, is_restarted } in seen.deaths.iter().filter(|death| death.process != WORLD) {
         let is_due = *before_end_s > TIME_TO_RETURN_S;
         if is_due && !is_detected {
-            broken.push(format!("nobody detected {what} of the {process}"));
+            broken.push(format!("no process detected {what} of the {process}"));
         }
         if is_due && !is_restarted {
             broken.push(format!("the {process} was not started again after {what}"));
@@ -165,7 +165,7 @@ fn record(seen: &Evidence) -> Vec<String> {
             }
         }
         Some(full) if seen.ticks > full + u64::from(seen.rate_hz) && seen.recording_error.is_empty() => {
-            broken.push("nobody said that the volume was full".to_owned());
+            broken.push("no message said that the volume was full".to_owned());
         }
         Some(_) => {}
     }
@@ -249,12 +249,12 @@ mod tests {
         caught("of 9898 ticks of 10000", &|seen| (seen.recorder_deaths, seen.files.rows) = (1, 9_898));
         caught("cannot read", &|seen| seen.files.unreadable.push("cannot read run.rrd".to_owned()));
         caught("broke off: full", &|seen| seen.recording_error = "full".to_owned());
-        caught("nobody said", &|seen| seen.full_at = Some(5_000));
+        caught("no message said", &|seen| seen.full_at = Some(5_000));
         caught("of 4550 ticks of 4625", &|seen| {
             (seen.full_at, seen.recording_error, seen.files.rows) = (Some(5_000), "the disk is full".to_owned(), 4_550);
         });
         caught("left behind: armplane-0", &|seen| seen.left_over.push("armplane-0".to_owned()));
-        caught("nobody detected SIGKILL of the analyzer", &|seen| seen.deaths = death(false, true, 9.0));
+        caught("no process detected SIGKILL of the analyzer", &|seen| seen.deaths = death(false, true, 9.0));
         caught("the analyzer was not started again", &|seen| seen.deaths = death(true, false, 9.0));
         caught("ended by itself with exit code 1", &|seen| {
             seen.ended.push(Ended { process: "estimator".to_owned(), exit: Exit::Code(1), is_ours: false });

@@ -19,7 +19,7 @@ pub struct ArmSweep<'a> {
     pub robot: &'a str,
     /// The law.
     pub law: Strategy,
-    /// Values laid over the scenario's defaults.
+    /// Values that override those of the scenario.
     pub settings: &'a [String],
     /// Seed of the lines, and of every random number of their runs.
     pub seed: u64,

@@ -16,7 +16,7 @@ pub struct Request<'a> {
     pub scenarios: &'a [String],
     /// The laws.
     pub laws: &'a [Strategy],
-    /// Values laid over every scenario's.
+    /// Values that override those of every scenario.
     pub settings: &'a [String],
     /// Seed of every random number; the scenario's where it is `None`.
     pub seed: Option<u64>,

@@ -31,7 +31,7 @@ const POSTURES: usize = 9;
 /// A figure and its files, SVG and PNG.
 pub type Saved = (Figure, [PathBuf; 2]);
 
-/// Runs the scenarios of the figures, with other values laid over them, and saves pictures and `figures.json` in the folder `out`, or the next
+/// Runs the scenarios of the figures, with values overridden, and saves pictures and `figures.json` in the folder `out`, or the next
 /// free `runs/figures-NNN`. Returns the figures with their files, and the numbers.
 ///
 /// # Errors
