@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
 use lab::benchmarks::realtime::Ran;
-use lab::benchmarks::{self, Only, Row, Rows};
+use lab::benchmarks::{self, Lockstep, Only, Row, Rows};
 use lab::faults;
 use serde_json::json;
 use session::{Failure, load};
@@ -25,6 +25,12 @@ pub(crate) struct BenchArgs {
     /// floor. Example: --only 4096 --only "same core".
     #[arg(long, value_name = "WORD")]
     only: Vec<String>,
+    /// Another armplane, for example of an earlier version, that `lockstep` runs in turns with this one.
+    #[arg(long, value_name = "PROGRAM")]
+    against: Option<PathBuf>,
+    /// Runs of `lockstep`, of each program.
+    #[arg(long, value_name = "N", default_value_t = 15, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    runs: u32,
     /// How long each paced measurement lasts; s [default: 5; `realtime` 60 at 1 kHz and 20 at 4 kHz; `hour` 3600; `soak` 1800].
     #[arg(long, value_name = "S", value_parser = clap::value_parser!(u64).range(1..=86_400))]
     seconds: Option<u64>,
@@ -68,6 +74,8 @@ pub(crate) enum Bench {
     Plant,
     /// The recorder's work per tick, and its output.
     Record,
+    /// Ticks a second of the whole graph in lockstep, recording on; with --against in turns with another armplane (only when asked for).
+    Lockstep,
     /// The whole graph in real time beside a busy thread on every core: deadlines missed, by process and cause (only when asked for).
     Realtime,
     /// An hour of the arm's time in lockstep: memory, files and the recorder's processor time (only when asked for).
@@ -77,8 +85,10 @@ pub(crate) enum Bench {
 }
 
 pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure> {
-    let chosen =
-        |bench: Bench| args.what.contains(&bench) || args.what.is_empty() && !matches!(bench, Bench::Realtime | Bench::Hour | Bench::Soak);
+    let chosen = |bench: Bench| {
+        args.what.contains(&bench)
+            || args.what.is_empty() && !matches!(bench, Bench::Lockstep | Bench::Realtime | Bench::Hour | Bench::Soak)
+    };
     let load::Loaded { scenario, robot, .. } = load::scenario(load::DEFAULT_SCENARIO, &[], None)?;
     let out = args.out.as_deref().map(folder).transpose()?;
     let terminal = Terminal::default();
@@ -118,6 +128,10 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
         rows.extend(measured);
         record = Some(account);
     }
+    let lockstep = match chosen(Bench::Lockstep) || args.against.is_some() {
+        true => Some(benchmarks::lockstep(args.runs, args.against.as_deref(), observer)?),
+        false => None,
+    };
     if chosen(Bench::Realtime) {
         let rates = if args.rate.is_empty() { vec![1_000, 4_000] } else { args.rate.clone() };
         for rate_hz in rates {
@@ -138,7 +152,7 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
     let machine_line = benchmarks::machine_line(&machine);
     let whole = json!({
         "machine": machine, "rows": rows.iter().map(Row::json).collect::<Vec<_>>(), "record": record,
-        "realtime": realtime.iter().map(Ran::json).collect::<Vec<_>>(), "hour": hour, "soak": soaked,
+        "lockstep": lockstep.as_ref().map(Lockstep::json), "realtime": realtime.iter().map(Ran::json).collect::<Vec<_>>(), "hour": hour, "soak": soaked,
     });
     let mut pictures = match &out {
         Some(out) => save(out, &whole, &rows, &machine_line)?,
@@ -157,6 +171,7 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
             }
         }
         record.iter().for_each(show);
+        lockstep.iter().for_each(show);
         realtime.iter().for_each(show);
         hour.iter().for_each(show);
         soaked.iter().for_each(show);
