@@ -84,8 +84,6 @@ pub(crate) struct Attached {
 pub(crate) struct Context {
     pub(crate) run: RunDir,
     pub(crate) manifest: Manifest,
-    /// For each process whether the loop does not wait for it.
-    pub(crate) leaves: Vec<bool>,
     pub(crate) control_page: Arc<ControlPage>,
     pub(crate) bus: Bus,
     /// Its index in the manifest.
@@ -483,14 +481,10 @@ impl Context {
     /// Tells those that wait for no message but for the others' progress that this process has closed a tick.
     #[inline]
     pub(crate) fn report_progress(&self) {
-        // Without faults everybody waits for messages alone, but for the source: for those outside the loop.
-        if !self.is_unharmed() || self.leaves[self.me] {
-            self.report_closing();
+        // In real time without faults everybody waits for messages alone.
+        if self.is_unharmed() && !self.is_lockstep() {
+            return;
         }
-    }
-
-    #[cold]
-    fn report_closing(&self) {
         match self.protocol().reports_to() {
             Report::Everybody => self.control_page.ring_all(),
             Report::Source(source) => self.control_page.process(source).doorbell().ring(PROGRESS),

@@ -3,11 +3,14 @@
 //! ```text
 //! tick k of a process     its messages of k are sent, or it is down at k; then k is closed and its tick count is k + 1
 //! a reader at k           takes the message of k, or closes k as well once the writer has closed k without one
-//! the tick source at k    begins k when every process has closed k − 1, every process due back by k is back, and no recorder lags
+//! the tick source at k    begins k when no process lags by more than its buffers hold and every process due back by k is back; with faults, when
+//!                         every process has closed k − 1
 //! ```
 //!
 //! A fault anywhere in the chain is therefore a tick without torque at its end, and never a wait for a message that cannot come. All decisions
 //! follow from the outages in the fault table, the tick counts and the states of the processes; none depends on a clock.
+
+use shared_types::fault::ScheduledFault;
 
 use crate::bus::depth::CHAIN_DEPTH;
 
@@ -18,8 +21,6 @@ pub(crate) struct Role {
     pub(crate) makes_ticks: bool,
     /// It collects messages in rounds (the recorder); it closes no ticks for others.
     pub(crate) polled: bool,
-    /// It writes messages that no process of the loop waits for: the source has to.
-    pub(crate) is_leaf: bool,
 }
 
 /// How far a process has come.
@@ -85,6 +86,10 @@ pub(crate) trait View {
     fn recorder_lag(&self) -> u64 {
         RECORDER_LAG
     }
+    /// Ticks that the source may be ahead of any other process.
+    fn chain_lag(&self) -> u64 {
+        CHAIN_LAG
+    }
 }
 
 /// Ticks that the source may be ahead of a polled process.
@@ -93,15 +98,26 @@ pub(crate) trait View {
 /// of a message log holds.
 pub(crate) const RECORDER_LAG: u64 = 256;
 
-/// Ticks that the source may be ahead of a process whose messages the loop does not wait for: half of what a reader's buffer holds.
-pub(crate) const LEAF_LAG: u64 = CHAIN_DEPTH as u64 / 2;
+/// Ticks that the source may be ahead of a process that is not polled: half of what a reader's buffer holds.
+///
+/// Whether the loop waits for a process is not in the graph: a program may declare that it reads a topic and never open it.
+pub(crate) const CHAIN_LAG: u64 = CHAIN_DEPTH as u64 / 2;
+
+/// The end of a process that no plan had, from a tick on of which so many messages have left.
+///
+/// It lasts longer than the source may be ahead of the process: when the replacement returns, none of its messages has been sent before it was connected.
+#[must_use]
+pub fn unplanned_death(process: usize, at: u64, after_outputs: u32, rate_hz: u32) -> ScheduledFault {
+    let death = ScheduledFault::death(process as u32, at, after_outputs, rate_hz);
+    ScheduledFault { until: death.until.max(at.saturating_add(CHAIN_LAG + 2)), ..death }
+}
 
 /// To whom a process reports that it has closed a tick, beyond the readers of its messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Report {
     /// Nobody waits for anything but messages.
     Nobody,
-    /// The tick source waits until all follow it.
+    /// The tick source waits for each process that it is too far ahead of.
     Source(usize),
     /// Everybody: readers of a dead writer wait for the beginning of a tick.
     Everybody,
@@ -160,28 +176,23 @@ impl<'a, V: View> Protocol<'a, V> {
         self.lags(tick).or_else(|| self.awaited(tick)).or_else(|| self.straggler(tick))
     }
 
-    /// A process outside the loop that has more to take in than stays available.
+    /// A process that has more to take in than stays available.
     fn lags(&self, tick: u64) -> Option<usize> {
-        let most = |role: Role| match role {
-            Role { polled: true, .. } => Some(self.view.recorder_lag()),
-            Role { is_leaf: true, .. } => Some(LEAF_LAG),
-            _ => None,
+        let lags = |process: &usize| {
+            let (role, closed) = (self.view.role(*process), self.view.progress(*process).ticks);
+            let most = if role.polled { self.view.recorder_lag() } else { self.view.chain_lag() };
+            !role.makes_ticks && tick > closed.saturating_add(most) && (role.polled || !self.is_down(*process, closed))
         };
-        let lags = |process: &usize, most: u64| {
-            let closed = self.view.progress(*process).ticks;
-            tick > closed + most && (self.view.role(*process).polled || !self.is_down(*process, closed))
-        };
-        self.processes().find(|process| most(self.view.role(*process)).is_some_and(|most| lags(process, most)))
+        self.processes().find(lags)
     }
 
-    /// For the tick source, before it ends: a process outside the loop that has not closed all ticks before a tick; with faults any process, because
-    /// a tick that ends without torque may end before all have answered it.
+    /// For the tick source, before it ends: a process that has not closed all ticks before a tick. A polled process takes in what is left afterwards.
     pub(crate) fn unfinished(&self, tick: u64) -> Option<usize> {
-        let lags = |process: &usize| {
+        let is_behind = |process: &usize| {
             let closed = self.view.progress(*process).ticks;
-            self.view.role(*process).is_leaf && closed < tick && !self.is_down(*process, closed)
+            *process != self.me && !self.view.role(*process).polled && closed < tick && !self.is_down(*process, closed)
         };
-        self.processes().find(lags).or_else(|| self.straggler(tick))
+        self.processes().find(is_behind)
     }
 
     /// A process that the fault table has back by a tick, and that is not back.
@@ -205,14 +216,10 @@ impl<'a, V: View> Protocol<'a, V> {
         self.view.outages().find(is_late).map(|outage| outage.process)
     }
 
-    /// A process that is not through with the ticks before a tick. Where there is no torque to wait for, the source would run ahead, and what
-    /// it sends in a later tick would be taken for what is missing in this one.
+    /// With faults: a process that is not through with the ticks before a tick. Where there is no torque to wait for, the source would run ahead, and
+    /// what it sends in a later tick would be taken for what is missing in this one.
     fn straggler(&self, tick: u64) -> Option<usize> {
-        let lags = |process: &usize| {
-            let closed = self.view.progress(*process).ticks;
-            *process != self.me && !self.view.role(*process).polled && closed < tick && !self.is_down(*process, closed)
-        };
-        if self.view.has_faults() { self.processes().find(lags) } else { None }
+        if self.view.has_faults() { self.unfinished(tick) } else { None }
     }
 
     /// Whether nothing of the ticks before a tick is still to be sent: the tick source waits, and all others have come as far.
@@ -295,7 +302,7 @@ impl<'a, V: View> Protocol<'a, V> {
                     Report::Source(source)
                 }
             }
-            Some(source) if self.view.role(self.me).is_leaf && self.view.is_lockstep() => Report::Source(source),
+            Some(source) if source != self.me && self.view.is_lockstep() => Report::Source(source),
             _ => Report::Nobody,
         }
     }

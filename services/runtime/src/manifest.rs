@@ -154,13 +154,6 @@ impl Manifest {
         self.messages.iter().find(|message| message.topic == topic)
     }
 
-    /// Whether the loop does not wait for a process: no process that is woken by messages reads one of its topics.
-    #[must_use]
-    pub fn is_leaf(&self, process: usize) -> bool {
-        let Process { writes, polled, makes_ticks, .. } = &self.processes[process];
-        !polled && !makes_ticks && writes.iter().all(|topic| self.woken_by(topic).next().is_none())
-    }
-
     /// The one process that writes a topic.
     #[must_use]
     pub fn writer_of(&self, topic: &str) -> Option<usize> {

@@ -13,7 +13,7 @@ impl View for Context {
 
     fn role(&self, process: usize) -> Role {
         let Process { makes_ticks, polled, .. } = self.manifest.processes[process];
-        Role { makes_ticks, polled, is_leaf: self.leaves[process] }
+        Role { makes_ticks, polled }
     }
 
     fn progress(&self, process: usize) -> Progress {

@@ -50,7 +50,8 @@ impl History {
         let outputs: Vec<usize> =
             (0..count).map(|process| if process == 0 { 1 } else { 1 + draw(10 + process as u64, 3) as usize }).collect();
         let reads = |me: usize| {
-            let before = me.saturating_sub(1);
+            // One process in four is read by nobody, at least not by the next.
+            let before = me.saturating_sub(if me > 1 && draw(500 + me as u64, 4) == 0 { 2 } else { 1 });
             let more = (0..before).filter(|other| draw((100 + 10 * me + other) as u64, 3) == 0);
             let inputs = std::iter::once(before).chain(more);
             inputs.map(|writer| (writer, draw((200 + 10 * me + writer) as u64, outputs[writer] as u64) as usize)).collect()
@@ -72,14 +73,14 @@ impl History {
             let until = at + 1 + draw(430 + place, 2 * DOWN);
             Outage { place: place as usize, process, at, until, has_struck: false, is_death: true, is_unplanned: false, after_outputs }
         };
-        let planned = (0..draw(3, 3)).map(planned).collect();
+        let planned = (0..draw(3, 4)).map(planned).collect();
         Self { graph: Graph { reads, outputs, ticks }, kills, planned, schedule: random(seed, 4) }
     }
 
     /// Runs to the end under one schedule.
     fn run(&self, planned: &[Outage], kills: &[(u64, usize)], schedule: u64, defect: Defect) -> Result<(State, u64), String> {
         let count = self.graph.reads.len();
-        let mut state = State::new(&self.graph, planned, 0);
+        let mut state = State::new(&self.graph, planned, 0, defect);
         let mut kills = kills.iter().copied().peekable();
         for step in 0..MOST_STEPS {
             while let Some((_, victim)) = kills.next_if(|kill| kill.0 <= step) {

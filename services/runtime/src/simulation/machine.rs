@@ -10,15 +10,18 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use crate::lockstep::{Outage, Progress, Protocol, Role, View};
 
 /// Ticks that a death lasts.
-pub(super) const DOWN: u64 = 2;
+pub(crate) const DOWN: u64 = 2;
+
+/// Unread messages that the buffer of a reader holds; half as many ticks the source may be ahead, as in [`crate::lockstep`].
+const DEPTH: u64 = 4;
 
 /// A graph: the source is process 0 and has one output; the last output of the last process closes the loop.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Graph {
+pub(crate) struct Graph {
     /// By process: the outputs that it reads, each as the writer and the number of the output.
-    pub(super) reads: Vec<Vec<(usize, usize)>>,
-    pub(super) outputs: Vec<usize>,
-    pub(super) ticks: u64,
+    pub(crate) reads: Vec<Vec<(usize, usize)>>,
+    pub(crate) outputs: Vec<usize>,
+    pub(crate) ticks: u64,
 }
 
 impl Graph {
@@ -32,7 +35,7 @@ impl Graph {
 
 /// Where a process is between two steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(super) enum At {
+pub(crate) enum At {
     /// Dead; the launcher has not detected it.
     Dead,
     /// Detected; the launcher starts it again at some step.
@@ -53,27 +56,28 @@ pub(super) enum At {
 }
 
 /// Writer, number of the output, tick.
-pub(super) type Place = (usize, usize, u64);
+pub(crate) type Place = (usize, usize, u64);
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub(super) struct State {
-    pub(super) progress: Vec<Progress>,
-    pub(super) at: Vec<At>,
-    pub(super) tick: Vec<u64>,
-    pub(super) outages: Vec<Outage>,
+pub(crate) struct State {
+    pub(crate) progress: Vec<Progress>,
+    pub(crate) at: Vec<At>,
+    pub(crate) tick: Vec<u64>,
+    pub(crate) outages: Vec<Outage>,
     /// The state of each process, and the value of its tick in hand.
     memory: Vec<u64>,
     value: Vec<u64>,
     /// The last two commits: tick and state.
     checkpoint: Vec<[Option<(u64, u64)>; 2]>,
-    pub(super) keeper: BTreeMap<Place, u64>,
+    pub(crate) keeper: BTreeMap<Place, u64>,
     buffers: Vec<BTreeMap<Place, u64>>,
-    pub(super) kills_left: u32,
+    pub(crate) kills_left: u32,
+    chain_lag: u64,
     is_stopping: bool,
     /// A process died and the launcher detected it after the last tick: the run is reported as failed, and has no plan that repeats it.
-    pub(super) has_failed: bool,
+    pub(crate) has_failed: bool,
     /// The first promise of the machine itself that was broken.
-    pub(super) broken: Option<&'static str>,
+    pub(crate) broken: Option<&'static str>,
 }
 
 impl View for State {
@@ -81,7 +85,7 @@ impl View for State {
         self.progress.len()
     }
     fn role(&self, process: usize) -> Role {
-        Role { makes_ticks: process == 0, polled: false, is_leaf: false }
+        Role { makes_ticks: process == 0, polled: false }
     }
     fn progress(&self, process: usize) -> Progress {
         self.progress[process]
@@ -95,9 +99,12 @@ impl View for State {
     fn is_lockstep(&self) -> bool {
         true
     }
+    fn chain_lag(&self) -> u64 {
+        self.chain_lag
+    }
 }
 
-pub(super) fn digest(of: impl Hash) -> u64 {
+pub(crate) fn digest(of: impl Hash) -> u64 {
     let mut hasher = DefaultHasher::new();
     of.hash(&mut hasher);
     hasher.finish()
@@ -118,15 +125,18 @@ pub enum Defect {
     NoFinish,
     /// The source does not wait at the beginning of a tick.
     NoHoldBack,
+    /// The source does not wait for a process that the loop does not wait for.
+    NoLag,
 }
 
 impl Defect {
     /// All defects.
-    pub const ALL: [Self; 5] = [Self::NoKeeper, Self::PlacedByClosings, Self::NoDeathWithinTick, Self::NoFinish, Self::NoHoldBack];
+    pub const ALL: [Self; 6] =
+        [Self::NoKeeper, Self::PlacedByClosings, Self::NoDeathWithinTick, Self::NoFinish, Self::NoHoldBack, Self::NoLag];
 }
 
 impl State {
-    pub(super) fn new(graph: &Graph, outages: &[Outage], kills: u32) -> Self {
+    pub(crate) fn new(graph: &Graph, outages: &[Outage], kills: u32, defect: Defect) -> Self {
         let count = graph.reads.len();
         let progress = Progress { ticks: 0, incarnation: 1, is_running: true, awaits_progress: false };
         Self {
@@ -140,6 +150,7 @@ impl State {
             keeper: BTreeMap::new(),
             buffers: vec![BTreeMap::new(); count],
             kills_left: kills,
+            chain_lag: if defect == Defect::NoLag { u64::MAX } else { DEPTH / 2 },
             is_stopping: false,
             has_failed: false,
             broken: None,
@@ -157,13 +168,13 @@ impl State {
         self.buffers[me].get(&place).copied().or_else(|| if missed() { self.keeper.get(&place).copied() } else { None })
     }
 
-    pub(super) fn die(&mut self, me: usize, at: At) {
+    pub(crate) fn die(&mut self, me: usize, at: At) {
         self.progress[me].is_running = false;
         self.at[me] = at;
     }
 
     /// Kills a process that lives, without a plan.
-    pub(super) fn kill(&mut self, me: usize) {
+    pub(crate) fn kill(&mut self, me: usize) {
         if !matches!(self.at[me], At::Dead | At::Detected | At::Done) {
             self.has_failed |= self.is_stopping;
             self.die(me, At::Dead);
@@ -221,7 +232,7 @@ impl State {
     }
 
     /// One step of a process, or of the launcher for it; whether there was one.
-    pub(super) fn step(&mut self, graph: &Graph, me: usize, defect: Defect) -> bool {
+    pub(crate) fn step(&mut self, graph: &Graph, me: usize, defect: Defect) -> bool {
         let tick = self.tick[me];
         match self.at[me] {
             At::Done => return false,
@@ -315,6 +326,9 @@ impl State {
         let readers = graph.readers((me, output));
         if let Some(&reader) = readers.get(stage - 2) {
             let place = (me, output, tick);
+            if self.progress[reader].is_running && tick >= self.tick[reader] + DEPTH {
+                self.broken.get_or_insert("a message is lost: its reader is too far behind");
+            }
             self.buffers[reader].extend(self.keeper.get(&place).map(|message| (place, *message)));
         }
         if stage - 1 < readers.len() {
@@ -330,7 +344,7 @@ impl State {
     }
 
     /// The deaths that the launcher writes into the scenario.
-    pub(super) fn plan(&self) -> Vec<Outage> {
+    pub(crate) fn plan(&self) -> Vec<Outage> {
         self.outages.iter().map(|outage| Outage { has_struck: false, is_unplanned: false, ..*outage }).collect()
     }
 }

@@ -1,7 +1,7 @@
 //! The lockstep protocol simulated in one thread under one seed, with the launcher's part in it: deaths, their places in the plan, replacements.
 
 mod history;
-mod machine;
+pub(crate) mod machine;
 
 #[cfg(test)]
 mod exploration;
