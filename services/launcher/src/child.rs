@@ -1,14 +1,14 @@
 //! One child process: started so that it cannot outlive the launcher, its exit and its last words kept.
 
 use std::collections::VecDeque;
-use std::fmt;
 use std::io::{BufRead, BufReader};
 use std::os::fd::OwnedFd;
-use std::os::unix::process::{CommandExt, ExitStatusExt};
-use std::process::{Command, ExitStatus, Stdio};
+use std::os::unix::process::CommandExt;
+use std::process::{Command, Stdio};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Duration;
 
+use runtime::Exit;
 use rustix::process::{Pid, PidfdFlags, Signal, getppid, pidfd_open, set_parent_process_death_signal};
 
 use crate::delay::Delay;
@@ -17,40 +17,6 @@ use crate::delay::Delay;
 const LAST_WORDS: usize = 20;
 /// How long to wait for the rest of a dead child's standard error.
 const LAST_WORDS_LIMIT: Duration = Duration::from_millis(200);
-
-/// How a process ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Exit {
-    /// By itself, with this code.
-    Code(i32),
-    /// By this signal.
-    Signal(i32),
-}
-
-impl Exit {
-    /// Whether it ended by itself and reported success.
-    #[must_use]
-    pub fn is_success(self) -> bool {
-        self == Self::Code(0)
-    }
-}
-
-impl From<ExitStatus> for Exit {
-    fn from(status: ExitStatus) -> Self {
-        status.code().map_or_else(|| Self::Signal(status.signal().unwrap_or_default()), Self::Code)
-    }
-}
-
-impl fmt::Display for Exit {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {
-            Self::Code(code) => write!(f, "exit code {code}"),
-            Self::Signal(signal) => {
-                write!(f, "signal {signal} ({})", signal_hook::low_level::signal_name(signal).unwrap_or("no name"))
-            }
-        }
-    }
-}
 
 /// A child that has been started and whose exit has not been taken in yet.
 pub(crate) struct Child {

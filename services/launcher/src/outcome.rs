@@ -4,9 +4,7 @@ use std::io;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use runtime::{ControlPageError, FaultRecord, MOST_FAULTS, ManifestError, RunDirError, TopicError};
-
-use crate::child::Exit;
+use runtime::{ControlPageError, Exit, FaultRecord, MOST_FAULTS, ManifestError, RunDirError, TopicError};
 
 /// Why a run could not be prepared; nothing of it is left.
 #[derive(Debug, thiserror::Error)]
@@ -156,4 +154,6 @@ pub struct Outcome {
     pub processes: Vec<ProcessOutcome>,
     /// Its faults, planned and live, in the order in which they were known.
     pub faults: Vec<FaultRecord>,
+    /// By process and tick of its end: the last line that it wrote to its standard error.
+    pub last_lines: Vec<(usize, u64, String)>,
 }

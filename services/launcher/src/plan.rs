@@ -5,10 +5,9 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
-use runtime::{ForeignMessage, Mode, Process};
+use runtime::{Exit, ForeignMessage, Mode, Process};
 use shared_types::fault::ScheduledFault;
 
-use crate::child::Exit;
 use crate::delay::Delay;
 
 /// The response to an unrequested end of a process.

@@ -2,11 +2,10 @@
 
 use std::time::{Duration, Instant};
 
-use runtime::{FaultRecord, Mode, Origin, State, now_ns};
+use runtime::{Exit, FaultRecord, Mode, Origin, State, now_ns, unplanned_death};
 use rustix::process::Signal;
 use shared_types::fault::{Kind, ScheduledFault, Way};
 
-use crate::child::Exit;
 use crate::delay::Delay;
 use crate::outcome::{End, Failure};
 use crate::plan::{Commands, Event, Report, Restart};
@@ -72,7 +71,7 @@ impl Supervised {
 
     /// A death that a fault explains is detected; an unplanned one becomes a fault, so that no process waits for the dead one, and
     /// so that the run can be repeated.
-    fn enter_death(&self, index: usize) -> Result<(), Failure> {
+    fn enter_death(&mut self, index: usize) -> Result<(), Failure> {
         let table = self.control_page.fault_table();
         // Each fault that ends its process has ended one incarnation. Where more have ended, the last one was killed by somebody else, perhaps
         // before it could take the place of one that a fault had ended.
@@ -83,16 +82,23 @@ impl Supervised {
         let is_known = explained >= self.control_page.process(index).incarnation() as usize;
         if !is_known {
             let (tick, sent) = self.left_off(index);
-            let death = ScheduledFault::death(index as u32, tick, sent, self.plan.rate_hz);
+            let death = unplanned_death(index, tick, sent, self.plan.rate_hz);
             let Some(place) = table.enter(&death, Origin::Detected) else {
                 return Err(Failure::NoRoom { process: self.name(index).to_owned(), tick });
             };
+            // Before the others learn of it: their words say how it ended.
+            self.slots.0[index].exit.into_iter().for_each(|exit| table.mark_exit(index, exit));
             table.mark_injected(place, now_ns());
             // After the entry: a reader that finds the tick closed looks for its messages in the keepers' files.
             self.control_page.process(index).close_before(tick);
         }
         table.mark_detected(index, self.ticks(), now_ns());
         self.control_page.ring_all();
+        if let Some(line) = self.slots.0[index].last_words.last() {
+            let unplanned = table.records().filter(|(_, account)| account.origin == Origin::Detected);
+            let last = unplanned.filter(|(_, account)| account.scheduled.process as usize == index).last();
+            self.last_lines.extend(last.map(|(_, account)| (index, account.scheduled.at, line.clone())));
+        }
         Ok(())
     }
 

@@ -1,6 +1,6 @@
 //! Reports faults to the recording: when each was injected, detected, recovered.
 
-use runtime::{FaultRecord, Shell};
+use runtime::{Exit, FaultRecord, Shell};
 use shared_types::fault::{Fault, Kind};
 use shared_types::graph::Graph;
 use viz::Level;
@@ -34,7 +34,7 @@ impl FaultReporter {
                 self.reported.resize(place + 1, 0);
             }
             let reported = &mut self.reported[place];
-            let FaultRecord { scheduled, origin, injected_ns, detected_ns, recovered_ns } = account;
+            let FaultRecord { scheduled, origin, injected_ns, detected_ns, recovered_ns, exit } = account;
             let states = [(injected_ns, INJECTED), (detected_ns, DETECTED), (recovered_ns, RECOVERED)];
             let is_told = injected_ns == 0 || *reported & OVER != 0;
             if is_told && states.iter().all(|(ns, state)| *ns == 0 || *reported & state != 0) {
@@ -51,17 +51,16 @@ impl FaultReporter {
             };
             if injected_ns != 0 && *reported & INJECTED == 0 {
                 *reported |= INJECTED;
-                tape.event(scheduled.at, Level::Error, &format!("fault ({}): {fault}", origin.name()));
-                let (lane, headline) = words(&fault);
+                let sentence = exit.map_or_else(|| fault.to_string(), |exit| format!("the {process} ended with {exit}"));
+                tape.event(scheduled.at, Level::Error, &format!("fault ({}): {sentence}", origin.name()));
+                let (lane, headline) = words(&fault, exit);
                 tape.fault_begins(scheduled.at, place, &lane, &headline);
             }
             if detected_ns != 0 && *reported & DETECTED == 0 {
                 *reported |= DETECTED;
-                tape.event(
-                    scheduled.at,
-                    Level::Warning,
-                    &format!("{} of the {process} detected after {:.2} ms", fault.kind, since_ms(detected_ns)),
-                );
+                let kind = if exit.is_some() { "end" } else { fault.kind.name() };
+                let sentence = format!("{kind} of the {process} detected after {:.2} ms", since_ms(detected_ns));
+                tape.event(scheduled.at, Level::Warning, &sentence);
             }
             if is_over && *reported & INJECTED != 0 && *reported & OVER == 0 {
                 *reported |= OVER;
@@ -77,14 +76,17 @@ impl FaultReporter {
 }
 
 /// A fault for the lane of faults, `controller kill`, and for the headline, `Controller killed`.
-fn words(fault: &Fault) -> (String, String) {
+fn words(fault: &Fault, exit: Option<Exit>) -> (String, String) {
     let way = fault.way.map_or(String::new(), |way| format!(" {way}"));
     let joint = fault.joint.map_or(String::new(), |joint| format!(" of joint {joint}"));
-    let lane = format!("{} {}{way}", fault.process, fault.kind);
     let mut process = fault.process.clone();
     if let Some(first) = process.get_mut(..1) {
         first.make_ascii_uppercase();
     }
+    if let Some(exit @ Exit::Code(_)) = exit {
+        return (format!("{} exit", fault.process), format!("{process} ended with {exit}"));
+    }
+    let lane = format!("{} {}{way}", fault.process, fault.kind);
     let headline = match fault.kind {
         Kind::Kill => format!("{process} killed"),
         Kind::Crash => format!("{process} crashed"),

@@ -51,10 +51,12 @@ pub use control_page::live_statistics::{Distribution, LiveSingularity, LiveState
 pub use control_page::{ControlPage, ControlPageError, Count, Counts, Phase, ProcessEntry, State, Stop};
 pub use doorbell::DoorbellPort;
 pub use environment::{PROCESS_VARIABLE, RUN_VARIABLE};
+pub use fault::exit::Exit;
 pub use fault::message::apply_to_outgoing;
 pub use fault::table::{FaultRecord, FaultTable, MOST_FAULTS, MOST_WHEN_REQUESTED, Origin};
+pub use lockstep::unplanned_death;
 pub use manifest::{Disturbance, ForeignMessage, Manifest, ManifestError, Mode, Process};
-pub use reserved::{reserve, write_reserved};
+pub use reserved::{release_reserve, reserve, write_reserved};
 pub use run_dir::{FoundRun, RunDir, RunDirError, SHM, free_bytes};
 pub use shared_types::process::MAX_PROCESSES;
 pub use shared_types::random::at as random;

@@ -191,7 +191,6 @@ impl Shell {
             // A quarter of what is kept: faults make several messages of one tick, and a block of a message log is not in its file yet.
             recorder_lag: RECORDER_LAG.min(least as u64 / 4),
             run,
-            leaves: (0..manifest.processes.len()).map(|process| manifest.is_leaf(process)).collect(),
             manifest,
             control_page,
             bus,

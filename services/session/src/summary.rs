@@ -1,12 +1,16 @@
 //! The account of a run: the recorder's part, completed by what only the launcher knows.
 
-use launcher::{End, Outcome};
+use launcher::{End, Exit, Outcome};
 use runtime::FaultRecord;
+use shared_types::fault::ScheduledFault;
 use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
 use shared_types::summary::{Deadlines, FaultSummary, ProcessSummary, Summary};
 
 use crate::machine::machine;
+
+/// On every Linux.
+const SIGKILL: i32 = 9;
 
 /// The summary of a run: the recorder's part, completed by what only the launcher knows.
 #[must_use]
@@ -47,6 +51,13 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
     }
     summary.machine = machine();
     let mut faults: Vec<_> = outcome.faults.iter().map(|account| fault_summary(job, account)).collect();
+    for (fault, account) in faults.iter_mut().zip(&outcome.faults).filter(|(_, account)| account.exit.is_some()) {
+        let is_it =
+            |(process, at, _): &&(usize, u64, String)| (*process, *at) == (account.scheduled.process as usize, account.scheduled.at);
+        if let Some((.., line)) = outcome.last_lines.iter().find(is_it) {
+            fault.detail = format!("{}; it said: {line}", fault.detail);
+        }
+    }
     faults.append(&mut summary.faults);
     summary.faults = faults;
     summary.deadlines = deadlines(job, outcome);
@@ -69,10 +80,22 @@ pub(crate) fn fault_summary(job: &Job, account: &FaultRecord) -> FaultSummary {
     let fields = job.graph.target(&process).map(|target| target.fields).unwrap_or_default();
     let fault = account.scheduled.fault(&process, &fields);
     let since_ms = |ns: u64| (account.injected_ns != 0 && ns != 0).then(|| ns.saturating_sub(account.injected_ns) as f64 * 1e-6);
+    let (kind, detail) = match (account.exit, &fault) {
+        (Some(exit), _) => {
+            let kind = match exit {
+                Exit::Code(_) => "exit",
+                Exit::Signal(SIGKILL) => "kill",
+                Exit::Signal(_) => "signal",
+            };
+            (kind, ended(&process, exit, &account.scheduled))
+        }
+        (None, Some(fault)) => (fault.kind.name(), fault.to_string()),
+        (None, None) => ("", String::new()),
+    };
     FaultSummary {
         tick: account.scheduled.at,
-        kind: fault.as_ref().map(|fault| fault.kind.name().to_owned()).unwrap_or_default(),
-        detail: fault.as_ref().map(ToString::to_string).unwrap_or_default(),
+        kind: kind.to_owned(),
+        detail,
         origin: account.origin.name().to_owned(),
         injected: account.injected_ns != 0,
         detected_ms: since_ms(account.detected_ns),
@@ -80,6 +103,15 @@ pub(crate) fn fault_summary(job: &Job, account: &FaultRecord) -> FaultSummary {
         fault,
         process,
     }
+}
+
+/// `estimator ended with exit code 3, at tick 1200, for 100 ticks`.
+fn ended(process: &str, exit: Exit, scheduled: &ScheduledFault) -> String {
+    let after = match scheduled.after_outputs() {
+        0 => String::new(),
+        outputs => format!(" after {outputs} of its messages"),
+    };
+    format!("{process} ended with {exit}, at tick {}{after}, for {} ticks", scheduled.at, scheduled.until.saturating_sub(scheduled.at))
 }
 
 fn named_in(graph: &Graph, sentence: &str) -> String {

@@ -11,6 +11,8 @@ use shared_types::fault::{Kind, MOST_DELAY_TICKS, ScheduledFault};
 
 use shared_types::process::MAX_PROCESSES;
 
+use crate::fault::exit::Exit;
+
 /// Most faults a run may have.
 pub const MOST_FAULTS: usize = 144;
 
@@ -56,6 +58,8 @@ const IN_FORCE: u32 = 2;
 struct Entry {
     standing: AtomicU32,
     origin: AtomicU32,
+    /// How the process ended of it, as [`Exit`] writes it; 0: not known.
+    exit: AtomicU32,
     words: [AtomicU64; WORDS],
     injected_ns: AtomicU64,
     detected_ns: AtomicU64,
@@ -85,6 +89,8 @@ pub struct FaultRecord {
     pub detected_ns: u64,
     /// When the process worked again.
     pub recovered_ns: u64,
+    /// How the process ended, where no plan had the end.
+    pub exit: Option<Exit>,
 }
 
 impl FaultTable {
@@ -158,6 +164,7 @@ impl FaultTable {
             injected_ns: entry.injected_ns.load(Ordering::Relaxed),
             detected_ns: entry.detected_ns.load(Ordering::Relaxed),
             recovered_ns: entry.recovered_ns.load(Ordering::Relaxed),
+            exit: Exit::of_word(entry.exit.load(Ordering::Relaxed)),
         })
     }
 
@@ -171,6 +178,14 @@ impl FaultTable {
         if let Some(entry) = self.entries.get(place) {
             first(&entry.injected_ns, now_ns);
         }
+    }
+
+    /// This process has ended so: for those of its ends that no plan had and of which it is not known yet.
+    pub fn mark_exit(&self, process: usize, exit: Exit) {
+        let unplanned = self.of(process).filter(|entry| entry.origin.load(Ordering::Relaxed) == Origin::Detected as u32);
+        unplanned.for_each(|entry| {
+            let _ = entry.exit.compare_exchange(0, exit.word(), Ordering::Relaxed, Ordering::Relaxed);
+        });
     }
 
     /// A fault of this process is detected at a tick: the one that ended it, and others that are in force or has been shortly before.
@@ -315,9 +330,25 @@ mod tests {
         table.mark_detected(3, 10, 70);
         table.mark_detected(3, 10, 80);
         table.mark_recovered(3, 90);
+        table.mark_exit(3, Exit::Code(1));
         let account = table.record(place).unwrap();
+        assert_eq!(account.exit, None, "the plan says how it ends");
         assert_eq!((account.injected_ns, account.detected_ns, account.recovered_ns, account.origin), (60, 70, 90, Origin::Planned));
         assert_eq!(account.scheduled, scheduled(Kind::Hang, 10));
+    }
+
+    #[test]
+    fn an_end_that_no_plan_had_is_told_as_it_was() {
+        let run = RunDir::create().unwrap();
+        let control_page = ControlPage::create(&run).unwrap();
+        let table = control_page.fault_table();
+        let first = table.enter(&scheduled(Kind::Kill, 10), Origin::Detected).unwrap();
+        table.mark_exit(2, Exit::Signal(9));
+        table.mark_exit(3, Exit::Code(3));
+        let second = table.enter(&scheduled(Kind::Kill, 200), Origin::Detected).unwrap();
+        table.mark_exit(3, Exit::Signal(11));
+        let exits = [first, second].map(|place| table.record(place).unwrap().exit);
+        assert_eq!(exits, [Some(Exit::Code(3)), Some(Exit::Signal(11))]);
     }
 
     #[test]
