@@ -3,9 +3,9 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use runtime::{ControlPage, Hub, Manifest, Mode, Origin, Phase, RunDir, State};
+use runtime::{ControlPage, Exit, Hub, Manifest, Mode, Origin, Phase, RunDir, State};
 
-use crate::child::{Child, Exit};
+use crate::child::Child;
 use crate::delay::Delay;
 use crate::limits;
 use crate::outcome::{End, Failure, LaunchError, Outcome};
@@ -46,7 +46,7 @@ impl Launcher {
         let hub = Hub::create(&run, &manifest)?;
         let slots = plan.children.iter().map(|_| Slot::default()).collect();
         let _sweeper = Sweeper::start(&run)?;
-        Ok(Self(Supervised { slots: Slots(slots), hub, _sweeper, control_page, run, plan, recalls_until: None }))
+        Ok(Self(Supervised { slots: Slots(slots), hub, _sweeper, control_page, run, plan, recalls_until: None, last_lines: Vec::new() }))
     }
 
     /// The run's directory, for files that the processes shall find there (the scenario).
@@ -80,14 +80,15 @@ impl Supervised {
             }
         };
         report(Event::Stopping);
-        let late_failure = self.stop(end == End::Completed, &mut signals, report);
+        let late_failure = self.stop(end == End::Completed, commands, &mut signals, report);
         report(Event::Stopped);
         let end = match (end, late_failure) {
             (End::Completed, Some(failure)) => End::Failed(failure),
             (end, _) => end,
         };
         let faults = self.control_page.fault_table().records().map(|(_, account)| account).collect();
-        let outcome = Outcome { end, ticks: self.ticks(), processes: self.process_outcomes(), faults };
+        let last_lines = std::mem::take(&mut self.last_lines);
+        let outcome = Outcome { end, ticks: self.ticks(), processes: self.process_outcomes(), faults, last_lines };
         let Self { slots, hub, control_page, run, .. } = self;
         drop((slots, hub, control_page));
         // The outcome stands, whatever is left.

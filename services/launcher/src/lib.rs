@@ -3,13 +3,15 @@
 //! The launcher knows names and process ids, never the contents of a message. Its promises:
 //!
 //! * Nothing half-started: when a process cannot be started or does not get ready, the others are stopped and everything is removed.
-//! * No child outlives it, whatever kills it (`PR_SET_PDEATHSIG`); what is left in shared memory then, [`RunDir::remove_stale`] finds.
+//! * No child outlives it, whatever kills it (`PR_SET_PDEATHSIG`), nor what the programs of others have started ([`Guard`]); what is left in shared
+//!   memory then, [`RunDir::remove_stale`] finds.
 //! * Ctrl-C reaches it alone; it asks the children to stop, then tells them (SIGTERM), then makes them (SIGKILL), each with a limit. The
 //!   recorder is stopped last. A second Ctrl-C skips the asking.
 //! * A process that ends unasked ends the run, with one sentence that names it, unless its restart policy says otherwise.
 
 mod child;
 mod delay;
+mod descendants;
 pub mod doctor;
 mod launch;
 mod limits;
@@ -23,12 +25,13 @@ mod tests;
 mod unfinished;
 mod watch;
 
-pub use child::Exit;
 pub use delay::Delay;
+pub use descendants::{Guard, end_descendants, guard};
 pub use launch::Launcher;
 pub use limits::with_room;
 pub use outcome::{End, Failure, LaunchError, Outcome, ProcessOutcome};
 pub use plan::{Child, Event, Limits, Plan, Restart, reexec};
+pub use runtime::Exit;
 pub use signals::Interrupts;
 
 use runtime::RunDir;

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use runtime::{ControlPage, Hub, PROCESS_VARIABLE, RUN_VARIABLE, RunDir, State, now_ns};
+use runtime::{ControlPage, Exit, Hub, PROCESS_VARIABLE, RUN_VARIABLE, RunDir, State, now_ns};
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::time::Timespec;
 
-use crate::child::{self, Exit};
+use crate::child;
 use crate::delay::Delay;
 use crate::outcome::{Failure, LaunchError, ProcessOutcome};
 use crate::plan::{Commands, Event, Plan, Report};
@@ -35,6 +35,8 @@ pub(crate) struct Supervised {
     pub(crate) plan: Plan,
     /// A polled process recalls what it has missed, or did so a moment ago.
     pub(crate) recalls_until: Option<Instant>,
+    /// The last lines of processes that have ended unasked, as in [`crate::Outcome`].
+    pub(crate) last_lines: Vec<(usize, u64, String)>,
 }
 
 #[derive(Debug, Default)]

@@ -2,36 +2,62 @@
 
 use std::time::{Duration, Instant};
 
-use runtime::Stop;
+use runtime::{Exit, Stop};
 use rustix::process::Signal;
 
-use crate::child::Exit;
 use crate::delay::Delay;
 use crate::outcome::Failure;
-use crate::plan::{Limits, Report};
+use crate::plan::{Commands, Limits, Report, Restart};
 use crate::signals::Interrupts;
 use crate::spawn::{BEAT, Supervised};
 
+/// How some of the processes are stopped.
+struct Ending {
+    /// Those that are polled, or the others.
+    polled: bool,
+    /// From the request to stop until SIGTERM, and from SIGTERM until SIGKILL.
+    limit: Duration,
+    /// The run has all its ticks.
+    is_complete: bool,
+    /// A process that does not stop is waited for.
+    is_patient: bool,
+}
+
 impl Supervised {
     /// Stops the chain, then the polled processes; returns the first thing that went wrong meanwhile.
-    pub(crate) fn stop(&mut self, is_complete: bool, signals: &mut Interrupts, report: Report<'_>) -> Option<Failure> {
-        let Limits { stop, stop_polled, kills_at_end, .. } = self.plan.limits;
-        let is_patient = is_complete && !kills_at_end;
-        self.control_page.request_stop(Stop::Chain);
-        let chain = self.stop_those(false, stop, is_patient, signals, report);
-        self.control_page.request_stop(Stop::Everything);
-        let polled = self.stop_those(true, stop_polled, is_patient, signals, report);
-        chain.or(polled)
-    }
-
-    fn stop_those(
+    ///
+    /// A complete run has all its messages: of the chain nothing more is missing. A polled process that has died, or dies now, is replaced as during the
+    /// run, and its replacement takes in what is left.
+    pub(crate) fn stop(
         &mut self,
-        polled: bool,
-        limit: Duration,
-        is_patient: bool,
+        is_complete: bool,
+        commands: Commands<'_>,
         signals: &mut Interrupts,
         report: Report<'_>,
     ) -> Option<Failure> {
+        let Limits { stop, stop_polled, kills_at_end, .. } = self.plan.limits;
+        let is_patient = is_complete && !kills_at_end;
+        let ending = |polled, limit| Ending { polled, limit, is_complete, is_patient };
+        self.control_page.request_stop(Stop::Chain);
+        let chain = self.stop_those(&ending(false, stop), commands, signals, report);
+        self.control_page.request_stop(Stop::Everything);
+        let polled = self.stop_those(&ending(true, stop_polled), commands, signals, report);
+        chain.or(polled)
+    }
+
+    /// Whether the unrequested end of a process at the end of a complete run costs nothing: it is replaced, or it had nothing more to do.
+    fn is_excused(&mut self, index: usize) -> bool {
+        match self.plan.children[index].process.polled {
+            true => self.plan_restart(index).is_ok(),
+            false => {
+                let is_replaceable = self.plan.children[index].restart != Restart::Never;
+                is_replaceable && self.slots.0[index].exit == Some(Exit::Signal(Signal::KILL.as_raw()))
+            }
+        }
+    }
+
+    fn stop_those(&mut self, ending: &Ending, commands: Commands<'_>, signals: &mut Interrupts, report: Report<'_>) -> Option<Failure> {
+        let Ending { polled, limit, is_complete, is_patient } = *ending;
         let mut failure = None;
         let concerned: Vec<usize> =
             (0..self.plan.children.len()).filter(|&index| self.plan.children[index].process.polled == polled).collect();
@@ -43,7 +69,9 @@ impl Supervised {
             }
             let until = Instant::now() + limit;
             let is_last = insist.is_some();
-            while self.any_lives(&concerned) && (Instant::now() < until || is_patient && is_last) {
+            while (self.any_lives(&concerned) || is_complete && polled && self.any_is_due(&concerned))
+                && (Instant::now() < until || is_patient && is_last)
+            {
                 for &index in concerned.iter().filter(|_| is_last) {
                     let halted = self.slots.0[index].child.as_ref().map(|child| child.halted().unwrap_or(Delay::NotStopped));
                     self.note_delay(index, halted, report);
@@ -51,9 +79,17 @@ impl Supervised {
                 self.rest(BEAT);
                 self.pass_lines_on(report);
                 for index in self.take_in_exits(report) {
-                    if !self.slots.0[index].exit.is_some_and(Exit::is_success) && failure.is_none() {
+                    let is_success = self.slots.0[index].exit.is_some_and(Exit::is_success);
+                    let is_fine = is_success || is_complete && self.is_excused(index);
+                    if !is_fine && failure.is_none() {
                         failure = Some(self.died(index));
                     }
+                }
+                if is_complete
+                    && polled
+                    && let Some(failed) = self.start_again(commands, report)
+                {
+                    failure.get_or_insert(failed);
                 }
                 // A second Ctrl-C: no more patience.
                 if signals.pending().is_some() {
@@ -62,6 +98,9 @@ impl Supervised {
             }
         }
         for &index in &concerned {
+            if polled && self.slots.0[index].due.is_some() && failure.is_none() {
+                failure = Some(self.died(index));
+            }
             if let Some(child) = self.slots.0[index].child.as_mut() {
                 child.kill_and_wait();
                 let did_not_stop = Failure::DidNotStop { process: self.name(index).to_owned(), pid: self.slots.0[index].pid, limit };
@@ -74,6 +113,10 @@ impl Supervised {
 
     fn signal(&self, concerned: &[usize], signal: Signal) {
         concerned.iter().filter_map(|&index| self.slots.0[index].child.as_ref()).for_each(|child| child.signal(signal));
+    }
+
+    fn any_is_due(&self, concerned: &[usize]) -> bool {
+        concerned.iter().any(|&index| self.slots.0[index].due.is_some())
     }
 
     fn any_lives(&self, concerned: &[usize]) -> bool {

@@ -8,7 +8,7 @@ use std::time::Duration;
 use message_log::TopicHash;
 use runtime::{Mode, Process, ProcessError, RunDir, SHM, Shell};
 use rustix::process::{Pid, Signal, kill_process};
-use shared_types::{SensorSample, TorqueCommand};
+use shared_types::{SensorSample, StateEstimate, TorqueCommand};
 
 use crate::{Child, End, Event, Exit, Failure, LaunchError, Launcher, Limits, Outcome, Plan, Restart};
 
@@ -29,6 +29,8 @@ fn child_entry() {
         "controller-that-fails" => controller(&run, 100),
         "controller-that-hangs" => hang(&run),
         "controller-that-never-starts" => std::process::exit(7),
+        "controller-that-opens-less" => controller(&run, u64::MAX),
+        "estimator" => slow_estimator(&run),
         "recorder" => recorder(&run, &run.join("recorded")),
         "launcher" => launch_and_tell(),
         _ => panic!("no role {role}"),
@@ -77,6 +79,20 @@ fn controller(run: &Path, fails_at: u64) -> Result<(), ProcessError> {
             torque.tau[1] = f64::NAN;
         }
         torques.send(torque)?;
+    }
+    Ok(())
+}
+
+/// Answers each tick, later than the controller does.
+fn slow_estimator(run: &Path) -> Result<(), ProcessError> {
+    let shell = Shell::open(run, "estimator")?;
+    let mut sensors = shell.reader::<SensorSample>()?;
+    let mut estimates = shell.writer::<StateEstimate>()?;
+    while let Some(sample) = sensors.next()? {
+        let mut estimate = StateEstimate::default();
+        estimate.header.tick = sample.header.tick;
+        std::thread::sleep(Duration::from_micros(500));
+        estimates.send(estimate)?;
     }
     Ok(())
 }
@@ -223,6 +239,18 @@ fn three_processes_pass_ten_thousand_ticks_in_order_and_lose_nothing_twice_the_s
     assert!(!is_left_behind(&ran.name));
     let again = run(plan(Mode::Lockstep, Restart::Never), "controller", 10_000, |_| {});
     assert_eq!(fields(&again.recorded), first, "the same bytes on every topic");
+}
+
+#[test]
+fn a_process_whose_reader_never_opens_its_topic_is_waited_for() {
+    let mut plan = plan(Mode::Lockstep, Restart::Never);
+    plan.children[1].process.reads.push("estimate".into());
+    let estimator = process("estimator", &["sensor"], &["estimate"], false);
+    plan.children.insert(1, Child { process: estimator, ends_run: false, restart: Restart::Never });
+    let outcome = run(plan, "controller-that-opens-less", 1_000, |_| {}).outcome.unwrap();
+    assert_eq!(outcome.end, End::Completed);
+    let sent: Vec<_> = outcome.processes.iter().map(|process| (process.counts.sent, process.counts.lost)).collect();
+    assert_eq!(sent, [(1_000, 0), (1_000, 0), (1_000, 0), (0, 0)], "to the last tick");
 }
 
 #[test]

@@ -234,11 +234,16 @@ impl RowWriter {
     }
 
     /// Goes on behind the last whole block that an earlier writer of the same run left. What follows after byte `from` (of
-    /// [`RowWriter::bytes`], when everything before it had been written) is handed to `each`.
+    /// [`RowWriter::bytes`], when everything before it had been written) is handed to `each`. Where that writer was killed before it had made its file,
+    /// and `from` is 0, the file is made.
     ///
     /// # Errors
-    /// When there is no such file, or it is not of this program's wire format.
+    /// When there is no such file and `from` is not 0, or it is not of this program's wire format.
     pub fn resume(folder: &Path, shape: &Shape, from: u64, each: impl FnMut(Vec<u64>)) -> Result<Self, LogError> {
+        let has_head = std::fs::metadata(shape.path_in(folder)).is_ok_and(|file| file.len() >= HEAD as u64);
+        if from == 0 && !has_head {
+            return Self::create(folder, shape);
+        }
         let mut kept = RowReader::open(folder, shape)?;
         kept.seek(from)?;
         std::iter::from_fn(|| kept.next_row().transpose()).collect::<Result<Vec<_>, _>>()?.into_iter().for_each(each);
