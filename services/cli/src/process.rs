@@ -5,23 +5,42 @@ use std::process::ExitCode;
 
 use clap::{Arg, ArgMatches, FromArgMatches, Subcommand, value_parser};
 use runtime::{ProcessError, Shell};
-use session::{EXCHANGE, Failure, load};
+use session::{EXCHANGE, Failure, GUARD, load};
 use shared_types::process::Program;
 
 /// One process of a running graph; the launcher starts these.
 pub(crate) struct Command {
-    /// `None`: it holds the exchange page of a program of others.
-    program: Option<Program>,
+    part: Part,
     /// The run's directory in shared memory; `None`: that of the run that started this program.
     run: Option<PathBuf>,
 }
 
+/// What this program does for a run.
+#[derive(Clone, Copy)]
+enum Part {
+    /// One of its own processes.
+    Process(Program),
+    /// The exchange page of a program of others.
+    Exchange,
+    /// It ends what is left when the launcher has ended.
+    Guard,
+}
+
+impl Part {
+    fn named(name: &str) -> Option<Self> {
+        match name {
+            EXCHANGE => Some(Self::Exchange),
+            GUARD => Some(Self::Guard),
+            _ => Program::named(name).map(Self::Process),
+        }
+    }
+}
+
 impl FromArgMatches for Command {
     fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
-        let of = |name| if name == EXCHANGE { Some(None) } else { Program::named(name).map(Some) };
-        let chosen = matches.subcommand().and_then(|(name, matches)| Some((of(name)?, matches.get_one::<PathBuf>("run").cloned())));
-        let (program, run) = chosen.ok_or_else(|| clap::Error::new(clap::error::ErrorKind::InvalidSubcommand))?;
-        Ok(Self { program, run })
+        let chosen = matches.subcommand().and_then(|(name, matches)| Some((Part::named(name)?, matches.get_one::<PathBuf>("run").cloned())));
+        let (part, run) = chosen.ok_or_else(|| clap::Error::new(clap::error::ErrorKind::InvalidSubcommand))?;
+        Ok(Self { part, run })
     }
 
     fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
@@ -32,7 +51,7 @@ impl FromArgMatches for Command {
 
 impl Subcommand for Command {
     fn augment_subcommands(command: clap::Command) -> clap::Command {
-        Program::ALL.into_iter().map(Program::name).chain([EXCHANGE]).fold(command, |command, name| {
+        Program::ALL.into_iter().map(Program::name).chain([EXCHANGE, GUARD]).fold(command, |command, name| {
             let run = Arg::new("run").long("run").value_name("DIR").value_parser(value_parser!(PathBuf));
             command.subcommand(clap::Command::new(name).hide(true).arg(run.help("The run's directory in shared memory")))
         })
@@ -43,7 +62,7 @@ impl Subcommand for Command {
     }
 
     fn has_subcommand(name: &str) -> bool {
-        name == EXCHANGE || Program::named(name).is_some()
+        Part::named(name).is_some()
     }
 }
 
@@ -53,7 +72,15 @@ pub(crate) fn run(command: &Command) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn work(Command { program, run }: &Command) -> Result<(), ProcessError> {
+fn work(Command { part, run }: &Command) -> Result<(), ProcessError> {
+    let program = match part {
+        Part::Process(program) => Some(*program),
+        Part::Exchange => None,
+        Part::Guard => {
+            run.iter().for_each(|run| launcher::guard(run));
+            return Ok(());
+        }
+    };
     let shell = Shell::started(run.as_deref(), program.map(Program::name))?;
     let job = shell.job()?;
     let robot = load::robot_of(&job.robot).map_err(ProcessError::setup)?;

@@ -21,10 +21,9 @@ mod turn;
 use std::process::Command;
 use std::time::Duration;
 
-use runtime::{Mode, Origin, ProcessError, Shell, now_ns};
+use runtime::{Exit, Mode, Origin, ProcessError, Shell, now_ns, unplanned_death};
 use shared_types::codes::{REQUEST_START, USE_FEEDBACK, USE_READS, USE_WRITES};
 use shared_types::exchange::EXCHANGE_STATE;
-use shared_types::fault::ScheduledFault;
 use shared_types::graph::{Graph, Process, Role};
 use shared_types::layout::MessageLayout;
 
@@ -114,7 +113,9 @@ fn death(shell: &Shell, name: &str, tick: u64, failure: &Failure) -> ProcessErro
     let manifest = shell.manifest();
     if let Some(me) = manifest.index_of(name).filter(|_| tick > 0 || shell.incarnation() == 1) {
         let table = shell.fault_table();
-        if let Some(place) = table.enter(&ScheduledFault::death(me as u32, tick, 0, manifest.rate_hz), Origin::Detected) {
+        if let Some(place) = table.enter(&unplanned_death(me, tick, 0, manifest.rate_hz), Origin::Detected) {
+            // As this process is about to end.
+            table.mark_exit(me, Exit::Code(1));
             table.mark_injected(place, now_ns());
             table.mark_detected(me, tick, now_ns());
         }

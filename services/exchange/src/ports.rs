@@ -1,6 +1,7 @@
 //! The topics of an exchange page: each message between shared memory and the page.
 
 use std::collections::VecDeque;
+use std::marker::PhantomData;
 
 use bytemuck::{bytes_of, bytes_of_mut};
 use runtime::{Collector, Interrupted, ProcessError, Reader, Shell, Writer};
@@ -114,42 +115,38 @@ impl<M: Topic> Gathered for Gathering<M> {
     }
 }
 
-fn open<P>(topic: &str, opened: Option<Result<P, ProcessError>>) -> Result<P, ProcessError> {
+/// Opens a topic as one of the three ends; `place` is its place on the page.
+pub(crate) fn open<E: End + ?Sized>(shell: &Shell, topic: &str, place: usize) -> Result<Box<E>, ProcessError> {
+    struct Open<'a, E: ?Sized>(&'a Shell, usize, PhantomData<E>);
+    impl<E: End + ?Sized> Each for Open<'_, E> {
+        type Output = Result<Box<E>, ProcessError>;
+        fn each<M: Topic>(&mut self) -> Self::Output {
+            E::of::<M>(self.0, self.1)
+        }
+    }
+    let opened = topics::named(topic, &mut Open(shell, place, PhantomData::<E>));
     opened.ok_or_else(|| ProcessError::setup(format!("an exchange page does not carry `{topic}`")))?
 }
 
-/// Opens a topic to read it tick by tick; `place` is its place on the page.
-pub(crate) fn input(shell: &Shell, topic: &str, place: usize) -> Result<Box<dyn Input>, ProcessError> {
-    struct Open<'a>(&'a Shell, usize);
-    impl Each for Open<'_> {
-        type Output = Result<Box<dyn Input>, ProcessError>;
-        fn each<M: Topic>(&mut self) -> Self::Output {
-            Ok(Box::new(Reading { reader: self.0.reader::<M>()?, place: self.1 }))
-        }
-    }
-    open(topic, topics::named(topic, &mut Open(shell, place)))
+/// What a process does with a topic: how its end is made for a message type.
+pub(crate) trait End {
+    fn of<M: Topic>(shell: &Shell, place: usize) -> Result<Box<Self>, ProcessError>;
 }
 
-/// Opens a topic to write it.
-pub(crate) fn output(shell: &Shell, topic: &str, place: usize) -> Result<Box<dyn Output>, ProcessError> {
-    struct Open<'a>(&'a Shell, usize);
-    impl Each for Open<'_> {
-        type Output = Result<Box<dyn Output>, ProcessError>;
-        fn each<M: Topic>(&mut self) -> Self::Output {
-            Ok(Box::new(Writing { writer: self.0.writer::<M>()?, place: self.1, message: M::zeroed() }))
-        }
+impl End for dyn Input {
+    fn of<M: Topic>(shell: &Shell, place: usize) -> Result<Box<Self>, ProcessError> {
+        Ok(Box::new(Reading { reader: shell.reader::<M>()?, place }))
     }
-    open(topic, topics::named(topic, &mut Open(shell, place)))
 }
 
-/// Opens a topic to take in all of it.
-pub(crate) fn gathered(shell: &Shell, topic: &str, place: usize) -> Result<Box<dyn Gathered>, ProcessError> {
-    struct Open<'a>(&'a Shell, usize);
-    impl Each for Open<'_> {
-        type Output = Result<Box<dyn Gathered>, ProcessError>;
-        fn each<M: Topic>(&mut self) -> Self::Output {
-            Ok(Box::new(Gathering { collector: self.0.collector::<M>()?, place: self.1, waiting: VecDeque::new() }))
-        }
+impl End for dyn Output {
+    fn of<M: Topic>(shell: &Shell, place: usize) -> Result<Box<Self>, ProcessError> {
+        Ok(Box::new(Writing { writer: shell.writer::<M>()?, place, message: M::zeroed() }))
     }
-    open(topic, topics::named(topic, &mut Open(shell, place)))
+}
+
+impl End for dyn Gathered {
+    fn of<M: Topic>(shell: &Shell, place: usize) -> Result<Box<Self>, ProcessError> {
+        Ok(Box::new(Gathering { collector: shell.collector::<M>()?, place, waiting: VecDeque::new() }))
+    }
 }

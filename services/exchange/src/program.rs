@@ -6,7 +6,7 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use runtime::Shell;
-use rustix::process::{Signal, getpid, getppid, set_parent_process_death_signal};
+use rustix::process::{Pid, Signal, getpid, getppid, kill_process_group, set_parent_process_death_signal};
 use rustix::thread::futex;
 use shared_types::codes::{ANSWER_DONE, ANSWER_FAILED, ANSWER_OVER, PROGRAM_AWAITED, PROGRAM_JOINED, REQUEST_STOP, USE_WRITES};
 use shared_types::exchange::{EXCHANGE_STATE, EXCHANGE_VARIABLE, EXCHANGE_VERSION};
@@ -20,8 +20,14 @@ const LOOK: Duration = Duration::from_millis(5);
 /// The time that a program has to end by itself.
 const GRACE: Duration = Duration::from_secs(1);
 
-/// The time that a program of ours to start has until it has joined: an interpreter may have much to load.
+/// The time that a program has until it has joined, where its process starts it: an interpreter may have much to load ...
 const LONGEST_START: Duration = Duration::from_secs(60);
+
+/// ... and where a person starts it.
+const LONGEST_EXTERNAL_START: Duration = Duration::from_secs(600);
+
+/// So long after its start a program that has not joined is reported.
+const SLOW_START: Duration = Duration::from_secs(5);
 
 /// The program's fault.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -71,6 +77,8 @@ pub(crate) struct Program<'a> {
     shell: &'a Shell,
     process: String,
     child: Option<Child>,
+    /// The process group of the program and of what it starts.
+    group: Option<Pid>,
     pub(crate) page: Page,
     limit: Duration,
     /// Whether a stop of the run ends a wait: not for an observer, which takes in what is still there.
@@ -91,16 +99,19 @@ impl<'a> Program<'a> {
         let child = match command {
             Some(command) => Some(start(command, &page).map_err(failed)?),
             None => {
-                eprintln!("start the program of {process} with: {EXCHANGE_VARIABLE}={} COMMAND", page.path().display());
+                let (limit_s, page) = (LONGEST_EXTERNAL_START.as_secs(), page.path().display());
+                eprintln!("start the program of {process} within {limit_s} s with: {EXCHANGE_VARIABLE}={page} COMMAND");
                 None
             }
         };
-        Ok(Self { shell, process: process.to_owned(), child, page, limit, is_hasty })
+        let group = child.as_ref().map(Pid::from_child);
+        Ok(Self { shell, process: process.to_owned(), child, group, page, limit, is_hasty })
     }
 
     /// Waits until the program has joined, and compares versions and layouts; `false` when the run stops before.
     pub(crate) fn join(&mut self, topics: &[(MessageLayout, u32)]) -> Result<bool, Failure> {
-        let began = Instant::now();
+        let (began, mut is_reported) = (Instant::now(), self.child.is_none());
+        let limit = if self.child.is_some() { LONGEST_START } else { LONGEST_EXTERNAL_START };
         while self.page.program() == PROGRAM_AWAITED {
             if self.shell.is_stopping() {
                 return Ok(false);
@@ -110,8 +121,12 @@ impl<'a> Program<'a> {
                 Err(_) if self.page.program() != PROGRAM_AWAITED => break,
                 looked => looked?,
             }
-            if self.child.is_some() && began.elapsed() > LONGEST_START {
-                return Err(Failure::Absent { process: self.process.clone(), limit: LONGEST_START });
+            if began.elapsed() > SLOW_START && !is_reported {
+                is_reported = true;
+                eprintln!("the program of {} has not joined yet; it has {} s in all", self.process, limit.as_secs());
+            }
+            if began.elapsed() > limit {
+                return Err(Failure::Absent { process: self.process.clone(), limit });
             }
             std::thread::sleep(LOOK);
         }
@@ -200,29 +215,32 @@ impl<'a> Program<'a> {
         }
     }
 
-    /// Asks the program to end, for a reason where there is one, and sees to it.
+    /// Asks the program to end, for a reason where there is one, and sees to it. What it has started in its process group ends with it.
     pub(crate) fn end(mut self, reason: &str) {
         self.page.give_reason(reason);
         self.page.ask(REQUEST_STOP, 0);
-        let Some(mut child) = self.child.take() else { return };
-        let began = Instant::now();
-        while began.elapsed() < GRACE {
-            if !matches!(child.try_wait(), Ok(None)) {
-                return;
+        if let Some(mut child) = self.child.take() {
+            let began = Instant::now();
+            while began.elapsed() < GRACE && matches!(child.try_wait(), Ok(None)) {
+                std::thread::sleep(LOOK);
             }
-            std::thread::sleep(LOOK);
+            if matches!(child.try_wait(), Ok(None)) {
+                eprintln!("the program of {} has not ended within {} s and is killed", self.process, GRACE.as_secs());
+                let _ = child.kill();
+                let _ = child.wait();
+            }
         }
-        eprintln!("the program of {} has not ended within {} s and is killed", self.process, GRACE.as_secs());
-        let _ = child.kill();
-        let _ = child.wait();
+        if let Some(group) = self.group {
+            let _ = kill_process_group(group, Signal::KILL);
+        }
     }
 }
 
-/// Starts the command so that it cannot outlive this process, which may be killed at any tick.
+/// Starts the command in a process group of its own, so that it cannot outlive this process, which may be killed at any tick.
 fn start(mut command: Command, page: &Page) -> std::io::Result<Child> {
     let parent = getpid();
     // Its output goes into the log of the run.
-    command.env(EXCHANGE_VARIABLE, page.path()).stdin(Stdio::null()).stdout(std::io::stderr());
+    command.env(EXCHANGE_VARIABLE, page.path()).stdin(Stdio::null()).stdout(std::io::stderr()).process_group(0);
     // SAFETY: between fork and exec only two system calls are made; nothing is allocated or locked.
     unsafe {
         command.pre_exec(move || {

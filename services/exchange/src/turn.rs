@@ -10,7 +10,7 @@ use shared_types::{Message, TorqueCommand};
 
 use crate::checkpoint::ProgramCheckpoint;
 use crate::ended::Ended;
-use crate::ports::{self, Gathered, Input, Output};
+use crate::ports::{self, End, Gathered, Input, Output};
 use crate::program::{Answer, Failure, Program};
 
 /// How long after the controller refused to go on the run lasts: time to come to rest; s.
@@ -32,12 +32,9 @@ fn of_use(topics: Topics<'_>, usage: u32) -> impl Iterator<Item = (usize, &str)>
     topics.iter().enumerate().filter(move |(_, (_, used))| *used == usage).map(|(place, (layout, _))| (place, layout.topic.as_str()))
 }
 
-fn inputs(shell: &Shell, topics: Topics<'_>, usage: u32) -> Result<Vec<Box<dyn Input>>, Ended> {
-    of_use(topics, usage).map(|(place, topic)| Ok(ports::input(shell, topic, place)?)).collect()
-}
-
-fn outputs(shell: &Shell, topics: Topics<'_>) -> Result<Vec<Box<dyn Output>>, Ended> {
-    of_use(topics, USE_WRITES).map(|(place, topic)| Ok(ports::output(shell, topic, place)?)).collect()
+/// The ends of the topics of one use.
+fn ends<E: End + ?Sized>(shell: &Shell, topics: Topics<'_>, usage: u32) -> Result<Vec<Box<E>>, Ended> {
+    of_use(topics, usage).map(|(place, topic)| Ok(ports::open(shell, topic, place)?)).collect()
 }
 
 /// One question; what the program wrote is checked as a whole before the first message leaves. The caller sends.
@@ -56,7 +53,8 @@ fn step(program: &mut Program<'_>, outputs: &mut [Box<dyn Output>], tick: u64) -
 ///
 /// It is asked as soon as that torque is there, before the tick is due: the time it takes does not delay the samples.
 pub(crate) fn world(shell: &Shell, topics: Topics<'_>, program: &mut Program<'_>, length: u64) -> Result<(), Ended> {
-    let (mut inputs, mut outputs) = (inputs(shell, topics, USE_FEEDBACK)?, outputs(shell, topics)?);
+    let mut inputs = ends::<dyn Input>(shell, topics, USE_FEEDBACK)?;
+    let mut outputs = ends::<dyn Output>(shell, topics, USE_WRITES)?;
     let torque = of_use(topics, USE_FEEDBACK).find(|(_, topic)| *topic == TorqueCommand::TOPIC).map(|(place, _)| place);
     let (refused_limit, limit) = (REFUSED_S * u64::from(shell.manifest().rate_hz), LONGEST.saturating_mul(length));
     let (mut source, mut refused) = (shell.tick_source(0), 0);
@@ -88,7 +86,8 @@ pub(crate) fn stage(
     program: &mut Program<'_>,
     checkpoint: &mut CheckpointSlots<ProgramCheckpoint>,
 ) -> Result<(), Ended> {
-    let (mut inputs, mut outputs) = (inputs(shell, topics, USE_READS)?, outputs(shell, topics)?);
+    let mut inputs = ends::<dyn Input>(shell, topics, USE_READS)?;
+    let mut outputs = ends::<dyn Output>(shell, topics, USE_WRITES)?;
     // The graph lists a process's inputs in the order of the data: the last one comes last.
     let Some(mut last) = inputs.pop() else { return Ok(()) };
     'ticks: while let Some(tick) = last.next(&program.page)? {
@@ -115,8 +114,7 @@ pub(crate) fn stage(
 
 /// Shows every tick, when the messages of all topics have come.
 pub(crate) fn observer(shell: &Shell, topics: Topics<'_>, program: &mut Program<'_>) -> Result<(), Ended> {
-    let mut gathered =
-        of_use(topics, USE_READS).map(|(place, topic)| ports::gathered(shell, topic, place)).collect::<Result<Vec<_>, _>>()?;
+    let mut gathered = ends::<dyn Gathered>(shell, topics, USE_READS)?;
     while shell.poll(ROUND)? {
         for topic in &mut gathered {
             topic.collect()?;

@@ -84,6 +84,9 @@ pub fn launch_watched(
             .map_err(|error| Failure::Work(format!("cannot write {}: {error}", job.out.join(JOB).display())))?;
     }
     begin(&RunDir::open(&run_dir).map_err(Failure::work)?)?;
+    let has_programs = job.graph.process.iter().any(|process| !process.command.is_empty());
+    let start_guard = || launcher::Guard::start(launcher::reexec(GUARD, &run_dir)?, &run_dir);
+    let _guard = has_programs.then(start_guard).transpose().map_err(|error| Failure::Work(format!("cannot start {GUARD}: {error}")))?;
     let mut account = None;
     let outcome = launcher.run(&|name, run| command(&job, name, run), &mut |event| {
         if event == Event::Stopped {
@@ -96,12 +99,19 @@ pub fn launch_watched(
 
 /// The command of a process: this program itself, which also holds the exchange page for a program of others; or the one in the graph.
 fn command(job: &Job, name: &str, run: &Path) -> std::io::Result<Command> {
+    if job.graph.process(name).is_some_and(|process| !process.command.is_empty()) {
+        // Started again: what its predecessor has left.
+        launcher::end_descendants(run, Some(name));
+    }
     if job.graph.process(name).is_some_and(Process::is_exchanged) {
         return launcher::reexec(EXCHANGE, run);
     }
     let program = job.graph.process(name).map_or(name, Process::program_name);
     load::command(&job.graph, name).map_or_else(|| launcher::reexec(program, run), Ok)
 }
+
+/// The subcommand that ends what the programs of a run have started when its launcher has ended.
+pub const GUARD: &str = "guard";
 
 /// The subcommand that holds the exchange page of a process.
 pub const EXCHANGE: &str = "exchange";

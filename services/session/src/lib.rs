@@ -24,7 +24,7 @@ mod viewer;
 
 pub use failure::Failure;
 pub use injection::inject;
-pub use launch::{Begin, EXCHANGE, interrupts, launch, launch_begun, launch_watched};
+pub use launch::{Begin, EXCHANGE, GUARD, interrupts, launch, launch_begun, launch_watched};
 pub use layout::save_blueprint;
 pub use machine::machine;
 pub use plan::plan;
