@@ -90,6 +90,8 @@ pub struct Target {
     pub index: u32,
     /// Its part in the run.
     pub role: Role,
+    /// Its step is done by a program of others, by an exchange page.
+    pub is_exchanged: bool,
     /// The fields of the message that a corruption concerns: the first that faults shape.
     pub fields: Vec<Field>,
 }
@@ -98,7 +100,7 @@ impl Target {
     /// The process at a place of the manifest that sends messages of type `M`.
     #[must_use]
     pub fn sending<M: Message>(index: u32, role: Role) -> Self {
-        Self { index, role, fields: M::FIELDS.to_vec() }
+        Self { index, role, is_exchanged: false, fields: M::FIELDS.to_vec() }
     }
 }
 
@@ -193,6 +195,10 @@ impl Fault {
             let names: Vec<_> = roles.iter().map(|role| role.about()).collect();
             let remedy = format!("it can happen to {}", names.join(" and to "));
             return Err(Complaint::new("kind", format!("`{kind}` cannot happen to the {}", self.process), remedy));
+        }
+        if kind.needs_own_files() && on.is_exchanged {
+            let message = format!("`{kind}` cannot happen to {}: its program writes its files itself", self.process);
+            return Err(Complaint::new("kind", message, "plan it for the recorder, or let the program write to a volume of limited size"));
         }
         let target = match kind {
             Kind::Corrupt => self.corrupted_place(&on.fields)?,

@@ -40,6 +40,7 @@ pub fn inject(wanted: Option<&str>, fault: &Fault) -> Result<(String, Fault), Fa
     let target = job.and_then(|job| job.graph.target(&fault.process)).unwrap_or(Target {
         index: index as u32,
         role: Role::Stage,
+        is_exchanged: false,
         fields: Vec::new(),
     });
     let scheduled = fault.schedule(&target, manifest.rate_hz, seed).map_err(|complaint| Failure::Input(complaint.to_string()))?;

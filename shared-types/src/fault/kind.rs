@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::process::Role;
+use crate::process::{Process, Role};
 
 /// Declares an enumeration of words: the variants, their spelling in files and their numbers in shared memory.
 macro_rules! words {
@@ -206,6 +206,18 @@ impl Kind {
     #[must_use]
     pub fn roles(self) -> &'static [Role] {
         self.rule().roles
+    }
+
+    /// Whether it concerns files that the process writes itself: the limit that stands for a full volume does not reach other processes.
+    #[must_use]
+    pub fn needs_own_files(self) -> bool {
+        self == Self::DiskFull
+    }
+
+    /// Whether it can happen to a process of a graph.
+    #[must_use]
+    pub fn suits(self, process: &Process) -> bool {
+        self.roles().contains(&process.role()) && !(self.needs_own_files() && process.is_exchanged())
     }
 
     /// Whether the process is dead or stands still meanwhile.

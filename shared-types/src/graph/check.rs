@@ -4,6 +4,7 @@ use super::topology::Graph;
 use crate::file::Complaint;
 use crate::process::{MAX_PROCESSES, Process, Program, Role};
 use crate::topics::TOPICS;
+use crate::wire::MAX_HOPS;
 
 /// In `reads`: all topics that others write.
 pub(super) const EVERYTHING: &str = "*";
@@ -53,7 +54,17 @@ impl Graph {
             check_program(process).map_err(|complaint| complaint.within(&format!("process.{i}")))?;
         }
         self.check_once_only()?;
-        self.check_loop()
+        self.check_loop()?;
+        self.check_stamps()
+    }
+
+    /// A message has room for the time stamps of so many processes.
+    fn check_stamps(&self) -> Result<(), Complaint> {
+        let stamping: Vec<usize> = (0..self.process.len()).filter(|&i| self.process[i].role() != Role::Observer).collect();
+        let Some(ninth) = stamping.get(MAX_HOPS) else { return Ok(()) };
+        let message = format!("{} processes write messages, and a message has room for the time stamps of {MAX_HOPS}", stamping.len());
+        let remedy = format!("let one process do the work of several, or let `{}` only read", self.process[*ninth].name);
+        Err(Complaint::new(format!("process.{ninth}.writes"), message, remedy))
     }
 
     /// A second recorder would write the same files.

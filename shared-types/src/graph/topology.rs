@@ -77,11 +77,16 @@ impl Graph {
         let index = self.process.iter().position(|one| one.name == process)?;
         let process = &self.process[index];
         let fields = corrupted_topic(&process.writes).and_then(|topic| self.layout(topic)).map(|layout| layout.fields);
-        Some(Target { index: u32::try_from(index).ok()?, role: process.role(), fields: fields.unwrap_or_default() })
+        Some(Target {
+            index: u32::try_from(index).ok()?,
+            role: process.role(),
+            is_exchanged: process.is_exchanged(),
+            fields: fields.unwrap_or_default(),
+        })
     }
 
     /// The processes that stamp their messages, each at its place in [`Stamps`](crate::wire::Stamps): first the one that makes the ticks, then the
-    /// others in the order of the data. Observers have no place, nor have processes beyond the last place.
+    /// others in the order of the data. Observers have no place; a graph with more processes than places is refused.
     #[must_use]
     pub fn hops(&self) -> Vec<&Process> {
         let stamping = |process: &&Process| process.role() != Role::Observer;

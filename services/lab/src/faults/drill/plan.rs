@@ -17,8 +17,8 @@ pub(super) struct Only {
 impl Only {
     /// Where no process of the graph has this cell: the processes that this kind of fault applies to.
     pub(super) fn remedy(&self, graph: &Graph) -> String {
-        let suits = |process: &&shared_types::process::Process| self.kind.roles().contains(&process.role());
-        let names: Vec<&str> = graph.process.iter().filter(suits).map(|process| process.name.as_str()).collect();
+        let names: Vec<&str> =
+            graph.process.iter().filter(|process| self.kind.suits(process)).map(|process| process.name.as_str()).collect();
         format!("`{}` can happen to {}", self.kind, names.join(", "))
     }
 
@@ -52,11 +52,11 @@ pub(super) struct Terms<'a> {
 /// Every kind in every way for every process, and a seeded sample of pairs of them.
 pub(super) fn plans(terms: &Terms<'_>, only: Option<&Only>, pairs: u32) -> Vec<Plan> {
     let mut singles = Vec::new();
-    for (process, role) in terms.graph.process.iter().map(|process| (process.name.as_str(), process.role())) {
-        for &kind in Kind::ALL.iter().filter(|kind| kind.roles().contains(&role)) {
+    for process in &terms.graph.process {
+        for &kind in Kind::ALL.iter().filter(|kind| kind.suits(process)) {
             let ways: Vec<_> = kind.ways().map(Some).collect();
             for way in if ways.is_empty() { vec![None] } else { ways } {
-                singles.push(Fault { way, ..Fault::new(process, kind) });
+                singles.push(Fault { way, ..Fault::new(&process.name, kind) });
             }
         }
     }

@@ -261,14 +261,14 @@ impl Dealer {
 /// Every kind in every way for every process, and every signal.
 fn every(graph: &Graph) -> Vec<Act> {
     let mut acts = Vec::new();
-    for (process, role) in graph.process.iter().map(|process| (process.name.as_str(), process.role())) {
-        for &kind in Kind::ALL.iter().filter(|kind| kind.roles().contains(&role)) {
+    for process in &graph.process {
+        for &kind in Kind::ALL.iter().filter(|kind| kind.suits(process)) {
             let ways: Vec<_> = kind.ways().map(Some).collect();
             let ways = if ways.is_empty() { vec![None] } else { ways };
-            acts.extend(ways.into_iter().map(|way| Act::Fault(Fault { way, ..Fault::new(process, kind) })));
+            acts.extend(ways.into_iter().map(|way| Act::Fault(Fault { way, ..Fault::new(&process.name, kind) })));
         }
         let signals = [Signal::Kill, Signal::KillTwice(0), Signal::Stop, Signal::StopFor(0)];
-        acts.extend(signals.into_iter().map(|signal| Act::Signal(process.to_owned(), signal)));
+        acts.extend(signals.into_iter().map(|signal| Act::Signal(process.name.clone(), signal)));
     }
     acts
 }
