@@ -25,6 +25,11 @@ pub fn write_reserved(path: &Path, text: &[u8]) -> io::Result<()> {
     fs::rename(room, path)
 }
 
+/// Gives back what [`reserve`] took for `path` and [`write_reserved`] has not used.
+pub fn release_reserve(path: &Path) {
+    let _ = fs::remove_file(room(path));
+}
+
 fn room(path: &Path) -> PathBuf {
     path.with_added_extension("reserved")
 }

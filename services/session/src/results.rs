@@ -20,10 +20,14 @@ const SCENARIO: &str = "scenario.toml";
 const GRAPH: &str = "graph.toml";
 const ROBOT_URDF: &str = "robot.urdf";
 const ROBOT_TOML: &str = "robot.toml";
-/// In the results folder while the run goes on; gone at its end.
-const RESERVE: &str = ".armplane";
+/// Made and removed to see whether the results folder can be written to.
+const PROBE: &str = ".armplane";
+/// The files that [`keep`] writes.
+const KEPT: [&str; 6] = [SUMMARY, JOB, SCENARIO, GRAPH, ROBOT_URDF, ROBOT_TOML];
 /// More than a summary takes, faults included; bytes.
 const SUMMARY_BYTES: usize = 128 * 1024;
+/// More than the faults of a run take in its scenario; bytes.
+const FAULTS_BYTES: usize = 32 * 1024;
 
 /// The results folder: made before anything starts, removed again if nothing came of it.
 pub struct Results {
@@ -57,7 +61,7 @@ impl Results {
         };
         let folder = folder.canonicalize().map_err(|error| cannot(&folder, error))?;
         let results = Self { folder, made, _lock: lock };
-        let probe = results.folder.join(RESERVE);
+        let probe = results.folder.join(PROBE);
         std::fs::write(&probe, b"").and_then(|()| std::fs::remove_file(&probe)).map_err(|error| cannot(&results.folder, error))?;
         Ok(results)
     }
@@ -74,12 +78,15 @@ impl Results {
 
     /// Takes the room that the run's account will need: a recording that fills the disk shall not be the end of the summary too.
     pub(crate) fn reserve(&self, job: &Job) -> Result<(), Failure> {
-        let size = 2 * serde_json::to_vec_pretty(job).map_err(Failure::work)?.len() + SUMMARY_BYTES;
-        let path = self.folder.join(RESERVE);
-        std::fs::write(&path, vec![0; size]).map_err(|error| {
-            let _ = std::fs::remove_file(&path);
-            Failure::Input(format!("cannot write results to {}: {error}; choose another folder with --out", self.folder.display()))
-        })
+        let job_bytes = serde_json::to_vec_pretty(job).map_err(Failure::work)?.len();
+        let repeated = repeated(job, &Summary::default())?.into_iter().map(|(name, text)| (name, text.len() + FAULTS_BYTES));
+        for (name, bytes) in [(SUMMARY, SUMMARY_BYTES), (JOB, job_bytes + FAULTS_BYTES)].into_iter().chain(repeated) {
+            runtime::reserve(&self.folder.join(name), bytes).map_err(|error| {
+                release(&self.folder);
+                Failure::Input(format!("cannot write results to {}: {error}; choose another folder with --out", self.folder.display()))
+            })?;
+        }
+        Ok(())
     }
 
     /// Removes the recording and the summary that an earlier run left in the folder.
@@ -90,13 +97,8 @@ impl Results {
         })
     }
 
-    fn release(&self) {
-        let _ = std::fs::remove_file(self.folder.join(RESERVE));
-    }
-
     /// Writes what makes the run repeatable and readable: the summary, the job, and the scenario with every fault planned that came to pass.
     pub(crate) fn keep(&self, job: &Job, summary: &Summary) -> Result<(), Failure> {
-        self.release();
         keep(&self.folder, job, summary)
     }
 }
@@ -112,14 +114,18 @@ pub fn keep(folder: &Path, job: &Job, summary: &Summary) -> Result<(), Failure> 
     let job_text = serde_json::to_vec_pretty(job).map_err(Failure::work)?;
     for (name, text) in [(SUMMARY, summary), (JOB, job_text)].into_iter().chain(repeated) {
         // Whole or not at all: a full disk leaves no half file.
-        let (draft, path) = (folder.join(format!(".{name}")), folder.join(name));
-        let written = std::fs::write(&draft, text).and_then(|()| std::fs::rename(&draft, &path));
-        written.map_err(|error| {
-            let _ = std::fs::remove_file(&draft);
+        runtime::write_reserved(&folder.join(name), &text).map_err(|error| {
+            release(folder);
             cannot(name, error)
         })?;
     }
+    release(folder);
     Ok(())
+}
+
+/// Gives the room back that no file has taken.
+fn release(folder: &Path) {
+    KEPT.iter().for_each(|name| runtime::release_reserve(&folder.join(name)));
 }
 
 fn make_parents(folder: &Path) -> io::Result<()> {
@@ -168,7 +174,7 @@ fn next_free(name: &str) -> io::Result<(PathBuf, Option<OwnedFd>, bool)> {
 
 impl Drop for Results {
     fn drop(&mut self) {
-        self.release();
+        release(&self.folder);
         if self.made {
             // Fails, as it should, where there is something in it.
             let _ = std::fs::remove_dir(&self.folder);
