@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Args;
-use lab::faults::drill::{Cell, Request};
+use lab::faults::drill::{Cell, Request, Without};
 use session::{Failure, load};
 
 use crate::out::say;
@@ -29,9 +29,18 @@ pub(crate) struct DrillArgs {
     /// Override a value of the scenario, for example control.k_p=900 (repeatable).
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
+    /// Leave a protection out: shows that the drill can fail.
+    #[arg(long, hide = true, value_name = "PROTECTION")]
+    without: Option<Protection>,
     /// Keep the results here: drill.json and a heat map (SVG and PNG).
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Protection {
+    Hold,
+    TorqueCheck,
 }
 
 pub(crate) fn drill(args: &DrillArgs, as_json: bool) -> Result<ExitCode, Failure> {
@@ -42,6 +51,10 @@ pub(crate) fn drill(args: &DrillArgs, as_json: bool) -> Result<ExitCode, Failure
         pairs: args.pairs,
         seed: args.seed,
         settings: &args.set,
+        without: args.without.map(|protection| match protection {
+            Protection::Hold => Without::Hold,
+            Protection::TorqueCheck => Without::TorqueCheck,
+        }),
         out: args.out.as_deref(),
     };
     let terminal = Terminal::default();
@@ -64,6 +77,7 @@ fn print(cells: &[Cell], passed: bool, out: Option<&Path>) {
         "speed",
         "step",
         "off path, mrad",
+        "mm",
         "recovered after, ms",
         "end",
         "restarts",
@@ -89,6 +103,7 @@ fn print(cells: &[Cell], passed: bool, out: Option<&Path>) {
             number(format!("{:.0} %", cell.speed_max_ratio * 100.0)),
             number(format!("{:.1} %", cell.torque_step_max_ratio * 100.0)),
             number(digits(cell.excursion_max_rad * 1e3)),
+            number(digits(cell.excursion_max_mm)),
             number(optional(cell.settled_ms)),
             end.into(),
             number(cell.restarts),

@@ -22,6 +22,8 @@ pub struct Cell {
     pub detected_ms: Option<f64>,
     /// Longest age of a torque in force, in ticks.
     pub stale_ticks: u32,
+    /// The same in time; ms.
+    pub stale_ms: f64,
     /// Largest torque over its limit.
     pub torque_max_ratio: f64,
     /// Largest joint speed over its limit.
@@ -30,6 +32,8 @@ pub struct Cell {
     pub torque_step_max_ratio: f64,
     /// Largest distance in joint space from the path of the run without a fault.
     pub excursion_max_rad: f64,
+    /// The same of the end-effector's position; mm.
+    pub excursion_max_mm: f64,
     /// From the fault to the first tick of fresh torque after the drives had taken over, or to rest; null where they never had to.
     pub settled_ms: Option<f64>,
     /// The drives follow the controller again, or never had to stop.

@@ -13,7 +13,7 @@ use runtime::{ControlPage, RunDir, random};
 use serde_json::{Value, json};
 use session::{Failure, Observer, Progress, load};
 use shared_types::codes::{DRIVE_ACTIVE, DRIVE_BRAKED};
-use shared_types::fault::{Fault, ScheduledFault};
+use shared_types::fault::{Fault, Kind, ScheduledFault};
 use shared_types::job::{Job, Mode};
 use shared_types::process::Program;
 use shared_types::scenario::Scenario;
@@ -22,8 +22,10 @@ use shared_types::{MAX_DOF, Message, PlantState, SensorSample};
 
 use super::super::motion::{Motion, Promise, SPEED_MARGIN};
 use super::cell::Cell;
+use super::limits;
 use super::picture::picture;
 use super::plan::{Only, Plan, Terms, plans};
+use super::without::Without;
 use crate::folder::Folder;
 
 /// The part of a run from which the physics is judged.
@@ -51,6 +53,8 @@ pub struct Request<'a> {
     pub seed: Option<u64>,
     /// Values that override those of the scenario.
     pub settings: &'a [String],
+    /// A protection that is left out, to show that the drill can fail.
+    pub without: Option<Without>,
     /// Where `drill.json` and the heat map go; nowhere where it is `None`.
     pub out: Option<&'a Path>,
 }
@@ -75,7 +79,7 @@ pub fn drill(request: &Request<'_>, observer: Observer<'_>) -> Result<Drilled, F
     let (mut cells, mut runs) = (Vec::new(), 0);
     for name in request.scenarios {
         let load::Loaded { scenario, robot, .. } = load::scenario(name, request.settings, request.seed)?;
-        let drill = Drill::new(&scenario, &robot, folder.path())?;
+        let drill = Drill::new(&scenario, &robot, request.without, folder.path())?;
         let terms = Terms { graph: &drill.job.graph, seed: drill.job.scenario.seed, span: drill.span, dof: robot.dof() };
         let plans = plans(&terms, only.as_ref(), request.pairs);
         if let Some(only) = only.as_ref().filter(|_| plans.is_empty()) {
@@ -87,6 +91,10 @@ pub fn drill(request: &Request<'_>, observer: Observer<'_>) -> Result<Drilled, F
         }
         observer(Progress::Begin { title: name, length: plans.len() as u64, unit: "cells" });
         let base = drill.run(&drill.job.scenario, &[], true)?;
+        if base.summary.outcome != "goal reached" {
+            let outcome = format!("{}: {}", base.summary.outcome, base.summary.reason);
+            return Err(Failure::Work(format!("{name} without a fault does not reach its goal ({outcome}): there is nothing to judge by")));
+        }
         runs += 1 + 2 * plans.len();
         for plan in plans {
             observer(Progress::Title(&format!("{name}: {}", titles(&plan))));
@@ -116,11 +124,12 @@ struct Drill<'a> {
 }
 
 impl<'a> Drill<'a> {
-    fn new(scenario: &Scenario, robot: &'a Robot, folder: &'a Path) -> Result<Self, Failure> {
+    fn new(scenario: &Scenario, robot: &'a Robot, without: Option<Without>, folder: &'a Path) -> Result<Self, Failure> {
         let span = scenario.planned_ticks();
         // Where the task is over sooner than an arm can come back, the verdict waits.
         let scenario = Scenario { fault: Vec::new(), settle_s: scenario.settle_s.max(TIME_TO_RECOVER_S), ..scenario.clone() };
-        let job = load::job(robot, scenario, load::graph(None)?, Mode::Lockstep, folder.join("run"));
+        let mut job = load::job(robot, scenario, load::graph(None)?, Mode::Lockstep, folder.join("run"));
+        without.iter().for_each(|without| without.leave_out(&mut job));
         Ok(Self { job, robot, span, folder })
     }
 
@@ -184,6 +193,7 @@ impl<'a> Drill<'a> {
         ));
         truth.iter().for_each(|state| motion.add(state));
         ran.samples.iter().for_each(|sample| motion.add_age(sample));
+        let tick_ms = 1e3 / f64::from(self.job.scenario.rate_hz);
         let mut cell = Cell {
             scenario: self.job.scenario.name.clone(),
             process: joined(&|fault| fault.process.clone()),
@@ -193,11 +203,13 @@ impl<'a> Drill<'a> {
             at_tick,
             detected_ms: ran.summary.faults.iter().filter_map(|fault| fault.detected_ms).reduce(f64::max),
             stale_ticks: motion.stale_ticks,
+            stale_ms: f64::from(motion.stale_ticks) * tick_ms,
             torque_max_ratio: motion.torque_max_ratio,
             speed_max_ratio: motion.speed_max_ratio,
             torque_step_max_ratio: motion.torque_step_max_ratio,
-            excursion_max_rad: excursion(&base.truth, truth),
-            settled_ms: settled(truth, at_tick).map(|ticks| ticks as f64 * 1e3 / f64::from(self.job.scenario.rate_hz)),
+            excursion_max_rad: excursion(&base.truth, truth, joints_apart),
+            excursion_max_mm: 1e3 * excursion(&base.truth, truth, hands_apart),
+            settled_ms: settled(truth, at_tick).map(|ticks| ticks as f64 * tick_ms),
             restarts: ran.summary.processes.iter().map(|process| process.restarts).sum(),
             messages_lost: ran.summary.recorder.lost,
             replayed_identically: ran.topics == again.topics && ran.summary.ticks == again.summary.ticks,
@@ -206,12 +218,12 @@ impl<'a> Drill<'a> {
         };
         let last = truth.last();
         let ends_world = plan.iter().any(ends_world);
-        let (task, goal) = (&ran.summary.task, &self.job.scenario.goal);
-        cell.goal_reached =
-            ran.summary.completed && task.final_position_mm <= goal.position_mm && task.final_orientation_deg <= goal.orientation_deg;
+        let task = &ran.summary.task;
+        cell.goal_reached = ran.summary.completed && limits::is_goal(task.final_position_mm, task.final_orientation_deg);
         cell.recovered = ran.end == End::Completed && last.is_some_and(|state| state.drive == DRIVE_ACTIVE);
         cell.safe_stop = motion.is_at_rest();
-        cell.invariants_broken = motion.broken();
+        let has_failed_drive = plan.iter().any(|fault| fault.kind == Kind::Drive);
+        cell.invariants_broken = motion.broken().into_iter().chain(limits::broken(&cell, has_failed_drive)).collect();
         let mut broken = |is_broken: bool, what: String| {
             if is_broken {
                 cell.invariants_broken.push(what);
@@ -244,10 +256,19 @@ fn ends_world(fault: &Fault) -> bool {
     fault.process == Program::Plant.name() && fault.kind.ends_process(fault.way)
 }
 
-/// Largest distance in joint space from the base's path; rad. Not the time lost on it: each posture is compared with those that the base had
-/// taken by then, back to the one that matched last.
-fn excursion(base: &[PlantState], truth: &[PlantState]) -> f64 {
-    let apart = |a: &PlantState, b: &PlantState| (0..MAX_DOF).fold(0.0_f64, |most, i| most.max((a.q[i] - b.q[i]).abs()));
+/// Largest difference of a joint; rad.
+fn joints_apart(a: &PlantState, b: &PlantState) -> f64 {
+    (0..MAX_DOF).fold(0.0_f64, |most, i| most.max((a.q[i] - b.q[i]).abs()))
+}
+
+/// Distance of the end-effectors; m.
+fn hands_apart(a: &PlantState, b: &PlantState) -> f64 {
+    (0..3).map(|i| (a.p_BE[i] - b.p_BE[i]).powi(2)).sum::<f64>().sqrt()
+}
+
+/// Largest distance from the base's path. Not the time lost on it: each state is compared with those that the base had come to by then, back to the
+/// one that matched last.
+fn excursion(base: &[PlantState], truth: &[PlantState], apart: fn(&PlantState, &PlantState) -> f64) -> f64 {
     let (mut most, mut from) = (0.0_f64, 0);
     for state in truth {
         let to = (state.header.tick as usize).min(base.len().saturating_sub(1));
@@ -294,9 +315,9 @@ mod tests {
         let base: Vec<_> = (0..100).map(|k| state(k, k as f64, DRIVE_ACTIVE)).collect();
         // Ten ticks late from tick 50 on.
         let late: Vec<_> = (0..110).map(|k| state(k, if k < 50 { k as f64 } else { (k - 10).max(50) as f64 }, DRIVE_ACTIVE)).collect();
-        assert_eq!(excursion(&base, &late), 0.0);
+        assert_eq!(excursion(&base, &late, joints_apart), 0.0);
         let detour: Vec<_> = (0..100).map(|k| state(k, if k == 99 { 102.5 } else { k as f64 }, DRIVE_ACTIVE)).collect();
-        assert_eq!(excursion(&base, &detour), 3.5);
+        assert_eq!(excursion(&base, &detour, joints_apart), 3.5);
     }
 
     #[test]

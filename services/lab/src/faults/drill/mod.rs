@@ -1,9 +1,12 @@
 //! Every fault on every process of a real graph, judged by the physics.
 
 mod cell;
+mod limits;
 mod matrix;
 mod picture;
 mod plan;
+mod without;
 
 pub use cell::Cell;
 pub use matrix::{Drilled, Request, drill};
+pub use without::Without;

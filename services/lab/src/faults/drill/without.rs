@@ -1,0 +1,53 @@
+//! A protection left out, to show that the drill can fail: test equipment, in no run but the drill's own.
+
+use std::fmt::Write;
+
+use shared_types::job::Job;
+
+/// The protection that a drill leaves out of its runs. It still judges by the robot and the bounds as they are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Without {
+    /// The drives' hold: without fresh torque they keep the last one for ever.
+    Hold,
+    /// The drives' check of torques against their limits: they allow [`EXCESS`] times as much.
+    TorqueCheck,
+}
+
+/// The factor of the limits that drives without a check have.
+const EXCESS: f64 = 10.0;
+
+impl Without {
+    /// Takes the protection out of a job.
+    pub(super) fn leave_out(self, job: &mut Job) {
+        match self {
+            Self::Hold => job.scenario.plant.hold_ticks = u32::MAX,
+            Self::TorqueCheck => job.robot.urdf = with_efforts(&job.robot.urdf, EXCESS),
+        }
+    }
+}
+
+/// A URDF with all effort limits multiplied.
+fn with_efforts(urdf: &str, factor: f64) -> String {
+    const ATTRIBUTE: &str = "effort=\"";
+    let mut parts = urdf.split(ATTRIBUTE);
+    let mut text = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        let (number, rest) = part.split_once('"').unwrap_or((part, ""));
+        let effort: f64 = number.trim().parse().unwrap_or_default();
+        // Writing to a string does not fail.
+        let _ = write!(text, "{ATTRIBUTE}{}\"{rest}", factor * effort);
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_effort_limits_are_multiplied_and_nothing_else() {
+        let urdf = "<limit effort=\"97.6\" velocity=\"8\"/><limit lower=\"-1\" effort=\"2\" velocity=\"1\"/>";
+        let expected = "<limit effort=\"976\" velocity=\"8\"/><limit lower=\"-1\" effort=\"20\" velocity=\"1\"/>";
+        assert_eq!(with_efforts(urdf, EXCESS), expected);
+    }
+}
