@@ -293,10 +293,67 @@ fn the_graph_decides_whether_a_bad_program_is_started_again() {
     let faults = first["faults"].as_array().unwrap();
     assert_eq!((faults.len(), &faults[0]["fault"]["at_tick"]), (1, &Value::from(200)), "{faults:?}");
     assert!(faults[0]["recovered_ms"].is_number(), "{faults:?}");
+    let detail = faults[0]["detail"].as_str().unwrap();
+    let expected = "estimator ended with exit code 1, at tick 200, for 100 ticks; it said: the program of estimator ended with exit code 7";
+    assert!(faults[0]["kind"] == "exit" && detail.starts_with(expected), "{faults:?}");
     // The run leaves the scenario in which that death is planned; the program lives, and the shell dies instead: the same bytes.
     estimator(&desk, "", "always", "");
     let again = summary(&run(&desk, &["run", "runs/short-001/scenario.toml", "--graph", "graph.toml", "--json"]));
     assert_eq!(again["topics"], first["topics"]);
+}
+
+/// A process whose program starts others: one in its process group, one in a session of its own.
+fn with_descendants(desk: &Desk, then: &str) {
+    let command = format!("sleep 600 & setsid sleep 601 & sleep 0.3; {then}");
+    let process = "[[process]]\nname = \"watch\"\nexchange = true\nreads = [\"estimate\"]\n";
+    desk.file("graph.toml", &format!("extends = \"armplane\"\n{process}command = [\"sh\", \"-c\", \"{command}\"]\n"));
+}
+
+#[test]
+fn the_descendants_of_a_program_end_with_the_run() {
+    let desk = Desk::new();
+    with_descendants(&desk, "exit 3");
+    // `run` looks for programs that are left.
+    let said = run(&desk, &["run", "--graph", "graph.toml", "--no-record"]);
+    assert!(said.code == 1 && said.err.contains("the program of watch ended with exit code 3 before it joined"), "{}", said.err);
+}
+
+#[test]
+fn the_descendants_of_a_program_end_with_a_killed_launcher() {
+    let desk = Desk::new();
+    with_descendants(&desk, "sleep 602");
+    let launcher = armplane(&desk, &["run", "--graph", "graph.toml", "--no-record"]).spawn().expect("armplane starts");
+    let id = launcher.id();
+    until("the program to start others", || programs_of(id).len() >= 4);
+    crate::life::signal(id as i32, "KILL");
+    finish(launcher);
+    until("the program and its descendants to go", || programs_of(id).is_empty());
+    until("the processes to go", || crate::command::children_of_run(id).is_empty());
+    assert_eq!(desk.armplane(&["clean"]).code, 0);
+    assert_nothing_left(id);
+}
+
+#[test]
+fn a_full_volume_is_refused_where_it_would_have_no_effect() {
+    let desk = Desk::new();
+    let process = "[[process]]\nname = \"watch\"\nexchange = true\nreads = [\"estimate\"]\ncommand = [\"true\"]\n";
+    desk.file("graph.toml", &format!("extends = \"armplane\"\n{process}"));
+    scenario(&desk, "\n[[fault]]\nprocess = \"watch\"\nkind = \"disk-full\"\nat_tick = 10\n");
+    let said = run(&desk, &["run", "short.toml"]);
+    assert!(said.code == 2 && said.err.contains("`disk-full` cannot happen to watch: its program writes its files itself"), "{}", said.err);
+}
+
+#[test]
+fn a_ninth_process_with_time_stamps_is_refused() {
+    let desk = Desk::new();
+    let mut text = String::from("extends = \"armplane\"\n");
+    for number in 1..=5 {
+        text += &format!("[[topic]]\nname = \"t{number}\"\ntype = \"A.B{number}.v1\"\nfields = [\"header: Header\", \"v: f64\"]\n");
+        text += &format!("[[process]]\nname = \"p{number}\"\ncommand = [\"true\"]\nreads = [\"estimate\"]\nwrites = [\"t{number}\"]\n");
+    }
+    desk.file("graph.toml", &text);
+    let said = run(&desk, &["run", "--graph", "graph.toml"]);
+    assert!(said.code == 2 && said.err.contains("9 processes write messages"), "{}", said.err);
 }
 
 #[test]

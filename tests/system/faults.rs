@@ -167,6 +167,18 @@ fn drill_judges_a_cell_and_takes_only_cells_that_exist() {
         assert_eq!(one["goal_reached"], !cell.starts_with("plant:kill"), "{one}");
         assert_nothing_left(said.launcher);
     }
+    // Whatever a scenario allows itself, the bounds stay.
+    let said = desk.armplane(&["drill", "s.toml", "--only", "controller:kill", "--set", "plant.hold_ticks=200"]);
+    assert!(said.code == 1 && said.out.contains("a torque was in force for"), "{}\n{}", said.out, said.err);
+    // Nor does it pass without what it tests.
+    for (without, cell, broken) in
+        [("hold", "controller:kill", "a torque was in force for"), ("torque-check", "controller:corrupt:huge", "of its limit at tick")]
+    {
+        let said = desk.armplane(&["drill", "s.toml", "--only", cell, "--without", without]);
+        assert!(said.code == 1 && said.out.contains(broken), "{}\n{}", said.out, said.err);
+    }
+    let said = desk.armplane(&["drill", "s.toml", "--only", "controller:kill", "--set", "goal.position_mm=1e-7"]);
+    assert!(said.code == 1 && said.err.contains("without a fault does not reach its goal"), "{}\n{}", said.out, said.err);
     let said = desk.armplane(&["drill", "--only", "recorder:drop"]);
     assert!(said.code == 2 && said.err.contains("can happen to plant"), "{}", said.err);
 }
@@ -199,5 +211,22 @@ fn a_run_of_another_folder_is_named_before_anything_happens_to_it() {
     let said = finish(child);
     let summary: Value = serde_json::from_str(&said.out).unwrap();
     assert_eq!(summary["faults"], Value::Array(vec![]), "nothing happened to it");
+    assert_nothing_left(said.launcher);
+}
+
+#[test]
+fn a_recorder_killed_after_the_last_tick_loses_nothing() {
+    let desk = Desk::new();
+    // It is behind at the end.
+    desk.file("slow.toml", &scenario(&fault("recorder", "slow-disk", "for_ticks = 100000\namount = 300.0\n")));
+    let expected = desk.run(&["slow.toml", "--out", "expected"]);
+    let child = desk.start(&["run", "slow.toml", "--out", "results", "--json"]);
+    let has = |process: &str| children_of_run(child.id()).into_iter().find(|(name, _)| name == process).map(|(_, pid)| pid);
+    until("the processes", || has("plant").is_some() && has("recorder").is_some());
+    until("the plant to end", || has("plant").is_none());
+    signal(has("recorder").unwrap(), "KILL");
+    let said = finish(child);
+    let summary: Value = serde_json::from_str(&said.out).unwrap();
+    assert_eq!((said.code, &summary["topics"], &summary["recorder"]["lost"]), (0, &expected["topics"], &0.into()), "{}", said.err);
     assert_nothing_left(said.launcher);
 }

@@ -38,7 +38,8 @@ impl Part {
 
 impl FromArgMatches for Command {
     fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
-        let chosen = matches.subcommand().and_then(|(name, matches)| Some((Part::named(name)?, matches.get_one::<PathBuf>("run").cloned())));
+        let chosen =
+            matches.subcommand().and_then(|(name, matches)| Some((Part::named(name)?, matches.get_one::<PathBuf>("run").cloned())));
         let (part, run) = chosen.ok_or_else(|| clap::Error::new(clap::error::ErrorKind::InvalidSubcommand))?;
         Ok(Self { part, run })
     }
