@@ -151,6 +151,21 @@ mod tests {
     }
 
     #[test]
+    fn a_writer_killed_before_it_has_made_its_file_costs_nothing() {
+        let run = TempDir::new().unwrap();
+        let folder = run.path().join("messages");
+        for torn in [None, Some(&b"arm"[..])] {
+            torn.into_iter().for_each(|torn| std::fs::write(folder.join("sensor.log"), torn).unwrap());
+            let mut keep = LogWriter::resume(&folder, 0, |_: SensorSample| panic!("there is none")).unwrap();
+            (0..7).for_each(|tick| keep.add(&message(tick)).unwrap());
+            keep.finish().unwrap();
+            assert_eq!(bytes_of(&folder), expected(7));
+        }
+        std::fs::remove_dir_all(&folder).unwrap();
+        assert!(LogWriter::resume(&folder, 100, |_: SensorSample| ()).is_err(), "what was there before is missing");
+    }
+
+    #[test]
     fn files_that_are_not_ours_are_refused_and_never_believed() {
         let run = TempDir::new().unwrap();
         assert!(LogReader::<SensorSample>::open(run.path()).err().unwrap().is_absent());
