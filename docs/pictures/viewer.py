@@ -99,13 +99,14 @@ class Viewer:
         raise RuntimeError("the viewer does not answer")
 
     def settle(self):
-        """Waits until the recordings are loaded: until the viewer reports the same state twice."""
+        """Waits until the recordings are loaded: until the viewer reports the same timelines twice. The cursor may move: it plays."""
         before = None
         for _ in range(60):
             _, state, _ = self.call("viewer_state")
-            if state == before and "timelines" in state:
+            timelines = [one["timelines"] for one in json.loads(state).get("recordings", [])] if state.startswith("{") else []
+            if any(timelines) and timelines == before:
                 return
-            before = state
+            before = timelines
             time.sleep(1.0)
 
     def at(self, seconds, timeline="t"):
@@ -114,7 +115,10 @@ class Viewer:
 
     def picture(self):
         """What the window shows, as PNG."""
-        _, text, images = self.call("screenshot", pixels_per_point=1.0)
-        if not images:
-            raise RuntimeError(f"no picture: {text}")
-        return images[0]
+        text = ""
+        # A loaded machine may take longer than the viewer waits for a frame.
+        for _ in range(5):
+            _, text, images = self.call("screenshot", pixels_per_point=1.0)
+            if images:
+                return images[0]
+        raise RuntimeError(f"no picture: {text}")

@@ -15,7 +15,7 @@ use re_sdk_types::datatypes::TimeInt;
 use shared_types::scenario::Layout;
 
 use crate::sink::Sink;
-use desk::{CLOSE_UP, Desk};
+use desk::{Desk, close_up_name};
 use sheet::Sheet;
 pub(crate) use subject::{ACROSS, ALONG, Eye, JOINTS, Subject};
 
@@ -58,7 +58,7 @@ pub(crate) fn send_ending(sink: &mut Sink, store: &StoreId, subject: &Subject, w
     // The ids of the same layout again, without its other chunks.
     let mut places = Sheet::new(which);
     Desk::new(&mut places, subject).arrange(which);
-    let view = places.view_named(CLOSE_UP);
+    let view = places.view_named(close_up_name(subject));
     places.chunks.clear();
     let (min, max) = ending.loop_ns;
     let range = AbsoluteTimeRange(re_sdk_types::datatypes::AbsoluteTimeRange { min: TimeInt(min), max: TimeInt(max) });

@@ -24,6 +24,10 @@ pub(crate) const PATH_ACTUAL: &str = "/world/path/actual";
 pub(crate) const PATH_DESIRED: &str = "/world/path/desired";
 /// The base's figure and the floor's mark.
 pub(crate) const BASE: &str = "/world/arm/base";
+/// The way of a hand that should stand still, off its place, [`MAGNIFIED`] times as large.
+pub(crate) const PATH_MAGNIFIED: &str = "/world/path/magnified";
+/// How much larger.
+pub(crate) const MAGNIFIED: f32 = 50.0;
 /// The end-effector frame.
 pub(crate) const HAND: &str = "/world/hand";
 /// The desired end-effector frame.

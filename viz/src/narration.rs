@@ -70,6 +70,64 @@ pub(crate) struct Situation {
     clipped: bool,
     /// Of the drive, where no command has come.
     undriven: Option<u32>,
+    /// The latest stay in each singularity, once it is over.
+    past: [Option<Stay>; MAX_SINGULARITIES],
+    /// How far the hand has been off a place where it should stand still; µm, to two digits.
+    off_um: Option<u32>,
+}
+
+/// A stay in the neighbourhood of a singularity: its first tick, the tick after its last, and the response that took most of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Stay {
+    first: u64,
+    end: u64,
+    mode: u32,
+}
+
+/// What has been seen of a run: the words of a moment depend on it.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Story {
+    /// Present stays: first tick, and the ticks spent in each mode.
+    present: [Option<(u64, [u32; MODES.len()])>; MAX_SINGULARITIES],
+    past: [Option<Stay>; MAX_SINGULARITIES],
+    /// The largest distance of the hand from its place; m. Of tasks in which it should stand still only.
+    off_m: Option<f64>,
+}
+
+impl Story {
+    /// Of a run whose hand should stand still, or of another.
+    pub(crate) fn new(stands_still: bool) -> Self {
+        Self { off_m: stands_still.then_some(0.0), ..Self::default() }
+    }
+
+    /// Takes a tick in.
+    pub(crate) fn push(&mut self, row: &TickRow) {
+        for (i, one) in row.singularities().iter().enumerate() {
+            if one.inside == 1 {
+                let (_, modes) = self.present[i].get_or_insert((row.tick, [0; MODES.len()]));
+                let mode = row.control_state.map_or(MODE_REGULAR, |state| state.mode[i]);
+                if let Some(ticks) = modes.get_mut(mode as usize) {
+                    *ticks += 1;
+                }
+            } else if let Some((first, modes)) = self.present[i].take() {
+                let mode = (0..).zip(modes).max_by_key(|(_, ticks)| *ticks).map_or(MODE_REGULAR, |(mode, _)| mode);
+                self.past[i] = Some(Stay { first, end: row.tick, mode });
+            }
+        }
+        if let (Some(off_m), Some(state), Some(desired)) = (&mut self.off_m, row.plant_state, row.control_state) {
+            let off = (0..3).map(|i| (state.p_BE[i] - desired.p_BE_d[i]).powi(2)).sum::<f64>().sqrt();
+            *off_m = off_m.max(off);
+        }
+    }
+
+    /// The state that the words depend on, at a tick that has been taken in.
+    pub(crate) fn situation(&self, row: &TickRow) -> Situation {
+        let off_um = self.off_m.map(|off_m| {
+            let digit = 10f64.powf((off_m * 1e6).max(1.0).log10().floor() - 1.0).max(1.0);
+            ((off_m * 1e6 / digit).round() * digit) as u32
+        });
+        Situation { past: self.past, off_um, ..Situation::of(row) }
+    }
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -126,17 +184,27 @@ impl Situation {
         let mark = if run.fault.is_some() { "###" } else { "##" };
         let locks = self.inside().count();
         if locks == 0 {
-            let _ = writeln!(text, "{mark} {}\n\nFree: the hand can move in every direction.\n", run.title);
+            let _ = writeln!(text, "{mark} {}\n", run.title);
+            if let Some(off_um) = self.off_um {
+                let off_mm = f64::from(off_um) * 1e-3;
+                let _ = writeln!(text, "The joints move; the hand should stand still. It has been **{off_mm} mm** off its place at most.\n");
+                text.push_str(
+                    "*Amber: its way off its place, 50 times as large. Blue body: speeds the hand can reach. Net: accelerations.*\n",
+                );
+                return text;
+            }
+            text.push_str("Free: the hand can move in every direction.\n\n");
             let near = self.singularities[..self.count].iter().enumerate().find(|(_, one)| one.mode != MODE_REGULAR);
             if let Some((i, one)) = near {
                 let _ = writeln!(text, "Near the **{}** singularity: {}.\n", singularity_name(one.kind, i), doing(one.mode));
             }
+            self.tell_past(&mut text, run);
         } else {
             let rank = format!("rank {} of {}", run.directions.saturating_sub(locks), run.directions);
             let _ = match self.inside().next() {
                 Some((i, one)) if locks == 1 => {
-                    let name = capital(&singularity_name(one.kind, i));
-                    writeln!(text, "{mark} {name} lock: the hand cannot {} · {rank}\n", lost(one.angular))
+                    let (name, class) = (capital(&singularity_name(one.kind, i)), name_of(TYPES, one.class));
+                    writeln!(text, "{mark} {name} lock ({class}): the hand cannot {} · {rank}\n", lost(one.angular))
                 }
                 _ => writeln!(text, "{mark} {locks} locks at once: {locks} directions lost · {rank}\n"),
             };
@@ -145,8 +213,7 @@ impl Situation {
                 let (name, (colour, _)) = (singularity_name(one.kind, i), named_colour(one.kind, i));
                 let _ = writeln!(
                     text,
-                    "| **{name}** ({colour}, {}): {} | {} | {} |",
-                    name_of(TYPES, one.class),
+                    "| **{name}** ({colour}): {} | {} | {} |",
                     reason(one.kind, run.joints),
                     lost(one.angular),
                     doing(one.mode)
@@ -164,6 +231,30 @@ impl Situation {
         );
         text
     }
+
+    /// The singularities that the arm has been in: when, the motion that was lost, the arm's response.
+    fn tell_past(&self, text: &mut String, run: &Run) {
+        let past = self.singularities[..self.count].iter().zip(&self.past).enumerate();
+        let mut past: Vec<_> = past.filter_map(|(i, (one, stay))| Some((i, one, (*stay)?))).collect();
+        past.sort_by_key(|(_, _, stay)| stay.first);
+        if past.is_empty() {
+            return;
+        }
+        text.push_str("| before | the hand could not | the arm |\n|---|---|---|\n");
+        for (i, one, stay) in past {
+            let seconds = |tick: u64| tick as f64 / f64::from(run.rate_hz.max(1));
+            let (name, (colour, _)) = (singularity_name(one.kind, i), named_colour(one.kind, i));
+            let _ = writeln!(
+                text,
+                "| **{name}** ({colour}), {:.2} to {:.2} s | {} | {} |",
+                seconds(stay.first),
+                seconds(stay.end),
+                lost(one.angular),
+                doing(stay.mode)
+            );
+        }
+        text.push('\n');
+    }
 }
 
 /// The properties of a run that its words depend on.
@@ -172,6 +263,7 @@ pub(crate) struct Run<'a> {
     /// The scenario's title.
     pub(crate) title: &'a str,
     pub(crate) joints: usize,
+    pub(crate) rate_hz: u32,
     /// Directions of the task.
     pub(crate) directions: usize,
     /// The fault in force, in a few words.
@@ -225,10 +317,10 @@ pub(crate) fn doing(mode: u32) -> &'static str {
 mod tests {
     use super::*;
     use shared_types::TorqueCommand;
-    use shared_types::messages::{ControlState, SensorSample, SingularityReport};
+    use shared_types::messages::{ControlState, PlantState, SensorSample, SingularityReport};
     use shared_types::topics::ByTopic;
 
-    const RUN: Run = Run { title: "a title", joints: 6, directions: 6, fault: None };
+    const RUN: Run = Run { title: "a title", joints: 6, rate_hz: 1000, directions: 6, fault: None };
 
     #[test]
     fn words_name_the_singularity_and_what_is_lost() {
@@ -243,8 +335,12 @@ mod tests {
             ByTopic { singularity: Some(&report), control_state: Some(&command), torque: Some(&torque), ..ByTopic::default() },
         );
         let words = Situation::of(&row).markdown(&RUN);
-        for expected in ["Wrist lock: the hand cannot turn about ζ · rank 5 of 6", "(magenta, type 2)", "axes 4 and 6", "joints turn ζ"]
-        {
+        for expected in [
+            "Wrist lock (type 2): the hand cannot turn about ζ · rank 5 of 6",
+            "**wrist** (magenta)",
+            "axes 4 and 6",
+            "joints turn ζ",
+        ] {
             assert!(words.contains(expected), "{expected:?} is not in {words}");
         }
         assert!(!words.contains("elbow"), "the arm is not in the elbow singularity");
@@ -254,6 +350,49 @@ mod tests {
         let words = Situation::of(&row).markdown(&Run { fault: Some("Analyzer hangs"), ..RUN });
         assert!(words.contains("## Analyzer hangs: the arm goes on") && words.contains("2 locks at once"), "{words}");
         assert!(words.contains("rank 4 of 6") && words.contains("| **elbow** (orange"), "{words}");
+    }
+
+    #[test]
+    fn a_lock_that_is_over_is_told_with_its_times_and_its_longest_response() {
+        let mut report = SingularityReport { count: 1, ..SingularityReport::default() };
+        report.singularities[0] = SingularityState { kind: KIND_WRIST, class: TYPE_2, angular: 1, ..SingularityState::default() };
+        let (mut command, torque) = <(ControlState, TorqueCommand)>::default();
+        let mut story = Story::new(false);
+        for tick in 0..30 {
+            report.singularities[0].inside = u32::from((10..25).contains(&tick));
+            command.mode[0] = if tick < 22 { MODE_REORIENT } else { MODE_TRACK };
+            let row = TickRow::new(
+                tick,
+                ByTopic { singularity: Some(&report), control_state: Some(&command), torque: Some(&torque), ..ByTopic::default() },
+            );
+            story.push(&row);
+            let words = story.situation(&row).markdown(&RUN);
+            let told = words.contains("| **wrist** (magenta), 0.01 to 0.03 s | turn about ζ | joints turn ζ, the hand stays |");
+            assert_eq!(told, tick >= 25, "{tick}: {words}");
+        }
+    }
+
+    #[test]
+    fn of_a_hand_that_should_stand_still_the_words_say_how_far_it_was_off() {
+        let (mut state, command, report) = <(PlantState, ControlState, SingularityReport)>::default();
+        let torque = TorqueCommand::default();
+        let mut story = Story::new(true);
+        for off_m in [0.0, 0.008_462, 0.001] {
+            state.p_BE[1] = off_m;
+            let row = TickRow::new(
+                0,
+                ByTopic {
+                    plant_state: Some(&state),
+                    singularity: Some(&report),
+                    control_state: Some(&command),
+                    torque: Some(&torque),
+                    ..ByTopic::default()
+                },
+            );
+            story.push(&row);
+            let words = story.situation(&row).markdown(&RUN);
+            assert_eq!(words.contains("**8.5 mm** off its place at most"), off_m > 0.0, "{words}");
+        }
     }
 
     #[test]

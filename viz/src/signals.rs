@@ -154,17 +154,17 @@ signals! {
     Measure = "singularity:s" F32,
     /// Auxiliary coordinate of each singularity; rad.
     Auxiliary = "singularity:aux" F32,
-    /// Reference of the auxiliary coordinate; rad. Every 4 ms.
+    /// Reference of the auxiliary coordinate; rad. Every 8 ms.
     AuxiliaryReference = "singularity:aux_d" Slow,
-    /// β_i of each singularity: 1 full operational control, 0 null-space control. Every 4 ms.
+    /// β_i of each singularity: 1 full operational control, 0 null-space control. Every 8 ms.
     Beta = "singularity:beta" Slow,
-    /// Singular values of the unit-scaled Jacobian. Every 4 ms.
+    /// Singular values of the unit-scaled Jacobian. Every 8 ms.
     SingularValues = "jacobian:sigma" Slow,
     /// True position error [orthogonal to, along] the singular directions the arm is inside of; mm. Recorded as `error:position_log10_mm`.
     PositionError = "error:position_mm" Log,
     /// True orientation error [orthogonal to, along] the singular directions the arm is inside of; degrees. Recorded as `error:orientation_log10_deg`.
     OrientationError = "error:orientation_deg" Log,
-    /// [time scale, task scale, null scale]: what governor and limits let through, 0 to 1. Every 4 ms.
+    /// [time scale, task scale, null scale]: what governor and limits let through, 0 to 1. Every 8 ms.
     Scale = "control:scale" Slow,
     /// Contact force on the arm; N.
     Contact = "world:contact_force_n" F32,

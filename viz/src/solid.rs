@@ -52,8 +52,12 @@ pub(crate) const FACETS: usize = 28;
 impl Mesh {
     /// The convex hull of discs, extruded from `z0` to `z1` with edges rounded by `bevel`: a cylinder, a slab, a tapered arm.
     pub(crate) fn add_extrusion(&mut self, at: Placement, discs: &[Disc], z0: f32, z1: f32, bevel: f32, colour: Rgba) {
-        // A fine edge needs few facets, a ball many.
-        let steps = if bevel > 0.03 { 10 } else { 3 };
+        // A fine edge needs few facets, a ball many: meshes are a tenth of a short recording.
+        let steps = match bevel {
+            ball if ball > 0.03 => 10,
+            edge if edge > 0.006 => 3,
+            _ => 1,
+        };
         // Up the rounding: how far below the end, how far in, and the normal's slope.
         let edge = (0..=steps).map(|k| (std::f32::consts::FRAC_PI_2 * k as f32 / steps as f32).sin_cos());
         let edge: Vec<_> = edge.map(|(sin, cos)| (bevel * (1.0 - sin), bevel * (1.0 - cos), sin)).collect();

@@ -13,7 +13,10 @@ use crate::solid::Rgba;
 const TOLERANCE: Rgba = [255, 64, 84, 255];
 const LIMITS: Option<[f64; 2]> = Some([-1.1, 1.1]);
 /// Name of the view from near by.
-pub(super) const CLOSE_UP: &str = "Close-up, across ζ";
+pub(super) const fn close_up_name(subject: &Subject) -> &'static str {
+    if subject.stands_still { "The hand's way, × 50" } else { "Close-up, across ζ" }
+}
+
 /// Powers of ten of errors, mm and degrees, and of latencies, µs.
 const ERRORS: Option<[f64; 2]> = Some([-4.3, 2.3]);
 const LATENCIES: Option<[f64; 2]> = Some([-0.6, 4.3]);
@@ -33,22 +36,21 @@ impl<'a> Desk<'a> {
     pub(super) fn arrange(&mut self, layout: Layout) {
         match layout {
             Layout::Control => {
-                let views = vec![(1.55, self.world()), (1.0, self.close_up())];
+                let views = vec![(1.35, self.world()), (1.0, self.close_up())];
                 let left = [(2.45, self.sheet.row("", views)), (1.15, self.now())];
                 let torques = self.torques();
-                let more = [
-                    self.errors(),
-                    self.joints(),
-                    self.gravity(),
-                    self.governor(),
-                    self.auxiliary(),
-                    self.singular_values(),
-                    self.latency(),
-                ];
-                let more = self.sheet.tabs(more.into());
+                let (errors, joints, measure) = (self.errors(), self.joints(), self.measure());
+                let others = [self.gravity(), self.governor(), self.auxiliary(), self.singular_values(), self.latency()];
                 let modes = [self.modes(), self.log()];
-                let modes = self.sheet.tabs(modes.into());
-                let right = [(1.3, self.measure()), (1.05, torques), (1.15, more), (1.3, modes)];
+                let right = if self.subject.stands_still {
+                    // No singularity is in play: the error first, the joints that move, and the rest in tabs.
+                    let more: Vec<_> = [measure].into_iter().chain(others).chain(modes).collect();
+                    [(1.3, errors), (1.2, joints), (1.2, torques), (1.0, self.sheet.tabs(more))]
+                } else {
+                    let more: Vec<_> = [errors, joints].into_iter().chain(others).collect();
+                    let (more, modes) = (self.sheet.tabs(more), self.sheet.tabs(modes.into()));
+                    [(1.35, measure), (1.05, torques), (1.15, more), (1.3, modes)]
+                };
                 let cells = vec![(1.12, self.sheet.column(left.into())), (1.0, self.sheet.column(right.into()))];
                 self.sheet.row("", cells);
             }
@@ -92,11 +94,12 @@ impl<'a> Desk<'a> {
     }
 
     fn world(&mut self) -> EntityPath {
-        self.sheet.world("Arm: the coloured mark is the lost direction ζ", self.subject, &self.subject.eye)
+        let name = if self.subject.stands_still { "Arm: its joints move" } else { "Arm: the coloured mark is the lost direction ζ" };
+        self.sheet.world(name, self.subject, &self.subject.eye)
     }
 
     fn close_up(&mut self) -> EntityPath {
-        self.sheet.world(CLOSE_UP, self.subject, &self.subject.close_up)
+        self.sheet.world(close_up_name(self.subject), self.subject, &self.subject.close_up)
     }
 
     fn now(&mut self) -> EntityPath {
@@ -121,7 +124,8 @@ impl<'a> Desk<'a> {
     /// log₁₀(|s_i| / η_i), the band below 1 hatched.
     fn measure(&mut self) -> EntityPath {
         let band = Lines::guide("guide:band", "treated as singular", entity::BAND_LINES, [255, 64, 84, 30], 5.0);
-        let edges = Lines::guide("guide:edge", "left at", self.subject.outer.len(), [190, 195, 205, 150], 1.0);
+        // In the legend with the band: it has room for few names.
+        let edges = Lines::guide("guide:edge", "treated as singular", self.subject.outer.len(), [190, 195, 205, 150], 1.0);
         let mut nearness = Lines::drawn(Drawn::Nearness, self.singularity_names(""), self.colours());
         nearness.width = 2.5;
         self.sheet.plot(

@@ -30,8 +30,10 @@ pub(crate) struct Subject {
     pub(crate) outer: Vec<f64>,
     /// The goal's tolerances: mm and degrees; `None` where it does not judge.
     pub(crate) goal: [Option<f64>; 2],
-    /// Faults are planned: plots have a bar for them.
+    /// Faults are planned, or have come: plots have a bar for them.
     pub(crate) faults: bool,
+    /// The task is to stand still with the hand while the joints move.
+    pub(crate) stands_still: bool,
     /// The task has no orientation, hence no error of it.
     pub(crate) without_orientation: bool,
     /// Torque over its limit is undefined: some joint has no limit.

@@ -74,7 +74,7 @@ impl Stretches {
 }
 
 /// The close-up's distance, in half lengths of the mark: its label has room beside it.
-const CLOSE: f32 = 4.5;
+const CLOSE: f32 = 5.2;
 
 /// An eye near C that looks across ζ: onto the sector that ζ sweeps, else onto the plane of ζ and the hand's way; from the main eye's side.
 pub(super) fn close_up(centre: Vec3, zeta: [Vec3; 2], way: Vec3, unit: f32, main: &Eye) -> Eye {

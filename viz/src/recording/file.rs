@@ -5,7 +5,7 @@ use nalgebra::SVector;
 use re_log_types::StoreId;
 use re_sdk_types::archetypes::TextLog;
 use re_sdk_types::components::TextLogLevel;
-use shared_types::scenario::Layout;
+use shared_types::scenario::{Layout, Scenario, Segment};
 use shared_types::{MAX_DOF, MAX_SINGULARITIES};
 use std::path::Path;
 
@@ -15,6 +15,7 @@ use super::pieces::application;
 use super::state::{Lanes, Level, Options, Recording, RunInfo, Title, Written};
 use crate::arm::{Figure, placement};
 use crate::blueprint::Subject;
+use crate::narration::Story;
 use crate::scene::NullMotion;
 use crate::signals::{Drawn, Limits, TickRow, draw, sample};
 use crate::sink::{FileInfo, RecordError, Sink, Storage};
@@ -57,8 +58,16 @@ pub fn save_blueprint(path: &Path, run: &RunInfo, first: &TickRow, layout: Layou
     recording.save_blueprint(path, layout)
 }
 
-/// Rate of what is only drawn.
-const DRAWN_HZ: f64 = 250.0;
+/// Rate of what is only drawn: more than a plot has points across.
+const DRAWN_HZ: f64 = 125.0;
+
+/// Whether the task is null-space motion alone: every segment holds the hand, and some change the posture.
+fn stands_still(scenario: &Scenario) -> bool {
+    let holds = |one: &Segment| {
+        Segment { posture_deg: None, ..one.clone() } == Segment { duration_s: one.duration_s, branch: one.branch, ..Segment::default() }
+    };
+    scenario.segment.iter().all(holds) && scenario.segment.iter().any(|one| one.posture_deg.is_some())
+}
 
 /// Takes everything, keeps nothing.
 struct Nowhere;
@@ -106,7 +115,8 @@ impl Recording {
             joints: robot.joints.len(),
             floor_m,
             goal: [judged(scenario.goal.position_mm, 1000.0), judged(scenario.goal.orientation_deg, 180.0)],
-            faults: !scenario.fault.is_empty(),
+            faults: !scenario.fault.is_empty() || options.is_live,
+            stands_still: stands_still(scenario),
             without_orientation: !robot.task.0[3..].contains(&true),
             unlimited_torque: unlimited(|joint| joint.effort),
             unlimited_speed: unlimited(|joint| joint.velocity),
@@ -157,6 +167,7 @@ impl Recording {
             ghosts: [0; MAX_DOF],
             ghost_drawn: [false; MAX_DOF],
             situation: None,
+            story: Story::new(stands_still(scenario)),
             faults: Vec::new(),
             fault_states: Vec::new(),
             unheard: 0,

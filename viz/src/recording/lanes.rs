@@ -5,7 +5,7 @@ use shared_types::codes::{DRIVES, MODES, PHASES, name_of};
 use shared_types::{MAX_SINGULARITIES, Message};
 
 use super::state::{Fault, Level, PROCESSES, Recording};
-use crate::narration::{FAULT_COLOUR, NO_FAULT, Run, Situation};
+use crate::narration::{FAULT_COLOUR, NO_FAULT, Run};
 use crate::signals::TickRow;
 use crate::{entity, narration};
 
@@ -74,13 +74,15 @@ impl Recording {
         }
         // A tick or two without a command is not worth a line.
         self.unheard = if row.torque.is_some() { 0 } else { self.unheard + 1 };
-        let situation = Situation::of(row);
+        self.story.push(row);
+        let situation = self.story.situation(row);
         let told = row.torque.is_some() && row.singularity.is_some() || self.unheard >= 5;
         if told && self.situation != Some(situation) && self.rival.is_none() {
             self.situation = Some(situation);
             let run = Run {
                 title: &self.title.name,
                 joints: self.subject.joints,
+                rate_hz: self.rate_hz,
                 directions: self.directions,
                 fault: self.faults.last().map(|fault| fault.headline.as_str()),
             };

@@ -110,6 +110,11 @@ impl Recording {
                 rival.path.extend(path.last());
             }
         }
+        if self.subject.stands_still {
+            let off = picture.actual.iter().zip(&picture.desired);
+            let off: Vec<_> = off.map(|((tick, p), (_, p_d))| (*tick, *p_d + (*p - *p_d) * entity::MAGNIFIED)).collect();
+            self.write_path(entity::PATH_MAGNIFIED, &off, [255, 176, 46, 255], 0.006);
+        }
         self.write_path(entity::PATH_ACTUAL, &picture.actual, [240, 240, 245, 255], 0.0035);
         self.write_path(entity::PATH_DESIRED, &picture.desired, [110, 235, 150, 255], 0.006);
     }

@@ -14,7 +14,7 @@ use super::ending::close_up;
 use super::pieces::{custom, eye, mesh3d, pose};
 use super::state::Recording;
 use crate::arm::{placement, vec3};
-use crate::blueprint::Ending;
+use crate::blueprint::{Ending, Eye};
 use crate::manipulability::{Ellipsoid, Half, at_point};
 use crate::scene::{Mark, Presence};
 use crate::signals::{Signal, TickRow, Width};
@@ -118,6 +118,13 @@ impl Recording {
         let near = row.singularities().iter().zip(row.singularity.map(|report| report.p_BC));
         let near = near.min_by(|(a, _), (b, _)| (a.s.abs() / a.eta_in).total_cmp(&(b.s.abs() / b.eta_in)));
         let main = self.subject.eye;
+        if self.subject.stands_still {
+            // From where the arm is seen, onto the hand.
+            let hand = row.q().map_or(Vec3::X, |q| vec3(&self.arm.forward_kinematics(&SVector::from_column_slice(q)).p));
+            let away = (main.position - main.look_at).normalize_or(Vec3::Z) * (4.5 * self.mark_size());
+            self.subject.close_up = Eye { position: hand + away, look_at: hand, up: main.up };
+            return;
+        }
         self.subject.close_up = near.map_or(main, |(one, p_BC)| {
             let mark = Mark::new(one, p_BC);
             close_up(mark.X_BS.p, [mark.zeta(); 2], Vec3::ZERO, self.mark_size(), &main)
@@ -132,10 +139,14 @@ impl Recording {
         let unit = self.mark_size();
         let whole = Ending { loop_ns: (0, self.nanoseconds(last)), close_up: self.subject.close_up };
         let ending = match self.layout {
-            Layout::Control => self.stretches.ending(|tick| self.nanoseconds(tick), last, unit, &self.subject.eye),
-            Layout::Timing | Layout::Faults => None,
+            Layout::Control if !self.subject.stands_still => self.stretches.ending(|tick| self.nanoseconds(tick), last, unit, &self.subject.eye),
+            _ => None,
         };
         let store = self.blueprint();
+        if !self.fault_states.is_empty() && !std::mem::replace(&mut self.subject.faults, true) {
+            // Faults have come that nobody planned: the same views with a bar for them.
+            blueprint::send(&mut self.sink, &store, &self.subject, self.layout);
+        }
         blueprint::send_ending(&mut self.sink, &store, &self.subject, self.layout, &ending.unwrap_or(whole));
     }
 
