@@ -99,6 +99,27 @@ def figure(command, scratch):
     small((folder / "fig3.png").read_bytes()).save(DOCS / "fig3.png", optimize=True)
 
 
+def still(command, scratch):
+    """Figures 1 and 2 of the paper as the viewer shows them, one beside the other."""
+    parts = []
+    for name in ("fig1-pseudo-inverse", "fig2-dynamically-consistent"):
+        armplane(command, ["run", name], scratch / name)
+        with Viewer([scratch / name / "run.rrd"]) as viewer:
+            viewer.at(1.9)
+            parts.append(Image.open(io.BytesIO(viewer.picture())).convert("RGB").crop((0, 28, 676, 690)))
+    sheet = Image.new("RGB", (2 * 676, 662))
+    for k, part in enumerate(parts):
+        sheet.paste(part, (676 * k, 0))
+    sheet.quantize(255, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(DOCS / "still.png", optimize=True)
+
+
+def drill(command, scratch):
+    """Every fault on every process: takes minutes."""
+    folder = scratch / "drill"
+    subprocess.run([command, "drill", "--out", str(folder)], capture_output=True, check=True)
+    small((folder / "drill.png").read_bytes()).save(DOCS / "drill.png", optimize=True)
+
+
 def report(command, scratch):
     """The first page of a report, in a browser."""
     folder, page, shot = scratch / "report", scratch / "report.html", scratch / "report.png"
@@ -110,7 +131,7 @@ def report(command, scratch):
 
 
 # Pictures that need no viewer, or several of its frames.
-OTHERS = {"race.gif": race, "fig3": figure, "report": report}
+OTHERS = {"race.gif": race, "still": still, "fig3": figure, "report": report, "drill": drill}
 
 
 def main():

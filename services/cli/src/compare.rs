@@ -173,6 +173,10 @@ fn tune(args: &CompareArgs, laws: &[Strategy], as_json: bool) -> Result<ExitCode
     Ok(ExitCode::SUCCESS)
 }
 
+/// A share of a limit; an arm without limits has none.
 fn percent(ratio: f64) -> String {
+    if ratio == 0.0 {
+        return "–".to_owned();
+    }
     format!("{:.0} %", ratio * 100.0)
 }

@@ -8,7 +8,7 @@ use shared_types::scenario::Scenario;
 
 use crate::out::say;
 use session::Failure;
-use session::table::{number, table};
+use session::table::{fitted, number};
 
 pub(crate) fn list(as_json: bool) -> Result<ExitCode, Failure> {
     let scenarios = sim::scenarios::names()
@@ -27,7 +27,7 @@ pub(crate) fn list(as_json: bool) -> Result<ExitCode, Failure> {
         say!("{}", json!({"scenarios": scenarios, "robots": robots}));
         return Ok(ExitCode::SUCCESS);
     }
-    let mut rows = table(&["scenario", "robot", "s", "what it shows"]);
+    let mut rows = fitted(&["scenario", "robot", "s", "what it shows"]);
     for scenario in &scenarios {
         rows.add_row([
             scenario.name.clone().into(),
@@ -37,7 +37,7 @@ pub(crate) fn list(as_json: bool) -> Result<ExitCode, Failure> {
         ]);
     }
     say!("{rows}");
-    let mut rows = table(&["robot", "joints", "postures", "frames"]);
+    let mut rows = fitted(&["robot", "joints", "postures", "frames"]);
     for robot in &robots {
         let postures: Vec<_> = robot.postures.keys().map(String::as_str).collect();
         let frames: Vec<_> = robot.frames.iter().map(|frame| frame.name.as_str()).collect();

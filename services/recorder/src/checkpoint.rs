@@ -26,7 +26,7 @@ const WRITTEN: &str = "recorder.written";
 /// How much a replacement has to go through again: messages that are kept, but in no figure yet.
 const EVERY: Duration = Duration::from_secs(2);
 /// The same in ticks, for runs in lockstep.
-pub(crate) const EVERY_TICKS: u64 = 4096;
+pub(crate) const EVERY_TICKS: u64 = 8192;
 
 /// Everything a recorder has gathered.
 #[derive(Debug, Serialize, Deserialize)]
