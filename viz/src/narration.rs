@@ -187,7 +187,8 @@ impl Situation {
             let _ = writeln!(text, "{mark} {}\n", run.title);
             if let Some(off_um) = self.off_um {
                 let off_mm = f64::from(off_um) * 1e-3;
-                let _ = writeln!(text, "The joints move; the hand should stand still. It has been **{off_mm} mm** off its place at most.\n");
+                let _ =
+                    writeln!(text, "The joints move; the hand should stand still. It has been **{off_mm} mm** off its place at most.\n");
                 text.push_str(
                     "*Amber: its way off its place, 50 times as large. Blue body: speeds the hand can reach. Net: accelerations.*\n",
                 );
@@ -198,7 +199,10 @@ impl Situation {
             if let Some((i, one)) = near {
                 let _ = writeln!(text, "Near the **{}** singularity: {}.\n", singularity_name(one.kind, i), doing(one.mode));
             }
-            self.tell_past(&mut text, run);
+            if self.tell_past(&mut text, run) {
+                // The table takes the room of the legend.
+                return text;
+            }
         } else {
             let rank = format!("rank {} of {}", run.directions.saturating_sub(locks), run.directions);
             let _ = match self.inside().next() {
@@ -232,13 +236,13 @@ impl Situation {
         text
     }
 
-    /// The singularities that the arm has been in: when, the motion that was lost, the arm's response.
-    fn tell_past(&self, text: &mut String, run: &Run) {
+    /// The singularities that the arm has been in: when, the motion that was lost, the arm's response. Whether there are any.
+    fn tell_past(&self, text: &mut String, run: &Run) -> bool {
         let past = self.singularities[..self.count].iter().zip(&self.past).enumerate();
         let mut past: Vec<_> = past.filter_map(|(i, (one, stay))| Some((i, one, (*stay)?))).collect();
         past.sort_by_key(|(_, _, stay)| stay.first);
         if past.is_empty() {
-            return;
+            return false;
         }
         text.push_str("| before | the hand could not | the arm |\n|---|---|---|\n");
         for (i, one, stay) in past {
@@ -253,7 +257,7 @@ impl Situation {
                 doing(stay.mode)
             );
         }
-        text.push('\n');
+        true
     }
 }
 
@@ -335,12 +339,9 @@ mod tests {
             ByTopic { singularity: Some(&report), control_state: Some(&command), torque: Some(&torque), ..ByTopic::default() },
         );
         let words = Situation::of(&row).markdown(&RUN);
-        for expected in [
-            "Wrist lock (type 2): the hand cannot turn about ζ · rank 5 of 6",
-            "**wrist** (magenta)",
-            "axes 4 and 6",
-            "joints turn ζ",
-        ] {
+        for expected in
+            ["Wrist lock (type 2): the hand cannot turn about ζ · rank 5 of 6", "**wrist** (magenta)", "axes 4 and 6", "joints turn ζ"]
+        {
             assert!(words.contains(expected), "{expected:?} is not in {words}");
         }
         assert!(!words.contains("elbow"), "the arm is not in the elbow singularity");

@@ -90,7 +90,7 @@ pub(crate) fn glyph(angular: bool, colour: Rgba) -> Mesh {
             (Vec3::new(0.0, radius * cos, radius * sin), Vec3::new(0.0, -sin, cos))
         };
         let (from, to) = (0.03, 0.78);
-        let arc: Vec<Vec3> = (0..=48).map(|k| point(from + (to - from) * k as f32 / 48.0).0).collect();
+        let arc: Vec<Vec3> = (0..=32).map(|k| point(from + (to - from) * k as f32 / 32.0).0).collect();
         mesh.add_tube(&arc, 0.035, colour);
         for (turn, sense) in [(from, -1.0), (to, 1.0)] {
             let (p, tangent) = point(turn);
@@ -200,9 +200,9 @@ pub(crate) fn label_sides(marks: &[Mark]) -> Vec<f32> {
 pub(crate) fn rings(edge: f32, size: f32, colour: Rgba) -> Mesh {
     let mut mesh = Mesh::default();
     for x in [-edge, edge] {
-        let ring: Vec<Vec3> = (0..=28)
+        let ring: Vec<Vec3> = (0..=24)
             .map(|k| {
-                let (sin, cos) = (std::f32::consts::TAU * k as f32 / 28.0).sin_cos();
+                let (sin, cos) = (std::f32::consts::TAU * k as f32 / 24.0).sin_cos();
                 size * Vec3::new(x, 0.19 * cos, 0.19 * sin)
             })
             .collect();

@@ -47,14 +47,14 @@ pub(crate) struct Mesh {
 }
 
 /// Facets of a full turn.
-pub(crate) const FACETS: usize = 28;
+pub(crate) const FACETS: usize = 24;
 
 impl Mesh {
     /// The convex hull of discs, extruded from `z0` to `z1` with edges rounded by `bevel`: a cylinder, a slab, a tapered arm.
     pub(crate) fn add_extrusion(&mut self, at: Placement, discs: &[Disc], z0: f32, z1: f32, bevel: f32, colour: Rgba) {
         // A fine edge needs few facets, a ball many: meshes are a tenth of a short recording.
         let steps = match bevel {
-            ball if ball > 0.03 => 10,
+            ball if ball > 0.03 => 7,
             edge if edge > 0.006 => 3,
             _ => 1,
         };

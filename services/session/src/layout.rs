@@ -2,11 +2,12 @@
 
 use std::path::Path;
 
-use shared_types::scenario::Layout;
+use shared_types::scenario::{Layout, Scenario};
 use viz::{RunInfo, TickRow};
 
 use crate::failure::Failure;
 use crate::load;
+use crate::results::SCENARIO;
 use crate::runs::Run;
 
 /// The layout of a run as a `.rbl`: the first tick is computed again, which names the singularities and places the eye.
@@ -17,8 +18,15 @@ pub fn save_blueprint(run: &Run, layout: Layout, path: &Path) -> Result<(), Fail
     let job = run.job()?;
     let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
     let first = chain::first_tick(&robot, &job.scenario).map_err(Failure::input)?;
+    // The faults that the run has had, those injected by hand too: plots mark them.
+    let mut scenario = job.scenario.clone();
+    if let Some(repeats) =
+        std::fs::read_to_string(run.folder.join(SCENARIO)).ok().and_then(|text| Scenario::parse(SCENARIO, &text, &[]).ok())
+    {
+        scenario.fault = repeats.fault;
+    }
     let info = RunInfo {
-        scenario: &job.scenario,
+        scenario: &scenario,
         robot: &robot,
         run: &job.run,
         version: &job.version,

@@ -16,7 +16,7 @@ use crate::load;
 pub const RUNS: &str = "runs";
 /// Name of the summary in the results folder.
 pub const SUMMARY: &str = "summary.json";
-const SCENARIO: &str = "scenario.toml";
+pub(crate) const SCENARIO: &str = "scenario.toml";
 const GRAPH: &str = "graph.toml";
 const ROBOT_URDF: &str = "robot.urdf";
 const ROBOT_TOML: &str = "robot.toml";

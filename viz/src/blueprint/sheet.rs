@@ -236,7 +236,8 @@ impl Sheet {
         let range = |timeline: &str| {
             VisibleTimeRange(Span { timeline: timeline.into(), range: TimeRange { start, end: TimeRangeBoundary::AT_CURSOR } })
         };
-        for of in [entity::PATH_ACTUAL, entity::PATH_DESIRED, entity::PATH_MAGNIFIED, entity::RIVAL_PATH] {
+        let magnified = subject.stands_still.then_some(entity::PATH_MAGNIFIED);
+        for of in [entity::PATH_ACTUAL, entity::PATH_DESIRED, entity::RIVAL_PATH].into_iter().chain(magnified) {
             let at = ViewContents::blueprint_base_visualizer_path_for_entity(id, &of.into());
             self.log(at, &VisibleTimeRanges::new([range("t"), range("tick")]));
         }

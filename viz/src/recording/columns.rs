@@ -56,10 +56,14 @@ impl Table {
     }
 
     /// A column for each thing that is only drawn, then for each signal at the same rate, by its place behind them.
-    pub(super) fn of_drawn() -> Self {
+    ///
+    /// With `faults` the column of faults is written from the beginning, as empty as it may be: a viewer that follows looks for it.
+    pub(super) fn of_drawn(faults: bool) -> Self {
         let slow = |signal: &Signal| (signal.width() == Width::Slow).then(|| Column::new(signal.component(), Kept::F32));
         let columns = Drawn::ALL.iter().map(|drawn| Some(Column::new(drawn.component(), Kept::Share))).chain(Signal::ALL.iter().map(slow));
-        Self { ticks: Vec::new(), columns: columns.collect() }
+        let mut columns: Vec<Option<Column>> = columns.collect();
+        columns[Drawn::Fault as usize].iter_mut().for_each(|column| column.seen = faults);
+        Self { ticks: Vec::new(), columns }
     }
 
     pub(super) fn rows(&self) -> usize {

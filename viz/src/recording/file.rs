@@ -143,7 +143,7 @@ impl Recording {
             pending: Default::default(),
             rival: None,
             signals: Table::of_signals(),
-            drawn_table: Table::of_drawn(),
+            drawn_table: Table::of_drawn(options.is_live),
             drawn_every: every(1.0 / DRAWN_HZ) as u64,
             signal_rows: every(options.signal_chunk_s) as usize,
             picture: Picture::default(),

@@ -121,7 +121,7 @@ impl Recording {
         if self.subject.stands_still {
             // From where the arm is seen, onto the hand.
             let hand = row.q().map_or(Vec3::X, |q| vec3(&self.arm.forward_kinematics(&SVector::from_column_slice(q)).p));
-            let away = (main.position - main.look_at).normalize_or(Vec3::Z) * (4.5 * self.mark_size());
+            let away = (main.position - main.look_at).normalize_or(Vec3::Z) * (3.4 * self.mark_size());
             self.subject.close_up = Eye { position: hand + away, look_at: hand, up: main.up };
             return;
         }
@@ -139,7 +139,9 @@ impl Recording {
         let unit = self.mark_size();
         let whole = Ending { loop_ns: (0, self.nanoseconds(last)), close_up: self.subject.close_up };
         let ending = match self.layout {
-            Layout::Control if !self.subject.stands_still => self.stretches.ending(|tick| self.nanoseconds(tick), last, unit, &self.subject.eye),
+            Layout::Control if !self.subject.stands_still => {
+                self.stretches.ending(|tick| self.nanoseconds(tick), last, unit, &self.subject.eye)
+            }
             _ => None,
         };
         let store = self.blueprint();
