@@ -8,6 +8,7 @@ import base64
 import json
 import os
 import pathlib
+import shlex
 import signal
 import socket
 import subprocess
@@ -25,9 +26,10 @@ def free_port():
 
 
 class Viewer:
-    """A headless viewer; `files` are opened in order, or sent one after the other through its input with `piped`."""
+    """A headless viewer; `files` are opened in order, or sent one after the other through its input with `piped`. Or the one that a command
+    of armplane opens, `through`."""
 
-    def __init__(self, files, size="1280x720", piped=False):
+    def __init__(self, files=(), size="1280x720", piped=False, through=None):
         self.folder = tempfile.TemporaryDirectory()
         environment = dict(os.environ, XDG_RUNTIME_DIR=self.folder.name, XDG_DATA_HOME=self.folder.name)
         if SOFTWARE_DRIVER.exists():
@@ -35,9 +37,18 @@ class Viewer:
         port = free_port()
         quiet = subprocess.DEVNULL
         arguments = ["-"] if piped else [str(file) for file in files]
+        headless = ["--headless", "--port", str(port), "--window-size", size]
+        command = [COMMAND, *arguments, "--bind", "127.0.0.1", *headless]
+        if through:
+            # The viewer as armplane knows it: the same, without a window.
+            stand_in = pathlib.Path(self.folder.name) / "viewer.sh"
+            quoted = shlex.quote(COMMAND)
+            stand_in.write_text(f'#!/bin/sh\n[ "$1" = --version ] && exec {quoted} --version\nexec {quoted} "$@" {shlex.join(headless)}\n')
+            stand_in.chmod(0o755)
+            environment["ARMPLANE_RERUN"] = str(stand_in)
+            command = through
         self.viewer = subprocess.Popen(
-            [COMMAND, *arguments, "--headless", "--bind", "127.0.0.1", "--port", str(port), "--window-size", size],
-            env=environment, stdin=subprocess.PIPE if piped else quiet, stdout=quiet, stderr=quiet, start_new_session=True,
+            command, env=environment, stdin=subprocess.PIPE if piped else quiet, stdout=quiet, stderr=quiet, start_new_session=True,
         )
         if piped:
             for file in files:

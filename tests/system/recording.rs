@@ -4,7 +4,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use crate::command::{Desk, Said, assert_nothing_left, finish};
+use crate::command::{Desk, Said, assert_nothing_left, finish, skipped};
 
 impl Desk {
     /// `armplane` with another viewer.
@@ -44,6 +44,33 @@ fn without_a_viewer_one_sentence_says_how_to_get_one() {
     let live = desk.with_viewer(Path::new("/there/is/no/viewer"), &["run", "--live", "--out", "live"]);
     assert!(live.code == 1 && live.err.contains("pip install"), "{}", live.err);
     assert!(!desk.path().join("live").exists(), "nothing was started");
+}
+
+/// Only with the viewer proper, its software driver and Pillow: a picture is taken of it.
+#[test]
+fn the_real_viewer_shows_the_layout_that_was_asked_for() {
+    let viewer = std::env::var_os("ARMPLANE_RERUN").unwrap_or_else(|| "rerun".into());
+    let answers = |command: &mut Command| command.stdout(Stdio::null()).stderr(Stdio::null()).status().is_ok_and(|status| status.success());
+    if !answers(Command::new(viewer).arg("--version")) {
+        return skipped("there is no Rerun viewer");
+    }
+    if !Path::new("/usr/share/vulkan/icd.d/lvp_icd.x86_64.json").exists() || !answers(Command::new("python3").args(["-c", "import PIL"])) {
+        return skipped("there is no software Vulkan driver, or no Pillow, to take a picture of the viewer with");
+    }
+    let desk = Desk::new();
+    desk.run(&[&SHORT[..], &["--out", "results"]].concat());
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/pictures/shown.py");
+    // The share of the upper left pane that is the ground of a view of the arm.
+    let shown = |layout: &[&str]| {
+        let mut command = Command::new("python3");
+        command.arg(&script).arg("shown.png").arg(env!("CARGO_BIN_EXE_armplane")).args(["view", "results"]).args(layout);
+        let said = command.current_dir(desk.path()).output().expect("python3 starts");
+        let text = String::from_utf8_lossy(&said.stdout);
+        text.trim().parse::<f64>().unwrap_or_else(|error| panic!("{error}: {text}{}", String::from_utf8_lossy(&said.stderr)))
+    };
+    let (control, timing) = (shown(&[]), shown(&["--layout", "timing"]));
+    assert!(control > 0.5, "the arm is in the upper left of the layout `control`: {control}");
+    assert!(timing < 0.1, "latencies are in the upper left of the layout `timing`: {timing}");
 }
 
 #[test]
