@@ -207,7 +207,7 @@ fn plots(page: &mut Html, job: &Job, recorded: &Recorded, singularities: &[Named
     page.figure(
         path,
         [scale, latency],
-        "Who controls what, and how fast path time, task torque and null-space torque are let through; and the hops of each tick, the \
+        "The share of the hand in control (β), and how fast path time, task torque and null-space torque are let through; and the hops of each tick, the \
          whole chain among them: in lockstep they say how fast the machine is, not how punctual.",
     )
 }
