@@ -207,8 +207,8 @@ impl Situation {
             let rank = format!("rank {} of {}", run.directions.saturating_sub(locks), run.directions);
             let _ = match self.inside().next() {
                 Some((i, one)) if locks == 1 => {
-                    let (name, class) = (capital(&singularity_name(one.kind, i)), name_of(TYPES, one.class));
-                    writeln!(text, "{mark} {name} lock ({class}): the hand cannot {} · {rank}\n", lost(one.angular))
+                    let name = capital(&singularity_name(one.kind, i));
+                    writeln!(text, "{mark} {name} lock: the hand cannot {} · {rank}\n", lost(one.angular))
                 }
                 _ => writeln!(text, "{mark} {locks} locks at once: {locks} directions lost · {rank}\n"),
             };
@@ -217,7 +217,8 @@ impl Situation {
                 let (name, (colour, _)) = (singularity_name(one.kind, i), named_colour(one.kind, i));
                 let _ = writeln!(
                     text,
-                    "| **{name}** ({colour}): {} | {} | {} |",
+                    "| **{name}** ({colour}, {}): {} | {} | {} |",
+                    name_of(TYPES, one.class),
                     reason(one.kind, run.joints),
                     lost(one.angular),
                     doing(one.mode)
@@ -307,7 +308,7 @@ pub(crate) fn doing(mode: u32) -> &'static str {
     match mode {
         MODE_REGULAR => "plain operational-space control",
         MODE_BLEND => "control along ζ passes between hand and null space",
-        MODE_TRACK => "null-space motion follows the path along ζ",
+        MODE_TRACK => "follows the path by null-space motion",
         MODE_PASS => "passes through, ζ held off the path",
         MODE_HOLD => "holds ζ, moves orthogonal to it",
         MODE_REORIENT => "joints turn ζ, the hand stays",
@@ -340,7 +341,7 @@ mod tests {
         );
         let words = Situation::of(&row).markdown(&RUN);
         for expected in
-            ["Wrist lock (type 2): the hand cannot turn about ζ · rank 5 of 6", "**wrist** (magenta)", "axes 4 and 6", "joints turn ζ"]
+            ["Wrist lock: the hand cannot turn about ζ · rank 5 of 6", "**wrist** (magenta, type 2)", "axes 4 and 6", "joints turn ζ"]
         {
             assert!(words.contains(expected), "{expected:?} is not in {words}");
         }

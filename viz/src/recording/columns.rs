@@ -216,7 +216,10 @@ impl Picture {
                 // Each below the one before: seen from far they would overlap.
                 let below = Vec3::NEG_Z * (0.75 * unit * labels);
                 labels += 1.0;
-                tracks.label.push(tick, &Placement { p: mark.X_BS.p + mark.zeta() * (side * 1.3 * unit) + below, ..Placement::IDENTITY });
+                // Beside the end of its axis: above it, or below where the axis points down.
+                let end = mark.zeta() * (side * 1.05 * unit);
+                let aside = Vec3::Z * (if end.z < -0.3 * unit { -0.25 * unit } else { 0.25 * unit });
+                tracks.label.push(tick, &Placement { p: mark.X_BS.p + end + aside + below, ..Placement::IDENTITY });
             }
         }
     }
