@@ -53,13 +53,19 @@ pub(crate) struct Ending {
     pub(crate) close_up: Eye,
 }
 
-/// Adds the ending to a blueprint that has been sent, and activates it again: the viewer works on a copy made at activation.
-pub(crate) fn send_ending(sink: &mut Sink, store: &StoreId, subject: &Subject, which: Layout, ending: &Ending) {
+/// Adds the ending to a blueprint that has been sent, and activates it again: the viewer works on a copy made at activation. With
+/// `is_changed`, because the subject is another than the blueprint was sent for, all of its views too.
+pub(crate) fn send_ending(sink: &mut Sink, store: &StoreId, subject: &Subject, which: Layout, ending: &Ending, is_changed: bool) {
     // The ids of the same layout again, without its other chunks.
     let mut places = Sheet::new(which);
     Desk::new(&mut places, subject).arrange(which);
     let view = places.view_named(close_up_name(subject));
-    places.chunks.clear();
+    if is_changed {
+        let root = RootContainer(places.root.into());
+        places.log("viewport", &ViewportBlueprint::new().with_root_container(root));
+    } else {
+        places.chunks.clear();
+    }
     let (min, max) = ending.loop_ns;
     let range = AbsoluteTimeRange(re_sdk_types::datatypes::AbsoluteTimeRange { min: TimeInt(min), max: TimeInt(max) });
     let time = time_panel().with_loop_mode(LoopMode::Selection).with_time_selection(range).with_play_state(PlayState::Playing);

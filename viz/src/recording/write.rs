@@ -145,11 +145,9 @@ impl Recording {
             _ => None,
         };
         let store = self.blueprint();
-        if !self.fault_states.is_empty() && !std::mem::replace(&mut self.subject.faults, true) {
-            // Faults have come that nobody planned: the same views with a bar for them.
-            blueprint::send(&mut self.sink, &store, &self.subject, self.layout);
-        }
-        blueprint::send_ending(&mut self.sink, &store, &self.subject, self.layout, &ending.unwrap_or(whole));
+        // Faults that nobody planned: the same views with a bar for them.
+        let is_changed = !self.fault_states.is_empty() && !std::mem::replace(&mut self.subject.faults, true);
+        blueprint::send_ending(&mut self.sink, &store, &self.subject, self.layout, &ending.unwrap_or(whole), is_changed);
     }
 
     /// The blueprint's own store: one per recording, the same in every part.
