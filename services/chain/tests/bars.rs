@@ -254,8 +254,8 @@ fn fast_sweeps_with_noise() {
     }
 }
 
-/// Estimate and compensate what the model does not explain.
-const OBSERVER: [&str; 2] = ["estimator.disturbance_bandwidth=50.0", "control.compensate_disturbance=true"];
+/// Without the disturbance observer, which is on by default.
+const OBSERVER_OFF: [&str; 1] = ["estimator.disturbance_bandwidth=0.0"];
 
 #[test]
 #[ignore = "a minute: a wrong mass, with the observer off and on"]
@@ -264,7 +264,8 @@ fn a_wrong_mass_on_the_hybrid_plant() {
     for name in ["fig5-wrist-rotation", "fig4-elbow-and-wrist", "overhead-pass"] {
         for mass in ["plant.mass_factor=0.9", "plant.mass_factor=1.1"] {
             for observer in [false, true] {
-                let settings: Vec<&str> = [mass].into_iter().chain(if observer { &OBSERVER[..] } else { &[] }.iter().copied()).collect();
+                let settings: Vec<&str> =
+                    [mass].into_iter().chain(if observer { &[] } else { &OBSERVER_OFF[..] }.iter().copied()).collect();
                 let (robot, scenario) = built_in(name, &settings);
                 let f = run(&robot, &scenario);
                 let label = format!("{name} {} {}", &mass[18..], if observer { "observer" } else { "" });
@@ -286,7 +287,7 @@ fn unmodelled_friction_on_the_hybrid_plant() {
     for coulomb in [false, true] {
         for observer in [false, true] {
             let settings: Vec<&str> =
-                ["plant.friction=true"].into_iter().chain(if observer { &OBSERVER[..] } else { &[] }.iter().copied()).collect();
+                ["plant.friction=true"].into_iter().chain(if observer { &[] } else { &OBSERVER_OFF[..] }.iter().copied()).collect();
             let (mut robot, scenario) = built_in("overhead-pass", &settings);
             if !coulomb {
                 robot.joints.iter_mut().for_each(|joint| joint.coulomb_friction = 0.0);

@@ -12,7 +12,7 @@ use crate::continuous::blended;
 use crate::continuous::foresight::Foreseen;
 use crate::continuous::governor::Load;
 use crate::continuous::guide::Guide;
-use crate::continuous::saturation::{Limited, limit};
+use crate::continuous::saturation::{Limited, compensated, limit};
 use crate::continuous::turn_plan;
 use crate::demand_ahead::demand_ahead;
 use crate::law::{Active, Actives, LawError, Torques, Wanted};
@@ -439,7 +439,7 @@ impl<const N: usize> Controller<N> {
         }
         let mut bias = now.terms.bias();
         if self.scenario.control.compensate_disturbance {
-            bias -= now.tau_disturbance;
+            bias -= compensated(now.tau_disturbance, self.model.effort());
         }
         Ok(limit(&bias, torques, self.model.effort()))
     }

@@ -2,6 +2,7 @@
 #![allow(non_snake_case)]
 
 mod cycle;
+mod disturbance;
 
 use model::{Refused, Robot, with_dof};
 use runtime::{ProcessError, Shell};

@@ -25,7 +25,7 @@ pub struct Control {
     pub aux_slew: BySingularity,
     /// Whether the governor may stretch time to respect limits.
     pub governor: bool,
-    /// Whether the disturbance estimate is compensated.
+    /// Whether the disturbance estimate is compensated, up to a share of each torque limit.
     pub compensate_disturbance: bool,
     /// The tuning of the baselines.
     pub baseline: Baseline,
@@ -41,7 +41,7 @@ impl Default for Control {
             aux_rate_max: BySingularity::RATE_MAX,
             aux_slew: BySingularity::SLEW,
             governor: true,
-            compensate_disturbance: false,
+            compensate_disturbance: true,
             baseline: Baseline::default(),
         }
     }

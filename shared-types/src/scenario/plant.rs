@@ -93,13 +93,13 @@ impl Default for Plant {
 pub struct Estimator {
     /// Bandwidth of the position/velocity observer; rad/s.
     pub bandwidth: f64,
-    /// Bandwidth of the generalised-momentum disturbance observer; rad/s. 0: off.
+    /// Bandwidth of the disturbance observer, which explains what exceeds the encoders' noise; rad/s. 0: off.
     pub disturbance_bandwidth: f64,
 }
 
 impl Default for Estimator {
     fn default() -> Self {
-        Self { bandwidth: 150.0, disturbance_bandwidth: 0.0 }
+        Self { bandwidth: 150.0, disturbance_bandwidth: 50.0 }
     }
 }
 

@@ -24,6 +24,15 @@ pub struct Limited<const N: usize> {
     pub load: f64,
 }
 
+/// Share of a torque limit up to which a disturbance is compensated: payload and friction take less, a contact is not pressed against.
+const COMPENSATED: f64 = 0.25;
+
+/// The disturbance torques that are compensated, N·m: up to a share of each limit.
+#[must_use]
+pub fn compensated<const N: usize>(tau_disturbance: &SVector<f64, N>, limits: &SVector<f64, N>) -> SVector<f64, N> {
+    tau_disturbance.zip_map(limits, |tau, limit| tau.clamp(-COMPENSATED * limit, COMPENSATED * limit))
+}
+
 /// Γ = bias + k_r·rest + k_t·path + k_n·null: the largest k_n, then the largest k_t, then the largest k_r in [0, 1] that respect every limit.
 ///
 /// Shapes N · Units N·m · Ensures |Γ_i| ≤ limit_i: an excess that no k removes is cut at the joint · Errors none · Cost O(N), no allocation
