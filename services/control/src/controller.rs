@@ -1,5 +1,7 @@
 //! The controller: one tick from state and singularity report to torque, in five steps.
 
+mod desired_motion;
+
 use crate::analyzer::Analyzer;
 use crate::arm_family::choice::Family;
 use crate::arm_family::family::Situation;
@@ -16,9 +18,7 @@ use crate::continuous::saturation::{Limited, compensated, limit};
 use crate::continuous::turn_plan;
 use crate::demand_ahead::demand_ahead;
 use crate::law::{Active, Actives, LawError, Torques, Wanted};
-use crate::linear::{clamp_norm, linear, rotation_log, stack};
 use crate::paper::reference::{Memory, Target};
-use crate::paper::type_2::Turn;
 use crate::paper::{chang_khatib, null_space, type_1, type_2};
 use crate::plausibility::{self, Bounds, Plausible};
 use crate::posture::Postures;
@@ -33,11 +33,6 @@ use model::{Model, Robot, Terms};
 use nalgebra::SVector;
 use shared_types::scenario::{Control, Scenario, Strategy};
 use shared_types::{ControllerCheckpoint, MAX_SINGULARITIES};
-
-/// Largest position error that feedback answers to, m: a goal far away must not demand the acceleration of its whole distance.
-const POSITION_ERROR_MAX: f64 = 0.05;
-/// Largest orientation error that feedback answers to, rad.
-const ORIENTATION_ERROR_MAX: f64 = 0.25;
 
 /// Share of a joint's speed, at full clock speed, beyond which the path is refused: twice the limit even at the slowest clock.
 const HOPELESS: f64 = 40.0;
@@ -231,39 +226,6 @@ impl<const N: usize> Controller<N> {
         for (place, s) in report.meant().iter().enumerate().skip(first).filter(|(place, _)| modes[*place] != Mode::Regular) {
             let (along, most) = (s.zeta_B.dot(&motion.feedback), k_v * s.gain.abs() * self.rate_max(place, s));
             motion.a -= s.zeta_B * (along - along.clamp(-most, most));
-        }
-    }
-
-    /// Step 1: the desired motion of E and C, the pose error, and a* = a_d + k_v(V_d − V) + k_p e, the error bounded.
-    fn desired_motion(&self, state: &mut State<N>, now: &Inputs<'_, N>) -> Motion<N> {
-        let before = state.progress.leg;
-        self.path.advance(&mut state.progress, 0.0, now.report);
-        if state.progress.leg != before {
-            state.turn = Turn::none();
-        }
-        let clock = state.governor.rate;
-        let reorients = self.path.leg(state.progress.leg).is_some_and(|leg| leg.reorient.is_some());
-        let planned = self.guide.at(state.progress.leg, state.route_time_s).filter(|_| !reorients);
-        // The path waits while the plan turns ζ.
-        let time_rate = planned.map_or(1.0, |plan| plan.time_rate);
-        let desired_E = self.path.desired(&state.progress, clock * time_rate, state.governor.rate_dot * time_rate);
-        let desired = desired_E.at(now.p_EC);
-        let turn_error = rotation_log(&(desired.R * now.terms.X_BE.R.transpose()));
-        let error = stack(&(desired.p - now.at.p), &turn_error);
-        let V = now.at.J * now.qdot;
-        let feedback = stack(&clamp_norm(linear(&error), POSITION_ERROR_MAX), &clamp_norm(turn_error, ORIENTATION_ERROR_MAX));
-        let Control { k_p, k_v, .. } = self.scenario.control;
-        Motion {
-            leg: self.path.leg(state.progress.leg).copied(),
-            planned,
-            clock,
-            desired_E,
-            desired,
-            V_nominal: self.path.desired(&state.progress, time_rate, 0.0).at(now.p_EC).V,
-            a_feed: self.path.desired(&state.progress, clock * time_rate, 0.0).at(now.p_EC).a,
-            error,
-            feedback: feedback * k_p,
-            a: desired.a + (desired.V - V) * k_v + feedback * k_p,
         }
     }
 

@@ -41,6 +41,7 @@ pub mod paper;
 mod plausibility;
 mod posture;
 mod route_ahead;
+mod served;
 mod setup;
 mod state;
 mod telemetry;

@@ -1,6 +1,6 @@
 //! Small dense algebra of static size: solvers with a rank check and a bounded number of iterations.
 
-pub use model::{rotation_exp, rotation_log};
+pub use model::{rotation_exp, rotation_log, rotation_twist};
 use nalgebra::{SMatrix, SVector, Vector3, Vector6};
 
 /// Why a square system could not be solved.

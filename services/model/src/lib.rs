@@ -58,7 +58,7 @@ pub use factors::Factors;
 pub use joint::{Frame, Joint, JointKind};
 pub use pose::Pose;
 pub use robot::{Robot, RobotSource};
-pub use rotation::{rotation_exp, rotation_log};
+pub use rotation::{rotation_exp, rotation_log, rotation_twist};
 pub use shape::{Geometry, Shape};
 pub use start::StartError;
 pub use task::{TaskAxes, TaskAxis};

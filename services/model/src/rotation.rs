@@ -36,6 +36,15 @@ pub fn rotation_log(R: &Matrix3<f64>) -> Vector3<f64> {
     axis * if axis.dot(&w) < 0.0 { -angle } else { angle }
 }
 
+/// The angle α about the unit axis `k` by which `R` twists: R = exp(α k)·S with S about an axis orthogonal to k; rad, in (−π, π].
+///
+/// tan(α/2) = k·v/w for the quaternion (w, v) of R. Where both vanish (a half turn about an axis orthogonal to k) every α does, and 0 is returned.
+#[must_use]
+pub fn rotation_twist(R: &Matrix3<f64>, k: &Vector3<f64>) -> f64 {
+    let v = Vector3::new(R.m32 - R.m23, R.m13 - R.m31, R.m21 - R.m12);
+    2.0 * libm::atan2(k.dot(&v), 1.0 + R.trace())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -86,6 +95,17 @@ mod tests {
             let along = error.dot(&axis) - angle;
             // Near a half turn both axes are right.
             prop_assert!(along.abs() < 1e-9 || (PI - angle < 1e-9 && (error.dot(&axis) + angle).abs() < 1e-9), "{error} about {axis:?}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_twist_is_taken_off_a_swing(swing in axis(), by in -3.0..3.0_f64, twist in -3.0..3.0_f64, k in axis()) {
+            let across = swing.into_inner() - k.into_inner() * k.dot(&swing);
+            prop_assume!(across.norm() > 1e-3);
+            let S = rotation_exp(&(across.normalize() * by));
+            let R = rotation_exp(&(k.into_inner() * twist)) * S;
+            prop_assert!((rotation_twist(&R, &k) - twist).abs() < 1e-9, "{} of {twist}", rotation_twist(&R, &k));
         }
     }
 

@@ -25,6 +25,7 @@ use crate::centre::AtCentre;
 use crate::linear::stack;
 use crate::paper::type_1::Fold;
 use crate::paper::type_2::TURNS;
+use crate::served::free_axis;
 use crate::types::{Class, Kind, Singularity};
 use model::{Model, Robot, Terms};
 use nalgebra::{SMatrix, SVector, Vector3};
@@ -124,7 +125,8 @@ impl<const N: usize> Numeric<N> {
             places[count] = place(1, 0);
             count += 1;
         }
-        let centre = meeting.map_or(Centre::EndEffector, Centre::OnLastAxis);
+        // C's position must not depend on a rotation that the task does not serve.
+        let centre = meeting.filter(|_| free_axis(&task).is_none()).map_or(Centre::EndEffector, Centre::OnLastAxis);
         let mut source = Self {
             centre,
             length_m: robot.length_m,

@@ -1,6 +1,7 @@
 //! Inverse kinematics by Newton steps, in units in which a metre and a radian compare.
 
-use crate::linear::{angular, linear, rotation_log, stack, symmetric_eigen};
+use crate::linear::{angular, linear, stack, symmetric_eigen};
+use crate::served::{free_axis, rotation_error};
 use model::{Model, Pose};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3, Vector6};
 
@@ -83,10 +84,11 @@ impl<const N: usize> Kinematics<'_, N> {
         Pose { R: X.R, p: X.p + X.R * self.p_EC }
     }
 
-    /// From `X` to `X_d`, unit-scaled, on the task's axes.
+    /// From `X` to `X_d`, unit-scaled, on the task's axes; where two rotations are served, whatever the third one is.
     #[must_use]
     pub fn error(&self, X_d: &Pose, X: &Pose) -> Vector6<f64> {
-        let e = stack(&((X_d.p - X.p) / self.length_m), &rotation_log(&(X_d.R * X.R.transpose())));
+        let turn = rotation_error(&X_d.R, &X.R, free_axis(&self.task).as_ref());
+        let e = stack(&((X_d.p - X.p) / self.length_m), &turn);
         Vector6::from_fn(|k, _| if self.task[k] { e[k] } else { 0.0 })
     }
 
