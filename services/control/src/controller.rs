@@ -15,6 +15,7 @@ use crate::continuous::foresight::Foreseen;
 use crate::continuous::governor::Load;
 use crate::continuous::guide::Guide;
 use crate::continuous::saturation::{Limited, compensated, limit};
+use crate::continuous::speed_limit;
 use crate::continuous::turn_plan;
 use crate::demand_ahead::demand_ahead;
 use crate::law::{Active, Actives, LawError, Torques, Wanted};
@@ -197,6 +198,7 @@ impl<const N: usize> Controller<N> {
         let auxiliary = self.auxiliary_coordinates(state, now, &motion)?;
         self.bound_return(now.report, &auxiliary.telemetry.mode, &mut motion);
         let torques = self.torques(state, now, &motion, &auxiliary.actives)?;
+        let torques = if self.governs() { speed_limit::held(&torques, &now.terms.A, now.qdot, self.model.velocity())? } else { torques };
         let limited = self.limits(now, &motion, &torques)?;
         state.qdot_planned = torques.qdot_nominal * motion.clock;
         let rate_mask;
@@ -390,7 +392,7 @@ impl<const N: usize> Controller<N> {
     /// [`LawError::Speed`] where no clock is slow enough for the joint speeds.
     fn limits(&self, now: &Inputs<'_, N>, motion: &Motion<N>, torques: &Torques<N>) -> Result<Limited<N>, LawError> {
         let share = torques.speed_share(self.model.velocity());
-        if self.is_ours() && self.scenario.control.governor && motion.planned.is_none() && share > HOPELESS {
+        if self.governs() && motion.planned.is_none() && share > HOPELESS {
             return Err(LawError::Speed { share });
         }
         let limits = (self.model.lower(), self.model.upper());
@@ -412,7 +414,9 @@ impl<const N: usize> Controller<N> {
         if self.scenario.control.governor {
             let A = &now.terms.A;
             let load = Load {
-                speed: auxiliary_load.max(torques.speed_share(self.model.velocity())),
+                speed: auxiliary_load
+                    .max(torques.speed_share(self.model.velocity()))
+                    .max(speed_limit::demand(now.qdot, self.model.velocity()) / clock),
                 holding: now.terms.gravity,
                 following: (A * torques.qddot_path + now.terms.coriolis) / (clock * clock),
                 braking: A * torques.qdot_nominal,
@@ -436,6 +440,11 @@ impl<const N: usize> Controller<N> {
     /// of others.
     fn is_ours(&self) -> bool {
         matches!(self.scenario.control.strategy, Strategy::Blended | Strategy::ChangKhatib)
+    }
+
+    /// Whether one of our laws runs with its governor.
+    fn governs(&self) -> bool {
+        self.is_ours() && self.scenario.control.governor
     }
 
     /// The arm brought to rest, within the limits and the torque rates.

@@ -10,5 +10,6 @@ pub mod governor;
 pub mod guide;
 pub mod path_plan;
 pub mod saturation;
+pub mod speed_limit;
 pub mod torque_rate;
 pub mod turn_plan;
