@@ -46,15 +46,29 @@ pub(crate) fn route_ahead<const N: usize>(
         position_m: scenario.goal.path_mm * 1e-3,
         orientation_rad: scenario.goal.path_deg.to_radians(),
     };
+    if let Some(why) = too_heavy(model, robot, q_start, "in its start posture") {
+        return Err(why + ": start in a posture that takes less torque");
+    }
     // Spare joints have more routes than a search tries.
     let redundant = N > robot.task.count();
     match plan(&request) {
-        Ok(plan) => Ok(Some(plan)),
+        Ok(plan) => {
+            let heavy = plan.postures().find_map(|(t, q)| too_heavy(model, robot, q, &format!("at {t:.2} s of its path")));
+            heavy.map_or(Ok(Some(plan)), |why| Err(why + ": lead the path nearer to the base, or start in another posture"))
+        }
         // The poses are within reach: the law decides as it goes.
         Err(Infeasible { obstacle: Obstacle::Undecided, .. }) => Ok(None),
         Err(Infeasible { obstacle: Obstacle::Discontinuous, .. }) if redundant => Ok(None),
         Err(infeasible) => Err(words(robot, &infeasible) + &help(robot, scenario, remedy(&request))),
     }
+}
+
+/// A joint whose torque limit does not hold the arm against gravity, in words.
+fn too_heavy<const N: usize>(model: &Model<N>, robot: &Robot, q: &SVector<f64, N>, place: &str) -> Option<String> {
+    let gravity = model.gravity(q);
+    let joint = (0..robot.dof()).find(|i| gravity[*i].abs() > model.effort()[*i])?;
+    let (name, needed, limit) = (&robot.joints[joint].name, gravity[joint].abs(), model.effort()[joint]);
+    Some(format!("the arm cannot be held {place}: joint {} ({name}) needs {needed:.1} N·m and has {limit:.1} N·m", joint + 1))
 }
 
 fn words(robot: &Robot, infeasible: &Infeasible) -> String {
