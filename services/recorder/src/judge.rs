@@ -151,7 +151,7 @@ impl Judge {
             (codes::PHASE_DONE, clipped) => done(&task, &self.goal, clipped),
             _ => ("stopped", format!("the run ended after {} ticks, before the task did", self.ticks)),
         };
-        for clause in self.singularities.clauses().chain(self.joints.clauses()) {
+        for clause in self.singularities.clauses().chain(self.singularities.ends()).chain(self.joints.clauses()) {
             reason.push_str("; ");
             reason.push_str(&clause);
         }

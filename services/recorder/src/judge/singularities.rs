@@ -28,6 +28,8 @@ struct Watched {
     held_from: Option<u64>,
     /// Whether such a hold is under way.
     is_held: bool,
+    /// Error along the singular directions at the latest tick, mm and degrees, where it is beyond the goal's bounds inside the neighbourhood.
+    left: Option<[f64; 2]>,
 }
 
 impl SingularityMeter {
@@ -45,6 +47,7 @@ impl SingularityMeter {
                     zeta_at_entry: [0.0; 3],
                     held_from: None,
                     is_held: false,
+                    left: None,
                 });
             }
             let watched = &mut self.watched[i];
@@ -92,6 +95,17 @@ impl SingularityMeter {
         })
     }
 
+    /// One clause for each singularity in whose neighbourhood the run ended without a hold, too far off along its direction.
+    pub(super) fn ends(&self) -> impl Iterator<Item = String> {
+        self.watched.iter().filter(|watched| watched.held_from.is_none()).filter_map(|watched| {
+            let [mm, deg] = watched.left?;
+            let name = &watched.summary.name;
+            Some(format!(
+                "the run ended inside the {name} singularity's neighbourhood, {mm:.3} mm and {deg:.3} ° off along the singular directions"
+            ))
+        })
+    }
+
     pub(super) fn finish(self) -> (Vec<SingularitySummary>, Vec<ModeChange>) {
         (self.watched.into_iter().map(|watched| watched.summary).collect(), self.modes)
     }
@@ -102,6 +116,7 @@ impl Watched {
     fn hold(&mut self, tick: u64, error: &TaskError, goal: &Goal, events: &mut impl FnMut(String)) {
         let (mm, deg) = (error.position[2], error.orientation[2]);
         let is_cheap = within(mm, goal.position_mm) && within(deg, goal.orientation_deg);
+        self.left = (self.inside && !is_cheap).then_some([mm, deg]);
         let is_held = [MODE_HOLD, MODE_SLIDE].contains(&self.mode) && !is_cheap;
         if is_held {
             let summary = &mut self.summary;

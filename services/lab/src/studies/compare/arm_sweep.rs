@@ -150,7 +150,7 @@ fn run(robot: &model::Robot, law: Strategy, line: &SingularLine) -> Line {
         Err(refused) => out(Outcome::Refused, refused.to_string(), None),
         Ok(score) => {
             let within = score.speed_max_ratio <= 1.0 && !score.stopped_by_plant;
-            let says = ["held", "clipped", "orthogonal", "beyond reach"].iter().any(|word| score.reason.contains(word));
+            let says = ["held", "clipped", "orthogonal", "off along", "beyond reach"].iter().any(|word| score.reason.contains(word));
             let outcome = match score.outcome.as_str() {
                 "goal reached" => Outcome::Reached,
                 "stopped" if within => Outcome::Refused,
