@@ -49,18 +49,15 @@ class Run:
 
         return messages.read(self.folder / "messages" / f"{topic}.log", topic)
 
-    def _export(self, table):
-        with tempfile.TemporaryDirectory() as folder:
-            _armplane("export", self.folder, "--format", "csv", "--out", folder)
-            return (pathlib.Path(folder) / f"{table}.csv").read_bytes()
-
     def arrow(self, table="signals"):
-        """The signals, a row a tick (or "events"), as a `pyarrow.Table`."""
+        """The signals, a row a tick (or "events"), as a `pyarrow.Table`; `unit` and `description` are in each field's metadata."""
         import io
 
-        from pyarrow import csv
+        from pyarrow import parquet
 
-        return csv.read_csv(io.BytesIO(self._export(table)))
+        with tempfile.TemporaryDirectory() as folder:
+            _armplane("export", self.folder, "--format", "parquet", "--out", folder)
+            return parquet.read_table(io.BytesIO((pathlib.Path(folder) / f"{table}.parquet").read_bytes()))
 
     def pandas(self, table="signals"):
         """The same as a `pandas.DataFrame`; `polars.from_arrow(run.arrow())` gives that of polars."""

@@ -16,7 +16,7 @@ fn root() -> &'static Path {
 }
 
 /// Whether Python is there, with these modules.
-fn has_python(modules: &str) -> bool {
+pub(crate) fn has_python(modules: &str) -> bool {
     let code = if modules.is_empty() { String::new() } else { format!("import {modules}") };
     Command::new("python3").args(["-c", &code]).stdout(Stdio::null()).stderr(Stdio::null()).status().is_ok_and(|status| status.success())
 }

@@ -1,15 +1,18 @@
 //! A recording's numbers and events for other tools.
 
 mod csv;
+mod fields;
 mod format;
+mod foxglove;
 mod mcap;
 mod parquet;
 
 use std::path::{Path, PathBuf};
 
 use crate::read::{Damage, Piece, read};
+use crate::signals::TickRow;
 use csv::Csv;
-use format::{Columns, Event, Format};
+use format::{Columns, Event, Format, Place};
 
 pub use format::ExportError;
 
@@ -33,32 +36,56 @@ pub enum ExportNews<'a> {
     Damaged(&'a Damage<'a>),
 }
 
+/// The messages of a run as they were on the wire, by tick.
+pub trait Messages {
+    /// Hands on those of a tick; an empty row where there are none. Ticks are asked for in ascending order.
+    fn at(&mut self, tick: u64, take: &mut dyn FnMut(&TickRow<'_>));
+}
+
+/// What is exported.
+pub struct Exported<'a> {
+    /// The recording's files, in order.
+    pub parts: &'a [PathBuf],
+    /// The run's messages, where they are kept: columns of their own.
+    pub messages: Option<&'a mut dyn Messages>,
+    /// Which joints slide: their units are metres and newtons. Joints beyond it turn.
+    pub slides: &'a [bool],
+}
+
 /// Reads a recording once and writes it into files of a format in the folder `out`; returns their paths.
 ///
 /// # Errors
 /// [`ExportError`] where the recording cannot be read, or a file not be written.
 pub fn export(
-    parts: &[PathBuf],
+    what: Exported<'_>,
     format: ExportFormat,
     out: &Path,
     news: &mut dyn FnMut(ExportNews<'_>),
 ) -> Result<Vec<PathBuf>, ExportError> {
+    let Exported { parts, mut messages, slides } = what;
     let mut format = opened(format, out)?;
     let mut columns: Option<Columns> = None;
     let mut rate_hz = 1000.0;
     read(parts, |piece| {
         let mut event = |tick: u64, kind, subject, text| format.event(&Event { tick, t_s: tick as f64 / rate_hz, kind, subject, text });
-        match (piece, &columns) {
+        match (piece, &mut columns) {
             (Piece::About(about), None) => {
                 rate_hz = about.rate_hz();
-                format.begin(columns.insert(Columns::new(about)))
+                format.begin(columns.insert(Columns::new(about, messages.is_some(), slides)))
             }
             (Piece::Rows(rows), Some(columns)) => {
                 news(ExportNews::Rows(rows.ticks.len() as u64));
-                format.rows(columns, rows)
+                let block = columns.block(rows, |tick, take| {
+                    if let Some(messages) = &mut messages {
+                        messages.at(tick, take);
+                    }
+                });
+                format.rows(columns, &block)
             }
             (Piece::Event { tick, level, text }, _) => event(tick, "log", level, text),
             (Piece::State { tick, lane, state }, _) => event(tick, "state", lane, state),
+            (Piece::Solid(solid), _) => format.solid(&solid),
+            (Piece::Place { tick, of, p, xyzw }, _) => format.place(&Place { t_s: tick as f64 / rate_hz, of, p, xyzw }),
             (Piece::Damaged(damage), _) => {
                 news(ExportNews::Damaged(&damage));
                 Ok(())

@@ -15,10 +15,11 @@ use re_chunk::external::arrow::ipc::root_as_message;
 use re_log_encoding::external::lz4_flex::block::decompress;
 use re_log_encoding::rrd::Decodable;
 use re_log_encoding::{MessageHeader, MessageKind, StreamHeader, ToApplication};
-use re_protos::common::v1alpha1::{Compression, StoreKind};
+use re_log_types::StoreId;
+use re_protos::common::v1alpha1::{Compression, StoreId as Store, StoreKind};
 use re_protos::log_msg::v1alpha1::ArrowMsg;
 
-/// The chunks of the recording in a file, in order; those of a blueprint are passed over. A torn end, which a killed recorder leaves, is the end.
+/// The chunks in a file, in order. A torn end, which a killed recorder leaves, is the end.
 pub(crate) struct Frames {
     file: BufReader<File>,
     size: u64,
@@ -38,11 +39,24 @@ impl Frames {
         self.place
     }
 
-    /// The next chunk; `None` at the end.
+    /// The next chunk of the recording; `None` at the end.
     ///
     /// # Errors
     /// The defect of the bytes; the rest of the file cannot be read either.
     pub(crate) fn next_chunk(&mut self) -> Result<Option<Chunk>, String> {
+        Ok(self.next_of(|kind| kind == StoreKind::Recording)?.map(|(_, chunk)| chunk))
+    }
+
+    /// The next chunk with the store it belongs to, the recording's or its blueprint's; `None` at the end.
+    ///
+    /// # Errors
+    /// As [`next_chunk`](Self::next_chunk).
+    pub(crate) fn next_stored(&mut self) -> Result<Option<(StoreId, Chunk)>, String> {
+        let Some((store, chunk)) = self.next_of(|_| true)? else { return Ok(None) };
+        StoreId::try_from(store).map(|store| Some((store, chunk))).map_err(|error| error.to_string())
+    }
+
+    fn next_of(&mut self, is_wanted: impl Fn(StoreKind) -> bool) -> Result<Option<(Store, Chunk)>, String> {
         if self.place == 0 {
             let head = self.take(StreamHeader::ENCODED_SIZE_BYTES as u64)?.ok_or("it is too short to be a recording")?;
             let head = guarded(|| StreamHeader::from_rrd_bytes(&head).and_then(StreamHeader::to_version_and_options))?;
@@ -52,7 +66,7 @@ impl Frames {
             let MessageHeader { kind, len } = MessageHeader::from_rrd_bytes(&head).map_err(|error| error.to_string())?;
             let Some(body) = (if kind == MessageKind::End { None } else { self.take(len)? }) else { break };
             if kind == MessageKind::ArrowMsg
-                && let Some(chunk) = guarded(|| chunk(&body))??
+                && let Some(chunk) = guarded(|| chunk(&body, &is_wanted))??
             {
                 return Ok(Some(chunk));
             }
@@ -78,14 +92,12 @@ impl Frames {
     }
 }
 
-/// The chunk of a message; `None` where it is a blueprint's.
-fn chunk(message: &[u8]) -> Result<Option<Chunk>, String> {
-    let message = ArrowMsg::from_rrd_bytes(message).map_err(|error| error.to_string())?;
-    if message.store_id.as_ref().is_none_or(|store| store.kind() != StoreKind::Recording) {
-        return Ok(None);
-    }
+/// The chunk of a message and its store; `None` where that is not of a wanted kind.
+fn chunk(message: &[u8], is_wanted: impl Fn(StoreKind) -> bool) -> Result<Option<(Store, Chunk)>, String> {
+    let mut message = ArrowMsg::from_rrd_bytes(message).map_err(|error| error.to_string())?;
+    let Some(store) = message.store_id.take().filter(|store| is_wanted(store.kind())) else { return Ok(None) };
     let message = believable(message)?.to_application(()).map_err(|error| error.to_string())?;
-    Chunk::from_arrow_msg(&message).map(Some).map_err(|error| error.to_string())
+    Chunk::from_arrow_msg(&message).map(|chunk| Some((store, chunk))).map_err(|error| error.to_string())
 }
 
 thread_local! {

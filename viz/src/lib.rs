@@ -11,15 +11,7 @@
 //! Cost, six joints at 1 kHz with everything on: 4.5 µs CPU a tick and 16 MB a minute (`examples/synthetic.rs`). It grows with the number
 //! of chunks, each of which carries its schema, hence one wide table of numbers and a signal per component rather than per entity.
 //!
-//! Read back in Python (with pandas; the filter matters, because static meshes would be repeated in every row):
-//!
-//! ```python
-//! import rerun.server
-//! with rerun.server.Server(datasets={"run": ["run.rrd"]}) as server:
-//!     run = server.client().get_dataset("run").filter_contents(["/signals"])
-//!     table = run.reader(index="tick").to_pandas()
-//! s = table["/signals:singularity:s"]          # each row a list: one number per singularity
-//! ```
+//! docs/recording.md reads a recording back in Python.
 //!
 //! PURE inside: `manipulability`, `signals`, `scene`, `arm`, `solid` and `narration` map messages to data; `sink`, `blueprint` and `recording` write them.
 
@@ -44,9 +36,9 @@ mod solid;
 mod synthetic;
 mod tint;
 
-pub use export::{ExportError, ExportFormat, ExportNews, export};
-pub use read::{About, Damage, Piece, ReadError, Rows, read};
-pub use recording::{Level, Options, Recording, RunInfo, Written, part_name, parts_in, save_blueprint};
+pub use export::{ExportError, ExportFormat, ExportNews, Exported, Messages, export};
+pub use read::{About, Damage, Piece, ReadError, Rows, Solid, read};
+pub use recording::{Level, MergeError, Options, Recording, RunInfo, Written, complete, merge, part_name, parts_in, save_blueprint};
 pub use report::{ReportError, report};
 pub use signals::{ChainHops, HOP_NAMES, Signal, TickRow, chain_hops};
 pub use sink::{FileInfo, RecordError, Storage};

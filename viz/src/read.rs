@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use re_chunk::Chunk;
 use re_chunk::external::arrow::array::{Array, AsArray, ListArray};
-use re_chunk::external::arrow::datatypes::{Float32Type, Float64Type};
+use re_chunk::external::arrow::datatypes::{ArrowPrimitiveType, Float32Type, Float64Type, UInt32Type};
 
 use crate::entity;
 use crate::frames::Frames;
@@ -78,6 +78,8 @@ pub enum Piece<'a> {
         /// Its new state.
         state: String,
     },
+    /// A solid of the arm's figure; in every part again.
+    Solid(Solid<'a>),
     /// Where something drawn was.
     Place {
         /// When.
@@ -102,12 +104,48 @@ pub enum Piece<'a> {
     Damaged(Damage<'a>),
 }
 
+/// A solid of the arm's figure, in the frame of its own path.
+#[derive(Debug)]
+pub struct Solid<'a> {
+    /// Its path, like `/world/arm/link3`.
+    pub of: &'a str,
+    chunk: &'a Chunk,
+}
+
+impl Solid<'_> {
+    /// Its corners; m.
+    #[must_use]
+    pub fn corners(&self) -> Vec<[f32; 3]> {
+        tuples::<Float32Type, 3>(self.chunk, "Mesh3D:vertex_positions")
+    }
+
+    /// Which corners make its triangles.
+    #[must_use]
+    pub fn triangles(&self) -> Vec<[u32; 3]> {
+        tuples::<UInt32Type, 3>(self.chunk, "Mesh3D:triangle_indices")
+    }
+
+    /// The corners' colours: red, green, blue, opacity.
+    #[must_use]
+    pub fn colours(&self) -> Vec<[u8; 4]> {
+        let all = self.chunk.components().get("Mesh3D:vertex_colors".into()).map(|column| column.list_array.values().clone());
+        let all = all.as_ref().and_then(|all| all.as_primitive_opt::<UInt32Type>());
+        all.map_or(Vec::new(), |all| all.values().iter().map(|rgba| rgba.to_be_bytes()).collect())
+    }
+}
+
 /// Where a file stops making sense. The file of a killed recorder is no such place: it just ends.
 #[derive(Debug)]
 pub struct Damage<'a> {
     path: &'a Path,
     bytes: u64,
     reason: String,
+}
+
+impl<'a> Damage<'a> {
+    pub(crate) fn new(path: &'a Path, bytes: u64, reason: String) -> Self {
+        Self { path, bytes, reason }
+    }
 }
 
 impl std::fmt::Display for Damage<'_> {
@@ -197,7 +235,7 @@ fn read_part<E: From<ReadError>>(path: &Path, about: &mut About, each: &mut impl
             Ok(Some(chunk)) => chunk,
             Ok(None) => break,
             Err(reason) if any => {
-                each(Piece::Damaged(Damage { path, bytes: frames.place(), reason }))?;
+                each(Piece::Damaged(Damage::new(path, frames.place(), reason)))?;
                 break;
             }
             Err(reason) => return Err(ReadError::NotARecording { path: path.to_owned(), reason }.into()),
@@ -206,6 +244,9 @@ fn read_part<E: From<ReadError>>(path: &Path, about: &mut About, each: &mut impl
         let at = chunk.entity_path().to_string();
         if chunk.is_static() {
             learn(&chunk, &at, about);
+            if chunk.components().contains_component("Mesh3D:triangle_indices".into()) {
+                each(Piece::Solid(Solid { of: &at, chunk: &chunk }))?;
+            }
             continue;
         }
         if at == entity::DRAWN {
@@ -287,6 +328,14 @@ fn numbers(lists: &ListArray) -> Vec<f64> {
 fn texts(chunk: &Chunk, component: &'static str) -> Vec<String> {
     let values = chunk.components().get(component.into()).and_then(|column| column.list_array.values().as_string_opt::<i32>().cloned());
     values.map_or(Vec::new(), |values| values.iter().map(|text| text.unwrap_or_default().to_owned()).collect())
+}
+
+/// All tuples of a component, whatever their rows.
+fn tuples<T: ArrowPrimitiveType, const K: usize>(chunk: &Chunk, component: &'static str) -> Vec<[T::Native; K]> {
+    let Some(column) = chunk.components().get(component.into()) else { return Vec::new() };
+    let all = column.list_array.values().as_fixed_size_list_opt().map(|all| all.values().clone());
+    let numbers = all.as_ref().and_then(|all| all.as_primitive_opt::<T>());
+    numbers.map_or(Vec::new(), |numbers| numbers.values().as_chunks::<K>().0.to_vec())
 }
 
 /// The first vector of each row of a component; `None` where a row has none.

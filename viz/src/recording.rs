@@ -5,6 +5,7 @@ mod ending;
 mod file;
 mod lanes;
 mod marks;
+mod merge;
 mod parts;
 mod picture;
 mod pieces;
@@ -13,6 +14,7 @@ mod state;
 mod write;
 
 pub use file::save_blueprint;
+pub use merge::{MergeError, complete, merge};
 pub use parts::{part_name, parts_in};
 pub(crate) use pieces::eye;
 pub use state::{Level, Options, Recording, RunInfo, Written};

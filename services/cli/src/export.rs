@@ -1,16 +1,15 @@
-//! `armplane export`: a recording's numbers and events for other tools, and its layout for the viewer.
+//! `armplane export`: a recording's numbers and events for other tools, the recording in one file, and its layout for the viewer.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
-use indicatif::{ProgressBar, ProgressStyle};
-use session::{Failure, Run, save_blueprint};
+use session::{ExportFormat as Form, Failure, Run};
 use shared_types::scenario::Layout;
-use viz::ExportNews;
 
 use crate::layout::layout;
 use crate::out::say;
+use crate::progress::Terminal;
 
 #[derive(Args)]
 pub(crate) struct ExportArgs {
@@ -34,8 +33,10 @@ enum ExportFormat {
     Csv,
     /// signals.parquet and events.parquet.
     Parquet,
-    /// run.mcap, as Foxglove reads it.
+    /// run.mcap, as Foxglove reads it: numbers, the arm in 3D, the log.
     Mcap,
+    /// whole.rrd: the recording's parts in one file.
+    Rrd,
     /// The layout for the Rerun viewer.
     Rbl,
 }
@@ -43,23 +44,16 @@ enum ExportFormat {
 pub(crate) fn export(args: &ExportArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let run = Run::find(args.run.as_deref())?;
     let out = args.out.clone().unwrap_or_else(|| run.folder.clone());
-    std::fs::create_dir_all(&out).map_err(|error| Failure::Input(format!("cannot write to {}: {error}", out.display())))?;
-    let format = match args.format {
-        ExportFormat::Csv => Some(viz::ExportFormat::Csv),
-        ExportFormat::Parquet => Some(viz::ExportFormat::Parquet),
-        ExportFormat::Mcap => Some(viz::ExportFormat::Mcap),
-        ExportFormat::Rbl => None,
+    let form = match args.format {
+        ExportFormat::Rbl => Form::Layout(args.layout),
+        _ if args.layout.is_some() => return Err(Failure::Input("--layout goes with --format rbl only".to_owned())),
+        ExportFormat::Csv => Form::Numbers(viz::ExportFormat::Csv),
+        ExportFormat::Parquet => Form::Numbers(viz::ExportFormat::Parquet),
+        ExportFormat::Mcap => Form::Numbers(viz::ExportFormat::Mcap),
+        ExportFormat::Rrd => Form::Whole,
     };
-    let files = match format {
-        None => {
-            let layout = args.layout.map_or_else(|| run.job().map(|job| job.scenario.view.layout), Ok)?;
-            let path = out.join(format!("{}.rbl", layout.name()));
-            save_blueprint(&run, layout, &path)?;
-            vec![path]
-        }
-        Some(_) if args.layout.is_some() => return Err(Failure::Input("--layout goes with --format rbl only".to_owned())),
-        Some(format) => write(run.recording()?, format, &out)?,
-    };
+    let terminal = Terminal::default();
+    let files = session::export(&run, form, &out, &|news| terminal.show(news))?;
     let bytes = |path: &PathBuf| std::fs::metadata(path).map_or(0, |file| file.len());
     if as_json {
         let files: Vec<_> = files.iter().map(|path| serde_json::json!({"file": path, "bytes": bytes(path)})).collect();
@@ -68,17 +62,4 @@ pub(crate) fn export(args: &ExportArgs, as_json: bool) -> Result<ExitCode, Failu
         files.iter().for_each(|path| say!("{}  {:.1} MB", path.display(), bytes(path) as f64 / 1e6));
     }
     Ok(ExitCode::SUCCESS)
-}
-
-fn write(parts: &[PathBuf], format: viz::ExportFormat, out: &Path) -> Result<Vec<PathBuf>, Failure> {
-    let bar = ProgressBar::new_spinner().with_message("rows");
-    if let Ok(style) = ProgressStyle::with_template("{spinner} {pos} {msg}  {per_sec}") {
-        bar.set_style(style);
-    }
-    let written = viz::export(parts, format, out, &mut |news| match news {
-        ExportNews::Rows(rows) => bar.inc(rows),
-        ExportNews::Damaged(damage) => bar.suspend(|| eprintln!("{damage}")),
-    });
-    bar.finish_and_clear();
-    written.map_err(Failure::work)
 }

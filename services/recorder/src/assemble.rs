@@ -140,17 +140,25 @@ impl Assembler {
     /// The age counts from what was on its way before the topics were looked at, not from what has come since: topics are taken in one after
     /// the other, and the last of them may be far ahead of the first.
     pub fn pop(&mut self, now: u64, flush: bool) -> Option<&Row> {
+        if !(flush || self.is_ready(now)) {
+            return None;
+        }
         let front = self.rows.front()?;
         let gap = front.tick - self.next;
         let is_jump = gap > self.horizon;
-        let is_old = if is_jump { front.tick < now } else { self.next.saturating_add(self.patience) < now };
-        if !(is_old || flush || gap == 0 && front.come.contains(self.expected)) {
-            return None;
-        }
         self.spare.extend(self.given.take());
         self.given = if gap == 0 || is_jump { self.rows.pop_front() } else { Some(self.empty(self.next)) };
         self.next = self.given.as_ref()?.tick.saturating_add(1);
         self.given.as_deref()
+    }
+
+    /// Whether [`pop`](Self::pop) has a row at tick `now`.
+    pub(crate) fn is_ready(&self, now: u64) -> bool {
+        self.rows.front().is_some_and(|front| {
+            let gap = front.tick - self.next;
+            let is_old = if gap > self.horizon { front.tick < now } else { self.next.saturating_add(self.patience) < now };
+            is_old || gap == 0 && front.come.contains(self.expected)
+        })
     }
 
     /// A row of which nothing has come, where one has been given back in its place.

@@ -7,6 +7,7 @@ mod fault_reporter;
 mod foreign;
 mod judge;
 mod kept;
+mod message_rows;
 mod rebuild;
 mod tape;
 
@@ -32,6 +33,7 @@ use kept::Kept;
 
 pub use assemble::{Assembler, Row, Set};
 pub use judge::{Judge, Limits, TaskError, Tick, Verdict};
+pub use message_rows::MessageRows;
 pub use rebuild::rebuild;
 pub use tape::Tape;
 

@@ -1,4 +1,4 @@
-//! A run as a library: load its scenario, robot and graph, plan it, launch it, summarise it, keep its results, find it again.
+//! A run as a library: load its scenario, robot and graph, plan it, launch it, summarise it, keep its results, find it again, export it.
 //!
 //! [`run`] is one run in that order. Nothing starts before everything is validated. This crate prints nothing: what happens while a run lasts goes to an [`Observer`],
 //! and a summary can be shown ([`RunText`]).
@@ -7,6 +7,7 @@ pub mod load;
 pub mod observation;
 pub mod table;
 
+mod export;
 mod failure;
 mod injection;
 mod launch;
@@ -22,6 +23,7 @@ mod summary;
 mod text;
 mod viewer;
 
+pub use export::{ExportFormat, WHOLE, export};
 pub use failure::Failure;
 pub use injection::inject;
 pub use launch::{Begin, EXCHANGE, GUARD, interrupts, launch, launch_begun, launch_watched};

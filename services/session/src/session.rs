@@ -7,6 +7,7 @@ use launcher::End;
 use shared_types::job::{Job, Mode};
 use shared_types::summary::Summary;
 
+use crate::export::complete;
 use crate::failure::Failure;
 use crate::launch::{interrupts, launch};
 use crate::load;
@@ -82,7 +83,8 @@ pub fn run(request: &Request, observer: Observer<'_>) -> Result<Finished, Failur
         observer(Progress::Line(&format!("armplane: {sentence}")));
     }
     let (outcome, account) = launched?;
-    let summary = summarise(&job, &outcome, account);
+    let mut summary = summarise(&job, &outcome, account);
+    complete(&results.folder, &mut summary, observer);
     let kept = results.keep(&job, &summary);
     Ok(Finished { summary, folder: results.folder.clone(), end: outcome.end, kept })
 }

@@ -3,8 +3,7 @@
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
-use super::format::{Columns, Event, ExportError, Format};
-use crate::read::Rows;
+use super::format::{Block, Columns, Event, ExportError, Format};
 
 pub(super) struct Csv {
     signals: Sheet,
@@ -45,16 +44,14 @@ impl Format for Csv {
         self.signals.line(columns.names())
     }
 
-    fn rows(&mut self, columns: &Columns, rows: &Rows) -> Result<(), ExportError> {
-        let mut values = Vec::new();
-        for (row, tick) in rows.ticks.iter().enumerate() {
-            let mut fields = vec![tick.to_string(), columns.t_s(*tick).to_string()];
-            columns.each_value(rows, row, &mut values, |_, signal, value| {
-                // The shortest text that reads back as the same number, in the signal's own width.
-                let text = |value: f64| if signal.is_wide() { value.to_string() } else { (value as f32).to_string() };
-                fields.push(value.map_or(String::new(), text));
-            });
-            self.signals.line(fields)?;
+    fn rows(&mut self, columns: &Columns, block: &Block) -> Result<(), ExportError> {
+        for (tick, values) in block.rows() {
+            let fixed = [tick.to_string(), columns.t_s(tick).to_string()];
+            // The shortest text that reads back as the same number, in the column's own width.
+            let text = |value: f64, is_wide| if is_wide { value.to_string() } else { (value as f32).to_string() };
+            let fields =
+                values.iter().zip(&columns.list).map(|(value, column)| value.map_or(String::new(), |value| text(value, column.is_wide)));
+            self.signals.line(fixed.into_iter().chain(fields))?;
         }
         Ok(())
     }

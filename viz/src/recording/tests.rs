@@ -1,3 +1,4 @@
+mod merge;
 mod volume;
 
 use std::io::{self, BufReader};
@@ -431,6 +432,7 @@ fn what_is_recorded_is_read_back() {
             crate::Piece::State { tick, lane, state } if lane == "mode/wrist" => wrist.push((tick, state)),
             crate::Piece::State { .. } | crate::Piece::Place { .. } | crate::Piece::Label { .. } => {}
             crate::Piece::Damaged(damage) => panic!("{damage}"),
+            crate::Piece::Solid(solid) => assert!(!solid.corners().is_empty() && solid.corners().len() == solid.colours().len()),
         }
         Ok::<(), crate::ReadError>(())
     });

@@ -1,0 +1,99 @@
+//! The messages of a run, tick by tick, as the recorder kept them.
+
+use std::path::Path;
+
+use message_log::{LogError, LogReader, TopicHash};
+use shared_types::graph::Graph;
+use shared_types::topics::{self, Build, ByTopic, Each, Family, Topic};
+
+use crate::assemble::{Assembler, Row, Set};
+use crate::{HORIZON, PATIENCE};
+
+/// Ticks that are taken from the messages at a time.
+const STRIDE: u64 = 64;
+
+/// The messages of all topics, in the order of their ticks.
+struct Kept;
+
+impl Family for Kept {
+    type Of<M: Topic> = Option<Messages<M>>;
+}
+
+struct Messages<M: Topic> {
+    reader: LogReader<M>,
+    /// Read, and of a later tick than was asked for.
+    next: Option<M>,
+    hash: TopicHash,
+}
+
+/// The rows of a run's message logs: whatever there is of each tick, in order.
+pub struct MessageRows {
+    kept: ByTopic<Kept>,
+    assembler: Assembler,
+    until: u64,
+    has_more: bool,
+}
+
+impl MessageRows {
+    /// The messages in a folder, of the topics that the graph's processes write.
+    ///
+    /// # Errors
+    /// [`LogError`] where a topic's messages are not there or not this program's.
+    pub fn open(folder: &Path, graph: &Graph) -> Result<Self, LogError> {
+        struct Open<'a>(&'a Path, &'a Graph);
+        impl Build<Kept> for Open<'_> {
+            type Error = LogError;
+            fn build<M: Topic>(&mut self) -> Result<Option<Messages<M>>, LogError> {
+                if self.1.writer(M::TOPIC).is_none() {
+                    return Ok(None);
+                }
+                Ok(Some(Messages { reader: LogReader::open(self.0)?, next: None, hash: TopicHash::default() }))
+            }
+        }
+        let kept = ByTopic::try_build(&mut Open(folder, graph))?;
+        let assembler = Assembler::new(Set::of(|topic| graph.writer(topic).is_some()), PATIENCE, HORIZON);
+        Ok(Self { kept, assembler, until: 0, has_more: true })
+    }
+
+    /// The next row; `None` at the end.
+    pub fn next_row(&mut self) -> Option<&Row> {
+        /// Puts the messages of the ticks before `until` into their rows; whether there are more.
+        struct Put<'a>(&'a mut ByTopic<Kept>, &'a mut Assembler, u64);
+        impl Each for Put<'_> {
+            type Output = bool;
+            fn each<M: Topic>(&mut self) -> bool {
+                let Some(messages) = M::of_mut(self.0) else { return false };
+                // A block that was being written when its writer died ends the messages of its topic.
+                while let Some(message) = messages.next.take().or_else(|| messages.reader.next_message().ok().flatten()) {
+                    let tick = message.header().tick;
+                    if tick >= self.2 {
+                        messages.next = Some(message);
+                        return true;
+                    }
+                    messages.hash.add(&message);
+                    if let Some(row) = self.1.row(tick) {
+                        row.put(&message);
+                    }
+                }
+                false
+            }
+        }
+        while self.has_more && !self.assembler.is_ready(self.until) {
+            self.until += STRIDE;
+            self.has_more = topics::each(&mut Put(&mut self.kept, &mut self.assembler, self.until)).contains(&true);
+        }
+        self.assembler.pop(self.until, !self.has_more)
+    }
+
+    /// How many messages of each topic have been read, and their hash.
+    pub(crate) fn account(&self) -> Vec<(&'static str, TopicHash)> {
+        struct Account<'a>(&'a ByTopic<Kept>);
+        impl Each for Account<'_> {
+            type Output = Option<(&'static str, TopicHash)>;
+            fn each<M: Topic>(&mut self) -> Self::Output {
+                M::of(self.0).as_ref().map(|messages| (M::TOPIC, messages.hash))
+            }
+        }
+        topics::each(&mut Account(&self.kept)).into_iter().flatten().collect()
+    }
+}

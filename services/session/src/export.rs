@@ -1,0 +1,123 @@
+//! A run's recording for other tools.
+
+use std::path::{Path, PathBuf};
+
+use model::JointKind;
+use recorder::{MESSAGES, MessageRows, Row};
+use shared_types::scenario::Layout;
+use shared_types::summary::Summary;
+use viz::{ExportNews, Exported, Messages, TickRow};
+
+use crate::failure::Failure;
+use crate::layout::save_blueprint;
+use crate::load;
+use crate::progress::{Observer, Progress};
+use crate::runs::Run;
+
+/// Name of a recording whose parts have been merged.
+pub const WHOLE: &str = "whole.rrd";
+
+/// A form of [`export`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ExportFormat {
+    /// Tables, or channels.
+    Numbers(viz::ExportFormat),
+    /// The recording in one file.
+    Whole,
+    /// A layout for the viewer; of the scenario where none is named.
+    Layout(Option<Layout>),
+}
+
+/// Writes a run in another form into a folder; the files.
+///
+/// # Errors
+/// [`Failure::Input`] where the run has no recording; [`Failure::Work`] where it cannot be read or a file not be written.
+pub fn export(run: &Run, format: ExportFormat, out: &Path, observer: Observer<'_>) -> Result<Vec<PathBuf>, Failure> {
+    std::fs::create_dir_all(out).map_err(|error| Failure::Input(format!("cannot write to {}: {error}", out.display())))?;
+    let damaged = |damage: &viz::Damage<'_>| observer(Progress::Line(&damage.to_string()));
+    match format {
+        ExportFormat::Layout(layout) => {
+            let layout = layout.map_or_else(|| run.job().map(|job| job.scenario.view.layout), Ok)?;
+            let path = out.join(format!("{}.rbl", layout.name()));
+            save_blueprint(run, layout, &path)?;
+            Ok(vec![path])
+        }
+        ExportFormat::Whole => {
+            let path = out.join(WHOLE);
+            viz::merge(run.recording()?, &path, damaged).map_err(Failure::work)?;
+            Ok(vec![path])
+        }
+        ExportFormat::Numbers(format) => {
+            let parts = run.recording()?;
+            let mut messages = Kept::open(run).inspect_err(|reason| {
+                observer(Progress::Line(&format!("armplane: the columns that come from the run's messages are left out: {reason}")));
+            });
+            let slides = messages.as_ref().map_or(Vec::new(), |kept| kept.slides.clone());
+            let messages = messages.as_mut().ok().map(|kept| kept as &mut dyn Messages);
+            let ticks = run.summary().map_or(0, |summary| summary.ticks);
+            observer(Progress::Begin { title: "export", length: ticks, unit: "rows" });
+            let mut rows = 0;
+            let written = viz::export(Exported { parts, messages, slides: &slides }, format, out, &mut |news| match news {
+                ExportNews::Rows(more) => {
+                    rows += more;
+                    observer(Progress::Position(rows));
+                }
+                ExportNews::Damaged(damage) => damaged(damage),
+            });
+            observer(Progress::End);
+            written.map_err(Failure::work)
+        }
+    }
+}
+
+/// The messages in a run's folder.
+struct Kept {
+    rows: MessageRows,
+    /// The row read last.
+    row: Option<Row>,
+    slides: Vec<bool>,
+}
+
+impl Kept {
+    fn open(run: &Run) -> Result<Self, String> {
+        if run.parts != viz::parts_in(&run.folder) {
+            return Err("the recording has been given a name of its own; export its run's folder".to_owned());
+        }
+        let job = run.job().map_err(|error| error.to_string())?;
+        if !job.messages {
+            return Err("it was run with --no-messages".to_owned());
+        }
+        let robot = load::robot_of(&job.robot).map_err(|error| error.to_string())?;
+        let slides = robot.joints.iter().map(|joint| joint.kind == JointKind::Prismatic).collect();
+        let rows = MessageRows::open(&run.folder.join(MESSAGES), &job.graph).map_err(|error| error.to_string())?;
+        Ok(Self { rows, row: None, slides })
+    }
+}
+
+impl Messages for Kept {
+    fn at(&mut self, tick: u64, take: &mut dyn FnMut(&TickRow<'_>)) {
+        while self.row.as_ref().is_none_or(|row| row.tick < tick) {
+            match self.rows.next_row() {
+                Some(row) => self.row = Some(row.clone()),
+                None => return,
+            }
+        }
+        if let Some(row) = self.row.as_ref().filter(|row| row.tick == tick) {
+            take(&TickRow::new(tick, row.messages().lent()));
+        }
+    }
+}
+
+/// Gives the parts whose recorder was killed their footers, and the summary their new sizes. A part that cannot be completed stays as it was, and
+/// `observer` gets the reason.
+pub(crate) fn complete(folder: &Path, summary: &mut Summary, observer: Observer<'_>) {
+    let parts = viz::parts_in(folder);
+    for part in &parts {
+        if let Err(error) = viz::complete(part) {
+            observer(Progress::Line(&format!("armplane: {} stays without a table of contents: {error}", part.display())));
+        }
+    }
+    if !summary.recorder.file.is_empty() {
+        summary.recorder.bytes = parts.iter().filter_map(|part| std::fs::metadata(part).ok()).map(|file| file.len()).sum();
+    }
+}
