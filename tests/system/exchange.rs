@@ -9,9 +9,10 @@ use serde_json::Value;
 use shared_types::PlantState;
 
 use crate::command::{Desk, Said, assert_nothing_left, finish, run_of, skipped, until};
+use crate::wire::wire;
 
 /// The folder of the repository.
-fn root() -> &'static Path {
+pub(crate) fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
@@ -52,85 +53,6 @@ fn programs_of(launcher: u32) -> Vec<i32> {
     };
     let pids = std::fs::read_dir("/proc").expect("proc").flatten().filter_map(|entry| entry.file_name().to_str()?.parse().ok());
     pids.filter(is_one).collect()
-}
-
-fn wire(desk: &Desk, lang: &str) -> String {
-    let said = desk.armplane(&["wire", "--lang", lang]);
-    assert_eq!(said.code, 0, "{}", said.err);
-    said.out
-}
-
-/// Name, size and offset of every field of every structure, one to a line, as `armplane wire` says.
-fn layouts(json: &str) -> Vec<String> {
-    let document: Value = serde_json::from_str(json).expect("JSON");
-    let structures = document["structures"].as_array().expect("structures");
-    let lines = structures.iter().flat_map(|structure| {
-        let fields = structure["fields"].as_array().expect("fields");
-        fields.iter().map(|field| {
-            // A keyword in C++ and Python.
-            let name = field["name"].as_str().unwrap();
-            let name = if name == "class" { "class_" } else { name };
-            format!("{} {name} {} {}", structure["name"].as_str().unwrap(), field["offset"], field["bytes"])
-        })
-    });
-    lines.collect()
-}
-
-/// `SensorSample` as `sensor_sample`.
-fn snake(name: &str) -> String {
-    let parts =
-        name.char_indices().flat_map(|(i, c)| (i > 0 && c.is_ascii_uppercase()).then_some('_').into_iter().chain([c.to_ascii_lowercase()]));
-    parts.collect()
-}
-
-#[test]
-fn the_c_header_compiles_in_c_and_cpp_and_has_the_layouts_of_the_wire() {
-    let desk = Desk::new();
-    let expected = layouts(&wire(&desk, "json"));
-    assert!(expected.len() > 100, "{expected:?}");
-    desk.file("armplane.h", &wire(&desk, "c"));
-    let print = |line: &String| {
-        let words: Vec<&str> = line.split(' ').collect();
-        let (name, field) = (snake(words[0]), words[1]);
-        format!(
-            "printf(\"{} {field} %zu %zu\\n\", offsetof(struct armplane_{name}, {field}), sizeof ((struct armplane_{name} *)0)->{field});",
-            words[0]
-        )
-    };
-    let lines: Vec<String> = expected.iter().map(print).collect();
-    let code = format!("#include \"armplane.h\"\nint main(void) {{\n{}\nreturn 0;\n}}\n", lines.join("\n"));
-    let cpp = ["-std=c++11", "-Wno-invalid-offsetof"];
-    for (compiler, file, options) in [("cc", "layouts.c", &["-std=gnu11"][..]), ("c++", "layouts.cpp", &cpp)] {
-        desk.file(file, &code);
-        let built = Command::new(compiler)
-            .args(options)
-            .args(["-Wall", "-Wextra", "-Werror", "-o", "layouts", file])
-            .current_dir(desk.path())
-            .output();
-        let Ok(built) = built else {
-            skipped(format!("there is no {compiler}"));
-            continue;
-        };
-        assert!(built.status.success(), "{compiler}: {}", String::from_utf8_lossy(&built.stderr));
-        let said = Command::new(desk.path().join("layouts")).output().expect("it runs");
-        let found: Vec<String> = String::from_utf8_lossy(&said.stdout).lines().map(str::to_owned).collect();
-        assert_eq!(found, expected, "{compiler}");
-    }
-}
-
-#[test]
-fn the_python_module_is_that_of_this_program_and_has_the_layouts_of_the_wire() {
-    let desk = Desk::new();
-    let kept = std::fs::read_to_string(root().join("python/armplane/wire.py")).expect("the module in the repository");
-    assert_eq!(kept.trim_end(), wire(&desk, "python").trim_end(), "run: armplane wire --lang python > python/armplane/wire.py");
-    if !has_python("ctypes") {
-        return skipped("there is no python3");
-    }
-    let code = "import ctypes, armplane.wire as w\nfor s in [v for v in vars(w).values() if isinstance(v, type)]:\n    for f in s._fields_:\n        \
-                d = getattr(s, f[0])\n        print(s.__name__, f[0], d.offset, d.size)";
-    let said = Command::new("python3").args(["-c", code]).env("PYTHONPATH", root().join("python")).output().expect("python3 runs");
-    let found: Vec<String> = String::from_utf8_lossy(&said.stdout).lines().map(str::to_owned).collect();
-    assert_eq!(found, layouts(&wire(&desk, "json")), "{}", String::from_utf8_lossy(&said.stderr));
 }
 
 /// An estimator in Python, standard library only; the argument says how it goes wrong at tick 200 of its first incarnation.

@@ -26,3 +26,4 @@ mod sweep;
 mod top;
 mod tutorial;
 mod verify;
+mod wire;

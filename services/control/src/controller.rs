@@ -1,7 +1,5 @@
 //! The controller: one tick from state and singularity report to torque, in five steps.
 
-mod desired_motion;
-
 use crate::analyzer::Analyzer;
 use crate::arm_family::choice::Family;
 use crate::arm_family::family::Situation;
@@ -18,6 +16,7 @@ use crate::continuous::saturation::{Limited, compensated, limit};
 use crate::continuous::speed_limit;
 use crate::continuous::turn_plan;
 use crate::demand_ahead::demand_ahead;
+use crate::desired_motion::{Followed, desired_motion};
 use crate::law::{Active, Actives, LawError, Torques, Wanted};
 use crate::paper::reference::{Memory, Target};
 use crate::paper::{chang_khatib, null_space, type_1, type_2};
@@ -194,7 +193,8 @@ impl<const N: usize> Controller<N> {
     /// The five steps of the table in the crate's documentation.
     fn tick(&self, state: &mut State<N>, now: &Inputs<'_, N>) -> Result<Command<N>, LawError> {
         self.check_rank(now.report)?;
-        let mut motion = self.desired_motion(state, now);
+        let followed = Followed { path: &self.path, guide: &self.guide, task: self.task, control: &self.scenario.control };
+        let mut motion = desired_motion(&followed, state, now);
         let auxiliary = self.auxiliary_coordinates(state, now, &motion)?;
         self.bound_return(now.report, &auxiliary.telemetry.mode, &mut motion);
         let torques = self.torques(state, now, &motion, &auxiliary.actives)?;

@@ -35,6 +35,7 @@ mod command;
 pub mod continuous;
 mod controller;
 mod demand_ahead;
+mod desired_motion;
 pub mod law;
 pub mod linear;
 pub mod paper;

@@ -3,7 +3,7 @@
 mod distribution;
 mod hop;
 pub mod hour;
-mod lockstep;
+mod in_turns;
 mod machine;
 mod picture;
 pub mod realtime;
@@ -15,7 +15,7 @@ mod transports;
 
 pub use distribution::{Distribution, Row};
 pub use hop::{Only, cycle, hop, paced};
-pub use lockstep::{Lockstep, lockstep};
+pub use in_turns::{Lockstep, lockstep};
 pub use machine::{machine, machine_line};
 pub use picture::pictures;
 pub use record::{Recorded, record};
