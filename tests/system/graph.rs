@@ -136,7 +136,7 @@ fn graphs_that_cannot_run_are_refused_before_anything_starts() {
         (process("command = [\"sh\"]\nreads = [\"estimate\"]\nwrites = [\"torque\"]"), "already written by `controller`"),
         (process("reads = [\"estimate\"]"), "there is no process `mine`"),
         ("[[process]]\nname = \"recorder\"\ncommand = [\"sh\"]\nreads = []\n".to_owned(), "neither reads nor writes"),
-        ("process = []\n".to_owned(), "nothing makes the ticks"),
+        ("process = []\n".to_owned(), "the graph has no processes"),
         (process("command = [\"sh\"]\nfeedback = [\"estimate\"]"), "second process with `feedback`"),
         (
             format!(

@@ -55,7 +55,7 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
         let is_it =
             |(process, at, _): &&(usize, u64, String)| (*process, *at) == (account.scheduled.process as usize, account.scheduled.at);
         if let Some((.., line)) = outcome.last_lines.iter().find(is_it) {
-            fault.detail = format!("{}; it said: {line}", fault.detail);
+            fault.detail = format!("{}; it said: {}", fault.detail, line.trim_start_matches("armplane: "));
         }
     }
     faults.append(&mut summary.faults);
