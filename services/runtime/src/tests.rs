@@ -478,9 +478,11 @@ fn a_tick_is_closed_with_the_last_of_its_outputs_and_its_checkpoint_is_committed
     // It dies in the middle of tick 5, which it will not have sent: once before and once after its state is committed.
     *checkpoint.slot() = Counted(5.0);
     estimates.loan(5).unwrap().send().unwrap();
+    let predecessor = first.shared();
+    drop(first);
     for is_committed in [false, true] {
         if is_committed {
-            first.shared().commit(5);
+            predecessor.commit(5);
         }
         let death =
             Fault { at_tick: Some(5), for_ticks: Some(2), ..Fault::new("estimator", Kind::Kill) }.schedule(&on(1), 1000, 0).unwrap();
