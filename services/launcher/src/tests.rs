@@ -64,7 +64,7 @@ fn plant(run: &Path, ticks: u64) -> Result<(), ProcessError> {
             break;
         }
     }
-    Ok(())
+    Ok(tick_source.finish()?)
 }
 
 fn controller(run: &Path, fails_at: u64) -> Result<(), ProcessError> {

@@ -176,12 +176,18 @@ impl<'a, V: View> Protocol<'a, V> {
         self.lags(tick).or_else(|| self.awaited(tick)).or_else(|| self.straggler(tick))
     }
 
+    /// Whether a process has fallen by an outage that covers a tick: from then on it takes in nothing. Before, a planned one has not happened yet.
+    fn has_fallen(&self, process: usize, tick: u64) -> bool {
+        let has = |outage: Outage| outage.process == process && outage.has_struck && outage.covers(tick) && !outage.is_due_within(tick);
+        self.view.has_faults() && self.view.outages().any(has)
+    }
+
     /// A process that has more to take in than stays available.
     fn lags(&self, tick: u64) -> Option<usize> {
         let lags = |process: &usize| {
             let (role, closed) = (self.view.role(*process), self.view.progress(*process).ticks);
             let most = if role.polled { self.view.recorder_lag() } else { self.view.chain_lag() };
-            !role.makes_ticks && tick > closed.saturating_add(most) && (role.polled || !self.is_down(*process, closed))
+            !role.makes_ticks && tick > closed.saturating_add(most) && (role.polled || !self.has_fallen(*process, closed))
         };
         self.processes().find(lags)
     }

@@ -9,11 +9,11 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 
 use crate::lockstep::{Outage, Progress, Protocol, Role, View};
 
-/// Ticks that a death lasts.
-pub(crate) const DOWN: u64 = 2;
-
 /// Unread messages that the buffer of a reader holds; half as many ticks the source may be ahead, as in [`crate::lockstep`].
 const DEPTH: u64 = 4;
+
+/// Ticks that a death lasts: longer than the source may be ahead, as [`crate::lockstep::unplanned_death`].
+pub(crate) const DOWN: u64 = DEPTH / 2 + 2;
 
 /// A graph: the source is process 0 and has one output; the last output of the last process closes the loop.
 #[derive(Clone, Debug, PartialEq, Eq)]
