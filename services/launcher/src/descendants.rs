@@ -44,7 +44,7 @@ fn processes() -> impl Iterator<Item = Pid> {
     entries.filter_map(|entry| Pid::from_raw(entry.file_name().to_str()?.parse().ok()?)).filter(|pid| *pid != getpid())
 }
 
-/// Whether the environment of a process has both entries. That of somebody else's process, and of one that has ended, cannot be read.
+/// Whether the environment of a process has both entries. The environment of another user's process, and of one that has ended, cannot be read.
 fn belongs_to(pid: Pid, run: &[u8], process: Option<&[u8]>) -> bool {
     let environment = std::fs::read(format!("/proc/{}/environ", pid.as_raw_nonzero())).unwrap_or_default();
     let has = |wanted: &[u8]| environment.split(|byte| *byte == 0).any(|entry| entry == wanted);

@@ -11,7 +11,7 @@ fn pair(ticks: u64) -> Graph {
 fn finish(graph: &Graph, state: &mut State) {
     while state.at.iter().any(|at| *at != At::Done) {
         let moved = (0..graph.reads.len()).filter(|&me| state.step(graph, me, Defect::None)).count();
-        assert!(moved > 0, "nobody can go on: {:?} at {:?} with {:?}", state.at, state.tick, state.outages);
+        assert!(moved > 0, "no process can go on: {:?} at {:?} with {:?}", state.at, state.tick, state.outages);
     }
 }
 

@@ -92,7 +92,7 @@ fn chain() -> Graph {
     Graph { reads: vec![vec![], vec![(0, 0)], vec![(1, 0), (0, 0)]], outputs: vec![1, 1, 2], ticks: 4 }
 }
 
-/// A chain beside a process whose messages nobody reads.
+/// A chain beside a process whose messages no process reads.
 fn leaf() -> Graph {
     Graph { reads: vec![vec![], vec![(0, 0)], vec![(0, 0)]], outputs: vec![1, 1, 1], ticks: 6 }
 }

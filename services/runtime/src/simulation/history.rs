@@ -50,7 +50,7 @@ impl History {
         let outputs: Vec<usize> =
             (0..count).map(|process| if process == 0 { 1 } else { 1 + draw(10 + process as u64, 3) as usize }).collect();
         let reads = |me: usize| {
-            // One process in four is read by nobody, at least not by the next.
+            // One process in four is not read by the next one.
             let before = me.saturating_sub(if me > 1 && draw(500 + me as u64, 4) == 0 { 2 } else { 1 });
             let more = (0..before).filter(|other| draw((100 + 10 * me + other) as u64, 3) == 0);
             let inputs = std::iter::once(before).chain(more);
