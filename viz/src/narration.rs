@@ -86,7 +86,7 @@ struct Stay {
 
 /// What has been seen of a run: the words of a moment depend on it.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Story {
+pub(crate) struct History {
     /// Present stays: first tick, and the ticks spent in each mode.
     present: [Option<(u64, [u32; MODES.len()])>; MAX_SINGULARITIES],
     past: [Option<Stay>; MAX_SINGULARITIES],
@@ -94,7 +94,7 @@ pub(crate) struct Story {
     off_m: Option<f64>,
 }
 
-impl Story {
+impl History {
     /// Of a run whose hand should stand still, or of another.
     pub(crate) fn new(stands_still: bool) -> Self {
         Self { off_m: stands_still.then_some(0.0), ..Self::default() }
@@ -359,7 +359,7 @@ mod tests {
         let mut report = SingularityReport { count: 1, ..SingularityReport::default() };
         report.singularities[0] = SingularityState { kind: KIND_WRIST, class: TYPE_2, angular: 1, ..SingularityState::default() };
         let (mut command, torque) = <(ControlState, TorqueCommand)>::default();
-        let mut story = Story::new(false);
+        let mut history = History::new(false);
         for tick in 0..30 {
             report.singularities[0].inside = u32::from((10..25).contains(&tick));
             command.mode[0] = if tick < 22 { MODE_REORIENT } else { MODE_TRACK };
@@ -367,8 +367,8 @@ mod tests {
                 tick,
                 ByTopic { singularity: Some(&report), control_state: Some(&command), torque: Some(&torque), ..ByTopic::default() },
             );
-            story.push(&row);
-            let words = story.situation(&row).markdown(&RUN);
+            history.push(&row);
+            let words = history.situation(&row).markdown(&RUN);
             let told = words.contains("| **wrist** (magenta), 0.01 to 0.03 s | turn about ζ | joints turn ζ, the hand stays |");
             assert_eq!(told, tick >= 25, "{tick}: {words}");
         }
@@ -378,7 +378,7 @@ mod tests {
     fn of_a_hand_that_should_stand_still_the_words_say_how_far_it_was_off() {
         let (mut state, command, report) = <(PlantState, ControlState, SingularityReport)>::default();
         let torque = TorqueCommand::default();
-        let mut story = Story::new(true);
+        let mut history = History::new(true);
         for off_m in [0.0, 0.008_462, 0.001] {
             state.p_BE[1] = off_m;
             let row = TickRow::new(
@@ -391,8 +391,8 @@ mod tests {
                     ..ByTopic::default()
                 },
             );
-            story.push(&row);
-            let words = story.situation(&row).markdown(&RUN);
+            history.push(&row);
+            let words = history.situation(&row).markdown(&RUN);
             assert_eq!(words.contains("**8.5 mm** off its place at most"), off_m > 0.0, "{words}");
         }
     }

@@ -15,7 +15,7 @@ use super::pieces::application;
 use super::state::{Lanes, Level, Options, Recording, RunInfo, Title, Written};
 use crate::arm::{Figure, placement};
 use crate::blueprint::Subject;
-use crate::narration::Story;
+use crate::narration::History;
 use crate::scene::NullMotion;
 use crate::signals::{Drawn, Limits, TickRow, draw, sample};
 use crate::sink::{FileInfo, RecordError, Sink, Storage};
@@ -167,7 +167,7 @@ impl Recording {
             ghosts: [0; MAX_DOF],
             ghost_drawn: [false; MAX_DOF],
             situation: None,
-            story: Story::new(stands_still(scenario)),
+            history: History::new(stands_still(scenario)),
             faults: Vec::new(),
             fault_states: Vec::new(),
             unheard: 0,

@@ -74,8 +74,8 @@ impl Recording {
         }
         // A tick or two without a command is not worth a line.
         self.unheard = if row.torque.is_some() { 0 } else { self.unheard + 1 };
-        self.story.push(row);
-        let situation = self.story.situation(row);
+        self.history.push(row);
+        let situation = self.history.situation(row);
         let told = row.torque.is_some() && row.singularity.is_some() || self.unheard >= 5;
         if told && self.situation != Some(situation) && self.rival.is_none() {
             self.situation = Some(situation);

@@ -17,7 +17,7 @@ use super::ending::Stretches;
 use crate::arm::Figure;
 use crate::blueprint::Subject;
 use crate::entity;
-use crate::narration::{Situation, Story};
+use crate::narration::{Situation, History};
 use crate::scene::{Look, NullMotion};
 use crate::signals::{ChainHops, Limits};
 use crate::sink::{FileInfo, Sink};
@@ -148,7 +148,7 @@ pub struct Recording {
     /// Whether this part has the mesh of each link's ghosts.
     pub(super) ghost_drawn: [bool; MAX_DOF],
     pub(super) situation: Option<Situation>,
-    pub(super) story: Story,
+    pub(super) history: History,
     /// Faults in force.
     pub(super) faults: Vec<Fault>,
     /// All that the lane of faults has said.
