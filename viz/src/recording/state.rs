@@ -17,7 +17,7 @@ use super::ending::Stretches;
 use crate::arm::Figure;
 use crate::blueprint::Subject;
 use crate::entity;
-use crate::narration::{Situation, History};
+use crate::narration::{History, Situation};
 use crate::scene::{Look, NullMotion};
 use crate::signals::{ChainHops, Limits};
 use crate::sink::{FileInfo, Sink};
