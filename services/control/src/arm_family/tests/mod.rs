@@ -1,5 +1,6 @@
 //! Each family's promises.
 
+mod agreement;
 mod geometry;
 mod inverse;
 mod minima;

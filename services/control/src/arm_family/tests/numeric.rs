@@ -11,9 +11,9 @@ use shared_types::random::Uniform;
 use shared_types::scenario::Analysis;
 use std::sync::OnceLock;
 
-struct Arm<const N: usize> {
-    robot: Robot,
-    model: Model<N>,
+pub(super) struct Arm<const N: usize> {
+    pub(super) robot: Robot,
+    pub(super) model: Model<N>,
     /// Before its first tick; an arm's reference values are costly to sample.
     fresh: Analyzer<N>,
 }
@@ -25,40 +25,40 @@ impl<const N: usize> Arm<N> {
         Self { model: Model::new(&robot, None).unwrap(), robot, fresh }
     }
 
-    fn analyzer(&self) -> Analyzer<N> {
+    pub(super) fn analyzer(&self) -> Analyzer<N> {
         self.fresh.clone()
     }
 
-    fn step(&self, analyzer: &mut Analyzer<N>, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> Report<N> {
+    pub(super) fn step(&self, analyzer: &mut Analyzer<N>, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> Report<N> {
         analyzer.step(q, qdot, &self.model.evaluate(q, qdot))
     }
 
-    fn at(&self, q: &SVector<f64, N>) -> Report<N> {
+    pub(super) fn at(&self, q: &SVector<f64, N>) -> Report<N> {
         self.step(&mut self.analyzer(), q, &SVector::zeros())
     }
 }
 
-fn puma() -> &'static Arm<6> {
+pub(super) fn puma() -> &'static Arm<6> {
     static ARM: OnceLock<Arm<6>> = OnceLock::new();
     ARM.get_or_init(|| Arm::new("puma560"))
 }
 
-fn ur5() -> &'static Arm<6> {
+pub(super) fn ur5() -> &'static Arm<6> {
     static ARM: OnceLock<Arm<6>> = OnceLock::new();
     ARM.get_or_init(|| Arm::new("ur5"))
 }
 
-fn iiwa() -> &'static Arm<7> {
+pub(super) fn iiwa() -> &'static Arm<7> {
     static ARM: OnceLock<Arm<7>> = OnceLock::new();
     ARM.get_or_init(|| Arm::new("iiwa14"))
 }
 
-const ELBOW: usize = 0;
-const WRIST: usize = 1;
-const OVERHEAD: usize = 2;
+pub(super) const ELBOW: usize = 0;
+pub(super) const WRIST: usize = 1;
+pub(super) const OVERHEAD: usize = 2;
 
 /// A random PUMA posture `near` one of its three locks, and away from the other two.
-fn at_lock(random: &mut Uniform, lock: usize, near: f64, (a2, a3, d4): (f64, f64, f64)) -> Vector6<f64> {
+pub(super) fn at_lock(random: &mut Uniform, lock: usize, near: f64, (a2, a3, d4): (f64, f64, f64)) -> Vector6<f64> {
     let (L3, stretched) = ((a3 * a3 + d4 * d4).sqrt(), libm::atan2(d4, a3));
     loop {
         let mut q = Vector6::from_fn(|_, _| random.within(-2.0, 2.0));
@@ -81,11 +81,11 @@ fn at_lock(random: &mut Uniform, lock: usize, near: f64, (a2, a3, d4): (f64, f64
 }
 
 /// The reported singularity that is nearest.
-fn nearest<const N: usize>(report: &Report<N>) -> Singularity<N> {
+pub(super) fn nearest<const N: usize>(report: &Report<N>) -> Singularity<N> {
     *report.meant().iter().min_by(|a, b| a.s.abs().total_cmp(&b.s.abs())).unwrap()
 }
 
-const LENGTHS: (f64, f64, f64) = (0.4318, -0.0203, 0.4331);
+pub(super) const LENGTHS: (f64, f64, f64) = (0.4318, -0.0203, 0.4331);
 
 #[test]
 fn directions_are_those_of_the_formulas() {
