@@ -21,10 +21,19 @@ def _program():
     raise FileNotFoundError("there is no program `armplane` in PATH: install it with `cargo install --path .`, or set ARMPLANE to its path")
 
 
+def _sentence(stderr):
+    """The sentence of an error: with --json it is an object on the last line."""
+    last = (stderr.strip().splitlines() or [""])[-1]
+    try:
+        return json.loads(last)["error"]["message"]
+    except (ValueError, KeyError, TypeError):
+        return stderr.strip()
+
+
 def _armplane(*arguments):
     done = subprocess.run([_program(), *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, check=False)
     if done.returncode not in (0, 1) or not done.stdout.strip():
-        raise RuntimeError(done.stderr.strip() or f"armplane {arguments[0]} ended with exit code {done.returncode}")
+        raise RuntimeError(_sentence(done.stderr) or f"armplane {arguments[0]} ended with exit code {done.returncode}")
     return done.stdout, done.stderr
 
 

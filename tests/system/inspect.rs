@@ -125,3 +125,43 @@ fn an_arm_from_another_base_on_is_the_rest_of_the_chain() {
     assert_eq!(none.code, 2, "{}", none.out);
     assert!(none.err.contains("wheel"), "{}", none.err);
 }
+
+#[test]
+fn a_frame_chooses_one_of_several_arms() {
+    let desk = Desk::new();
+    let joint = |name: &str, parent: &str, child: &str, y: f64| {
+        format!(
+            "<joint name=\"{name}\" type=\"revolute\"><parent link=\"{parent}\"/><child link=\"{child}\"/><origin xyz=\"0.3 {y} 0\"/><axis xyz=\"0 0 1\"/>\
+             <limit lower=\"-2\" upper=\"2\" effort=\"10\" velocity=\"2\"/></joint>"
+        )
+    };
+    let link = |name: &str| {
+        format!(
+            "<link name=\"{name}\"><inertial><mass value=\"1\"/><inertia ixx=\"0.1\" iyy=\"0.1\" izz=\"0.1\" ixy=\"0\" ixz=\"0\" iyz=\"0\"/></inertial></link>"
+        )
+    };
+    let arms = [("left", 0.2), ("right", -0.2)];
+    let parts = arms.map(|(side, y)| {
+        let (upper, fore) = (format!("{side}_upper"), format!("{side}_fore"));
+        [link(&upper), link(&fore), joint(&format!("{side}_1"), "base", &upper, y), joint(&format!("{side}_2"), &upper, &fore, 0.0)]
+            .concat()
+    });
+    desk.file("two.urdf", &format!("<robot name=\"two\"><link name=\"base\"/>{}</robot>", parts.concat()));
+    let said = desk.armplane(&["inspect", "--robot", "two.urdf"]);
+    assert!(said.code == 2 && said.err.contains("branches at link 'base'"), "{}", said.err);
+    for (side, y) in arms {
+        let said = desk.armplane(&["inspect", "--robot", "two.urdf", "--frame", &format!("{side}_fore"), "--q=0,0", "--json"]);
+        let seen: serde_json::Value = serde_json::from_str(&said.out).unwrap_or_else(|_| panic!("{}{}", said.out, said.err));
+        assert_eq!(
+            seen["p_BE"].as_array().map(|p| p.iter().filter_map(|x| x.as_f64()).collect::<Vec<_>>()),
+            Some(vec![0.6, y, 0.0]),
+            "{seen}"
+        );
+    }
+    desk.file(
+        "left.toml",
+        "name = \"left\"\nrobot = \"two.urdf\"\nframe = \"left_fore\"\n[start]\nq_deg = [10, 20]\n[[segment]]\nposture_deg = [20, 10]\nduration_s = 0.2\n",
+    );
+    let said = desk.armplane(&["run", "left.toml", "--no-record", "--json"]);
+    assert!(said.code <= 1 && said.out.contains("\"ticks\": 7"), "{}{}", said.out, said.err);
+}

@@ -21,6 +21,8 @@ mod properties;
 mod recording;
 mod replay;
 mod run;
+mod schema;
+mod shell;
 mod steady;
 mod sweep;
 mod top;

@@ -1,23 +1,49 @@
-//! The exit code of a failed command, and its error as a person reads it.
+//! The exit code of a failed command, and its error as a person or a machine reads it.
 
 use std::process::ExitCode;
 
 use miette::{LabeledSpan, MietteDiagnostic, NamedSource, Report};
+use serde_json::json;
 use session::Failure;
 
-/// Prints a failure on standard error and gives the exit code: 2 for input that cannot be used, 1 for work that failed.
-pub(crate) fn report(failure: Failure) -> ExitCode {
-    eprintln!("armplane: {failure}");
-    match failure {
-        Failure::Work(_) => ExitCode::from(1),
-        Failure::Input(_) => ExitCode::from(2),
-        Failure::File(error) => {
-            if let Some(span) = error.span.clone() {
-                let label = LabeledSpan::at(span, error.remedy.clone());
-                let diagnostic = MietteDiagnostic::new(error.message.clone()).with_label(label);
-                eprintln!("{:?}", Report::from(diagnostic).with_source_code(NamedSource::new(&error.file, error.text.clone())));
-            }
-            ExitCode::from(2)
-        }
+/// Prints a failure on standard error and gives the exit code: 2 for input that cannot be used, 1 for work that failed. For machines it is one JSON
+/// object on one line.
+pub(crate) fn report(failure: Failure, as_json: bool) -> ExitCode {
+    let (kind, code) = match failure {
+        Failure::Work(_) => ("work", 1_u8),
+        Failure::Input(_) | Failure::File(_) => ("input", 2),
+    };
+    if as_json {
+        let place = match &failure {
+            Failure::File(error) => json!({"file": error.file, "line": error.line(), "remedy": error.remedy}),
+            _ => json!(null),
+        };
+        eprintln!("{}", json!({"error": {"kind": kind, "exit_code": code, "message": failure.to_string(), "place": place}}));
+        return ExitCode::from(code);
     }
+    eprintln!("armplane: {failure}");
+    if let Failure::File(error) = failure
+        && let Some(span) = error.span.clone()
+    {
+        let label = LabeledSpan::at(span, error.remedy.clone());
+        let diagnostic = MietteDiagnostic::new(error.message.clone()).with_label(label);
+        eprintln!("{:?}", Report::from(diagnostic).with_source_code(NamedSource::new(&error.file, error.text.clone())));
+    }
+    ExitCode::from(code)
+}
+
+/// Prints what is wrong with a command's arguments, or the help that was asked for.
+pub(crate) fn usage(error: &clap::Error) -> ExitCode {
+    let code = u8::try_from(error.exit_code()).unwrap_or(2);
+    if error.use_stderr() && std::env::args().any(|argument| argument == "--json") {
+        let text = error.render().to_string();
+        let (message, usage) = text.split_once("\n\nUsage:").unwrap_or((&text, ""));
+        let usage = usage.lines().next().unwrap_or_default().trim();
+        let message = message.trim_start_matches("error: ").trim();
+        eprintln!("{}", json!({"error": {"kind": "usage", "exit_code": code, "message": message, "usage": usage}}));
+    } else {
+        // A reader that has gone away is no reason to fail otherwise.
+        let _ = error.print();
+    }
+    ExitCode::from(code)
 }

@@ -37,7 +37,7 @@ pub(crate) struct InspectArgs {
 }
 
 pub(crate) fn inspect(args: &InspectArgs, as_json: bool) -> Result<ExitCode, Failure> {
-    let whole = load::robot(&args.robot, None)?;
+    let whole = load::robot(&args.robot, None, args.frame.as_deref())?;
     let robot = match &args.base {
         Some(base) => load::on_base(&whole, base)?,
         None => whole,

@@ -22,6 +22,8 @@ mod recover;
 mod replay;
 mod report;
 mod run;
+mod screen;
+mod shell;
 mod simulate;
 mod sweep;
 mod top;
@@ -32,7 +34,7 @@ mod wire;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 #[derive(Parser)]
 #[command(
@@ -47,7 +49,7 @@ use clap::{Parser, Subcommand};
 struct Cli {
     #[command(subcommand)]
     command: Option<Command>,
-    /// Print results as JSON on standard output, for machines.
+    /// Print results as JSON on standard output, for machines; an error is one JSON object, the last line of standard error.
     #[arg(long, global = true)]
     json: bool,
     /// Say more on standard error (-v, -vv).
@@ -208,6 +210,21 @@ enum Command {
     /// Remove what dead runs left in shared memory; living runs are not touched.
     #[command(after_help = "Example:\n  armplane clean")]
     Clean,
+    /// Print completions for a shell.
+    #[command(
+        after_help = "Examples:\n  armplane completions bash > ~/.local/share/bash-completion/completions/armplane\n  armplane completions zsh > ~/.zfunc/_armplane\n  armplane completions fish > ~/.config/fish/completions/armplane.fish"
+    )]
+    Completions(shell::CompletionsArgs),
+    /// Write manual pages into a folder.
+    #[command(after_help = "Example:\n  armplane man ~/.local/share/man/man1 && man armplane-run")]
+    Man(shell::ManArgs),
+    /// Print the JSON Schema of a scenario file or of summary.json.
+    #[command(
+        long_about = "Prints the JSON Schema of a scenario file or of summary.json: every key with its meaning and unit. An editor with a TOML language server \
+                      (taplo, Even Better TOML) completes and checks a scenario whose first line is `#:schema FILE`.",
+        after_help = "Examples:\n  armplane schema scenario > scenario.json\n  armplane schema summary | jq '.properties | keys'"
+    )]
+    Schema(shell::SchemaArgs),
     /// One process of a bench.
     #[command(hide = true)]
     BenchPeer(bench::BenchPeerArgs),
@@ -218,11 +235,14 @@ enum Command {
 /// Parses the arguments of the process and executes the command; the exit code of the program.
 #[must_use]
 pub fn main() -> ExitCode {
-    launcher::with_room(work).unwrap_or_else(|error| failure::report(session::Failure::work(error)))
+    launcher::with_room(work).unwrap_or_else(|error| failure::report(session::Failure::work(error), false))
 }
 
 fn work() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return failure::usage(&error),
+    };
     let level = match cli.verbose {
         0 => "warn",
         1 => "info",
@@ -253,9 +273,12 @@ fn work() -> ExitCode {
         Command::Graph(args) => graph::graph(&args, json),
         Command::Topics(args) => topics::topics(&args, json),
         Command::Wire(args) => wire::wire(&args),
+        Command::Completions(args) => shell::completions(&args, Cli::command()),
+        Command::Man(args) => shell::man(&args, Cli::command()),
+        Command::Schema(args) => shell::schema(&args),
         Command::Doctor => doctor::doctor(json),
         Command::Clean => clean::clean(json),
         Command::Process(command) => process::run(&command),
     };
-    done.unwrap_or_else(failure::report)
+    done.unwrap_or_else(|failure| failure::report(failure, json))
 }

@@ -6,11 +6,11 @@ use std::time::Duration;
 
 use clap::Args;
 use session::Failure;
-use session::observation::{Observation, ObservedFault, ObservedProcess, ObservedSingularity, Observer, Times, choose};
+use session::observation::{Observer, choose};
+use session::observation_lines;
 
 use crate::out::say;
-use session::table::{fitted, number};
-use viz::plot::digits;
+use crate::screen::Screen;
 
 #[derive(Args)]
 pub(crate) struct TopArgs {
@@ -27,65 +27,37 @@ pub(crate) struct TopArgs {
 
 pub(crate) fn top(args: &TopArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let mut observer = Observer::open(&choose(args.run.as_deref())?)?;
+    let every = Duration::from_millis(args.every_ms);
+    let mut screen = if as_json || args.once { None } else { Screen::open()? };
+    // A signal ends the command, and leaves the terminal as it was.
+    let mut signals = if screen.is_some() { Some(session::interrupts()?) } else { None };
+    let is_coloured = screen.is_some() && std::env::var_os("NO_COLOR").is_none();
     loop {
-        std::thread::sleep(Duration::from_millis(args.every_ms));
+        match &screen {
+            None => std::thread::sleep(every),
+            Some(screen) => {
+                if screen.ends_within(every, &mut || signals.as_mut().is_some_and(|signals| signals.pending().is_some())) {
+                    return Ok(ExitCode::SUCCESS);
+                }
+            }
+        }
         let observation = observer.observe();
+        let is_over = observer.is_over();
+        if is_over {
+            screen = None;
+        }
         if as_json {
             say!("{}", serde_json::to_string(&observation).map_err(Failure::work)?);
+        } else if screen.is_some() {
+            Screen::show(&observation_lines(&observation, is_coloured, Screen::size()));
         } else {
-            if !args.once {
-                // To the upper left corner, and clear what is below.
-                print!("\x1b[H\x1b[J");
-            }
-            print(&observation);
+            observation_lines(&observation, false, (100, usize::MAX)).iter().for_each(|line| say!("{line}"));
         }
-        let is_over = observer.is_over();
         if args.once || is_over {
             if is_over && !as_json {
                 say!("the run has ended");
             }
             return Ok(ExitCode::SUCCESS);
         }
-    }
-}
-
-/// "p50 / p99 / longest" in µs; empty for a process that computes nothing.
-fn in_words(times: &Times) -> String {
-    let part = |time: Option<f64>| time.map_or("–".to_owned(), digits);
-    if times.in_all == 0 { String::new() } else { format!("{} / {} / {}", part(times.p50), part(times.p99), digits(times.max)) }
-}
-
-fn print(run: &Observation) {
-    say!("{}: {}, {} Hz", run.run, run.mode, run.rate_hz);
-    let mut rows = fitted(&["process", "state", "pid", "starts", "core", "ticks", "ticks/s"]);
-    let mut times = fitted(&["process", "step, µs", "age, µs", "missed", "lost", "refused"]);
-    for ObservedProcess { name, state, pid, starts, core, ticks, ticks_per_s, missed, counts, step_us, age_us } in &run.processes {
-        rows.add_row([
-            name.into(),
-            (*state).into(),
-            number(pid),
-            number(starts),
-            number(core.map_or("any".to_owned(), |core| core.to_string())),
-            number(ticks),
-            number(format!("{ticks_per_s:.0}")),
-        ]);
-        times.add_row([
-            name.into(),
-            number(in_words(step_us)),
-            number(in_words(age_us)),
-            number(missed),
-            number(counts.lost),
-            number(counts.not_finite + counts.fenced),
-        ]);
-    }
-    say!("{rows}\n{times}");
-    say!("step: input to output; age: since the tick's sample; p50 / p99 / longest");
-    let stale = if run.stale_ticks > 0 { format!(", no fresh torque for {} ticks", run.stale_ticks) } else { String::new() };
-    say!("arm   drive {}{stale}; task {}", run.drive, run.phase);
-    for ObservedSingularity { name, s, inside, class, mode } in &run.singularities {
-        say!("      {name:<9} s = {s:+.4}, {}, {class}, {mode}", if *inside { "inside" } else { "outside" });
-    }
-    for ObservedFault { process, kind, origin, tick, active } in &run.faults {
-        say!("fault {kind} of {process} from tick {tick}, {origin}, {}", if *active { "active" } else { "inactive" });
     }
 }

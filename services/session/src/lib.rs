@@ -5,6 +5,7 @@
 
 pub mod load;
 pub mod observation;
+pub mod schema;
 pub mod table;
 
 mod export;
@@ -13,6 +14,7 @@ mod injection;
 mod launch;
 mod layout;
 mod machine;
+mod observation_text;
 mod plan;
 mod progress;
 mod recover;
@@ -29,6 +31,7 @@ pub use injection::inject;
 pub use launch::{Begin, EXCHANGE, GUARD, interrupts, launch, launch_begun, launch_watched};
 pub use layout::save_blueprint;
 pub use machine::machine;
+pub use observation_text::observation_lines;
 pub use plan::plan;
 pub use progress::{Observer, Progress};
 pub use recover::recover;

@@ -93,7 +93,8 @@ impl Source {
     /// # Errors
     /// [`Failure::File`] where there is no such robot, or its description is invalid.
     pub fn robot(&self, scenario: &Scenario) -> Result<Robot, Failure> {
-        robot(&scenario.robot, self.folder.as_deref()).map_err(|failure| match failure {
+        let frame = Some(scenario.frame.as_str()).filter(|frame| !frame.is_empty());
+        robot(&scenario.robot, self.folder.as_deref(), frame).map_err(|failure| match failure {
             Failure::Input(sentence) => self.located(Complaint::new("robot", sentence, "")),
             other => other,
         })
@@ -130,11 +131,12 @@ impl Source {
     }
 }
 
-/// A robot by built-in name, or a URDF with an optional description beside it (`arm.urdf`, `arm.toml`).
+/// A robot by built-in name, or a URDF with an optional description beside it (`arm.urdf`, `arm.toml`). Of a URDF with several arms, whose description
+/// names none, it is the one that ends in `frame`.
 ///
 /// # Errors
 /// [`Failure::Input`] where there is no such robot, or its description is invalid.
-pub fn robot(name: &str, folder: Option<&Path>) -> Result<Robot, Failure> {
+pub fn robot(name: &str, folder: Option<&Path>, frame: Option<&str>) -> Result<Robot, Failure> {
     if Path::new(name).extension().is_none_or(|extension| extension != "urdf") {
         return Robot::builtin(name).map_err(Failure::input);
     }
@@ -143,8 +145,16 @@ pub fn robot(name: &str, folder: Option<&Path>) -> Result<Robot, Failure> {
     let beside = path.with_extension("toml");
     let description = if beside.exists() { read(&beside)? } else { String::new() };
     let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    Robot::from_source(&RobotSource { name: stem, description, urdf })
-        .map_err(|error| Failure::Input(format!("{}: {error}", path.display())))
+    let source = RobotSource { name: stem, description, urdf };
+    let made = match (Robot::from_source(&source), frame) {
+        (Err(RobotError::Branches { .. }), Some(frame)) => {
+            let mut description: toml::Table = source.description.parse().map_err(Failure::input)?;
+            description.insert("default_frame".to_owned(), frame.into());
+            Robot::from_source(&RobotSource { description: description.to_string(), ..source })
+        }
+        (made, _) => made,
+    };
+    made.map_err(|error| Failure::Input(format!("{}: {error}", path.display())))
 }
 
 /// The same arm from another link of its URDF on: the joints before `base` are no part of it, and what the description says of the whole chain

@@ -11,13 +11,24 @@ use shared_types::scenario::Scenario;
 
 use super::distribution::{Distribution, Row as BenchRow, histogram};
 
-const N: usize = 6;
 /// Evaluations per sample: a clock reading costs a tenth of one.
 const BATCH: u64 = 100;
 const SAMPLES: u64 = 5_000;
 
-/// The arm's terms at postures along a circle in joint space.
+/// The terms of the scenario's arm, and those of the built-in arms that other programs publish, at postures along a circle in joint space.
+///
+/// # Errors
+/// [`Failure::Work`] where an arm has no model of its size.
 pub fn model(robot: &Robot) -> Result<Vec<BenchRow>, Failure> {
+    let mut rows = terms::<6>(robot, "")?;
+    let builtin = |name: &str| Robot::builtin(name).map_err(Failure::work);
+    rows.extend(terms::<6>(&builtin("ur5")?, "ur5")?);
+    rows.extend(terms::<7>(&builtin("panda")?, "panda")?);
+    Ok(rows)
+}
+
+/// The terms of an arm of `N` joints, which the rows name unless it is the scenario's.
+fn terms<const N: usize>(robot: &Robot, name: &str) -> Result<Vec<BenchRow>, Failure> {
     let model = Model::<N>::new(robot, None).map_err(Failure::work)?;
     let posture = |sample: u64| {
         let angle = sample as f64 * 0.01;
@@ -26,7 +37,8 @@ pub fn model(robot: &Robot) -> Result<Vec<BenchRow>, Failure> {
             SVector::<f64, N>::from_fn(|joint, _| (angle * joint as f64).cos()),
         )
     };
-    let timed = |work: &dyn Fn(&SVector<f64, N>, &SVector<f64, N>)| {
+    type Work<'a, const N: usize> = &'a dyn Fn(&SVector<f64, N>, &SVector<f64, N>);
+    let row = |mechanism: &str, work: Work<'_, N>| {
         let mut times = histogram();
         for sample in 0..SAMPLES {
             let (q, qdot) = posture(sample);
@@ -35,34 +47,22 @@ pub fn model(robot: &Robot) -> Result<Vec<BenchRow>, Failure> {
             // Hundredths: a histogram of whole nanoseconds would be too coarse.
             times.saturating_record(now_ns() - began);
         }
-        Distribution::of(&times).divided_by(BATCH as f64)
+        let mechanism = if name.is_empty() { mechanism.to_owned() } else { format!("{mechanism}, {name}") };
+        BenchRow::alone("model", &mechanism, Distribution::of(&times).divided_by(BATCH as f64))
     };
-    let row = |mechanism: &str, distribution| BenchRow::alone("model", mechanism, distribution);
     Ok(vec![
-        row(
-            "A, bias and J in one pass",
-            timed(&|q, qdot| {
-                black_box(model.evaluate(q, qdot));
-            }),
-        ),
-        row(
-            "mass matrix",
-            timed(&|q, _| {
-                black_box(model.mass_matrix(q));
-            }),
-        ),
-        row(
-            "inverse dynamics",
-            timed(&|q, qdot| {
-                black_box(model.inverse_dynamics(q, qdot, qdot));
-            }),
-        ),
-        row(
-            "forward dynamics",
-            timed(&|q, qdot| {
-                black_box(model.forward_dynamics(q, qdot, qdot));
-            }),
-        ),
+        row("A, bias and J in one pass", &|q, qdot| {
+            black_box(model.evaluate(q, qdot));
+        }),
+        row("mass matrix", &|q, _| {
+            black_box(model.mass_matrix(q));
+        }),
+        row("inverse dynamics", &|q, qdot| {
+            black_box(model.inverse_dynamics(q, qdot, qdot));
+        }),
+        row("forward dynamics", &|q, qdot| {
+            black_box(model.forward_dynamics(q, qdot, qdot));
+        }),
     ])
 }
 

@@ -104,7 +104,7 @@ impl ArmSweep<'_> {
     /// # Errors
     /// [`Failure`] for a robot or a setting that does not exist, or an arm for which no line is found.
     pub fn run(&self, observer: Observer<'_>) -> Result<ArmLines, Failure> {
-        let robot = load::robot(self.robot, None)?;
+        let robot = load::robot(self.robot, None, None)?;
         let text = format!("name = \"sweep\"\nrobot = \"{}\"\n[start]\nposture = \"none\"\n[[segment]]\nduration_s = 2.0\n", self.robot);
         let mut template = Scenario::parse("sweep.toml", &text, self.settings)?;
         if let Ok(path) = std::path::Path::new(self.robot).canonicalize() {

@@ -1,0 +1,141 @@
+#!/usr/bin/env python3
+"""Writes the JSON Schemas of scenario files and of summary.json from the types that read and write them.
+
+    python3 docs/schema/make.py            # writes docs/schema/scenario.json and summary.json
+    python3 docs/schema/make.py --check    # exit code 1 where they are not as they would be written
+
+The types are in shared-types/src; their comments, with units, become descriptions. `cargo test --test system schema` compares the keys with those that
+the program itself accepts, and validates every scenario of the repository and the summary of a run.
+"""
+
+import json
+import pathlib
+import re
+import sys
+
+HERE = pathlib.Path(__file__).resolve().parent
+TYPES = HERE.parents[1] / "shared-types" / "src"
+DRAFT = "https://json-schema.org/draft/2020-12/schema"
+NUMBERS = {"f64": {"type": "number"}, "i32": {"type": "integer"}, "bool": {"type": "boolean"}, "String": {"type": "string"}}
+NUMBERS |= {name: {"type": "integer", "minimum": 0} for name in ("u32", "u64", "usize")}
+BY_SINGULARITY = {
+    "description": "One number for each singularity, by its name; those left out keep their defaults. An array is read as elbow, wrist, overhead.",
+    "anyOf": [
+        {
+            "type": "object",
+            "properties": {name: {"type": "number"} for name in ("elbow", "wrist", "overhead", "numeric")},
+            "additionalProperties": False,
+        },
+        {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3},
+    ],
+}
+
+
+def text_of(lines):
+    """The words of `///` comments; links keep their names."""
+    words = " ".join(line.strip().removeprefix("///").strip() for line in lines).strip()
+    return re.sub(r"\[`?([^\]`]+)`?\](\([^)]*\))?(?=[^\[]|$)", r"\1", words) if "](" in words or "[`" in words else words
+
+
+def split(body):
+    """The items of a block: comments and attributes, then the item itself up to its comma."""
+    comments, attributes = [], []
+    for line in body.splitlines():
+        line = line.strip()
+        if line.startswith("///"):
+            comments.append(line)
+        elif line.startswith("#["):
+            attributes.append(line)
+        elif line:
+            yield text_of(comments), " ".join(attributes), line.rstrip(",")
+            comments, attributes = [], []
+
+
+def kebab(name):
+    return re.sub(r"(?<!^)(?=[A-Z])", "-", name).lower()
+
+
+def schema_of(kind):
+    """The schema of a field's type."""
+    if kind in NUMBERS:
+        return dict(NUMBERS[kind])
+    if kind == "BySingularity":
+        return dict(BY_SINGULARITY)
+    if found := re.fullmatch(r"Option<(.*)>", kind):
+        return schema_of(found[1])
+    if found := re.fullmatch(r"Vec<(.*)>", kind):
+        return {"type": "array", "items": schema_of(found[1])}
+    if found := re.fullmatch(r"\[(.*); (\d+)\]", kind):
+        return {"type": "array", "items": schema_of(found[1]), "minItems": int(found[2]), "maxItems": int(found[2])}
+    if found := re.fullmatch(r"BTreeMap<String, (.*)>", kind):
+        return {"type": "object", "additionalProperties": schema_of(found[1])}
+    return {"$ref": f"#/$defs/{kind}"}
+
+
+def definitions():
+    """The schema of every type in the files, by name."""
+    found = {}
+    files = [TYPES / "scenario.rs", TYPES / "fault.rs", TYPES / "fault" / "kind.rs", TYPES / "summary.rs", *sorted((TYPES / "scenario").glob("*.rs"))]
+    for file in files:
+        source = file.read_text().split("#[cfg(test)]")[0]
+        head = r"((?:^///[^\n]*\n)*)((?:^#\[[^\n]*\n)*)^pub (struct|enum) (\w+) \{\n(.*?)^\}"
+        for comments, attributes, what, name, body in re.findall(head, source, re.S | re.M):
+            if "Deserialize" not in attributes:
+                continue
+            about = text_of(comments.splitlines())
+            if what == "enum":
+                options = [{"const": kebab(item), "description": words} for words, _, item in split(body)]
+                found[name] = {"description": about, "oneOf": options}
+                continue
+            properties, required = {}, []
+            all_default = "default)]" in attributes
+            for words, of_field, item in split(body):
+                field, kind = re.fullmatch(r"pub (\w+): (.*)", item).groups()
+                renamed = re.search(r'rename = "(\w+)"', of_field)
+                schema = schema_of(kind)
+                if 'with = "floor"' in of_field:
+                    schema = {"anyOf": [{"type": "number"}, {"const": "none"}]}
+                if kind.startswith("Option<") and "skip_serializing_if" not in of_field and "floor" not in of_field:
+                    schema = {"anyOf": [schema, {"type": "null"}]}
+                properties[renamed[1] if renamed else field] = {**schema, "description": words}
+                if not all_default and "serde(default" not in of_field:
+                    required.append(renamed[1] if renamed else field)
+            found[name] = {"type": "object", "description": about, "properties": properties}
+            if required:
+                found[name]["required"] = required
+            if "deny_unknown_fields" in attributes:
+                found[name]["additionalProperties"] = False
+        for comments, name, body in re.findall(r"words! \{\n((?:    ///[^\n]*\n)*)    (\w+) \{\n(.*?)^    \}", source, re.S | re.M):
+            options = [{"const": re.search(r'"([^"]+)"', item)[1], "description": words} for words, _, item in split(body)]
+            found[name] = {"description": text_of(comments.splitlines()), "oneOf": options}
+    return found
+
+
+def used(name, all_of_them, seen):
+    """The names of a type and of all that it refers to."""
+    if name not in seen:
+        seen.append(name)
+        for other in re.findall(r'"#/\$defs/(\w+)"', json.dumps(all_of_them[name])):
+            used(other, all_of_them, seen)
+    return seen
+
+
+def schema(name, title):
+    every = definitions()
+    others = {other: every[other] for other in used(name, every, [])[1:]}
+    return {"$schema": DRAFT, "title": title, **every[name], "$defs": others}
+
+
+def main():
+    stale = []
+    for file, name, title in (("scenario", "Scenario", "A scenario of armplane"), ("summary", "Summary", "summary.json of a run of armplane")):
+        path, text = HERE / f"{file}.json", json.dumps(schema(name, title), indent=2, ensure_ascii=False) + "\n"
+        if "--check" in sys.argv:
+            stale += [path.name] if not path.exists() or path.read_text() != text else []
+        else:
+            path.write_text(text)
+    if stale:
+        sys.exit(f"{', '.join(stale)}: not as the types have it; run python3 docs/schema/make.py")
+
+
+main()

@@ -1,0 +1,71 @@
+//! A terminal that a command redraws until a key ends it.
+
+use std::io::{IsTerminal, Read, Write, stdin, stdout};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::time::{Duration, Instant};
+
+use session::Failure;
+
+/// How long a signal may wait.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// The terminal's other screen; the first one is as it was when this is dropped.
+pub(crate) struct Screen {
+    keys: Receiver<u8>,
+}
+
+impl Screen {
+    /// Takes the terminal; `None` where output or input is none.
+    ///
+    /// # Errors
+    /// [`Failure::Work`] where the terminal refuses.
+    pub(crate) fn open() -> Result<Option<Self>, Failure> {
+        if !(stdout().is_terminal() && stdin().is_terminal()) {
+            return Ok(None);
+        }
+        crossterm::terminal::enable_raw_mode().map_err(Failure::work)?;
+        let (send, keys) = channel();
+        std::thread::spawn(move || stdin().bytes().map_while(Result::ok).try_for_each(|key| send.send(key)));
+        put("\x1b[?1049h\x1b[?25l");
+        Ok(Some(Self { keys }))
+    }
+
+    /// Waits so long; true as soon as q, Ctrl-C or a signal says to end.
+    pub(crate) fn ends_within(&self, time: Duration, signal: &mut impl FnMut() -> bool) -> bool {
+        let until = Instant::now() + time;
+        loop {
+            let rest = until.saturating_duration_since(Instant::now());
+            match self.keys.recv_timeout(rest.min(LOOK)) {
+                // Ctrl-C is a key here.
+                Ok(b'q' | b'Q' | 3) | Err(RecvTimeoutError::Disconnected) => return true,
+                Ok(_) => {}
+                Err(RecvTimeoutError::Timeout) if rest.is_zero() => return signal(),
+                Err(RecvTimeoutError::Timeout) if signal() => return true,
+                Err(RecvTimeoutError::Timeout) => {}
+            }
+        }
+    }
+
+    /// Columns and rows.
+    pub(crate) fn size() -> (usize, usize) {
+        crossterm::terminal::size().map_or((80, 24), |(columns, rows)| (columns.into(), rows.into()))
+    }
+
+    /// Shows these lines.
+    pub(crate) fn show(lines: &[String]) {
+        put(&format!("\x1b[H{}\x1b[K\x1b[J", lines.join("\x1b[K\r\n")));
+    }
+}
+
+impl Drop for Screen {
+    fn drop(&mut self) {
+        put("\x1b[?25h\x1b[?1049l");
+        let _ = crossterm::terminal::disable_raw_mode();
+    }
+}
+
+/// A terminal that is gone is nobody to tell.
+fn put(text: &str) {
+    let mut out = stdout().lock();
+    let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+}
