@@ -26,7 +26,7 @@ ROUNDS = 3
 def prefix():
     """The folder of pinocchio's headers and libraries."""
     try:
-        import cmeel
+        import pinocchio  # noqa: F401
     except ImportError:
         sys.exit("skipped: python3 has no pinocchio (pip install pin cmeel-eigen)")
     for folder in sys.path:
@@ -42,7 +42,7 @@ def build(folder):
     found, program = prefix(), folder / "peer"
     flags = ["-std=c++17", "-O3", "-DNDEBUG", "-w"] + (["-march=native"] if "--native" in sys.argv else [])
     paths = ["-isystem", found / "include", "-isystem", found / "include" / "eigen3", "-L", found / "lib", f"-Wl,-rpath,{found / 'lib'}"]
-    libraries = ["-lpinocchio_parsers", "-lpinocchio_default"]
+    libraries = ["-lpinocchio_default"]
     subprocess.run([compiler, *flags, ROOT / "tests/pinocchio/peer.cpp", "-o", program, *paths, *libraries], check=True)
     return program
 
@@ -55,10 +55,24 @@ def ours():
     return {row["mechanism"]: 1000 * row["p50_us"] for row in rows if row["bench"] == "model"}
 
 
-def theirs(program):
+def described(arm):
+    """An arm as peer.cpp reads it, from pinocchio's URDF parser."""
+    import pinocchio
+
+    model = pinocchio.buildModelFromUrdf(str(ROOT / "services/model/robots" / f"{arm}.urdf"))
+    lines = [f"{arm} {model.njoints - 1}"]
+    for i in range(1, model.njoints):
+        X, body, kind = model.jointPlacements[i], model.inertias[i], model.joints[i].shortname().removeprefix("JointModel")
+        if kind not in ("RX", "RY", "RZ") or model.parents[i] != i - 1:
+            sys.exit(f"{arm}: joint {i} is a {kind} on {model.parents[i]}; peer.cpp has chains of RX, RY, RZ")
+        numbers = [*X.translation, *X.rotation.flatten(), body.mass, *body.lever, *body.inertia.flatten()]
+        lines.append(kind + " " + " ".join(repr(float(x)) for x in numbers))
+    return "\n".join(lines) + "\n"
+
+
+def theirs(program, text):
     """Medians of pinocchio; ns."""
-    files = [part for arm in ARMS for part in (arm, str(ROOT / "services/model/robots" / f"{arm}.urdf"))]
-    said = subprocess.run([program, *files], stdout=subprocess.PIPE, text=True, check=True)
+    said = subprocess.run([program], input=text, stdout=subprocess.PIPE, text=True, check=True)
     return {tuple(line.split()[:2]): float(line.split()[2]) for line in said.stdout.splitlines()}
 
 
@@ -69,7 +83,8 @@ def least(measured):
 def main():
     with tempfile.TemporaryDirectory() as folder:
         program = build(pathlib.Path(folder))
-        rounds = [(ours(), theirs(program)) for _ in range(ROUNDS)]
+        text = "".join(map(described, ARMS))
+        rounds = [(ours(), theirs(program, text)) for _ in range(ROUNDS)]
     mine, peer = least([one for one, _ in rounds]), least([other for _, other in rounds])
     print("| arm | armplane | µs | pinocchio | µs | ratio | goal |\n|---|---|---|---|---|---|---|")
     for arm, name in ARMS.items():

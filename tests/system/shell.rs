@@ -49,7 +49,7 @@ fn an_error_for_machines_is_one_object() {
         (&["replay", "nowhere"], "input", "nowhere"),
         (&["verify", "nothing"], "input", "there is no scenario"),
         (&["compare", "nothing"], "input", "there is no scenario"),
-        (&["figures", "--set", "plant.model=7"], "input", "plant.model"),
+        (&["figures", "--set", "nonsense=1"], "input", "nonsense"),
         (&["drill", "nothing"], "input", "there is no scenario"),
         (&["sweep", "nothing.toml"], "input", "nothing.toml"),
         (&["inspect", "--robot", "nothing"], "input", "nothing"),

@@ -37,10 +37,8 @@ pub(crate) fn usage(error: &clap::Error) -> ExitCode {
     let code = u8::try_from(error.exit_code()).unwrap_or(2);
     if error.use_stderr() && std::env::args().any(|argument| argument == "--json") {
         let text = error.render().to_string();
-        let (message, usage) = text.split_once("\n\nUsage:").unwrap_or((&text, ""));
-        let usage = usage.lines().next().unwrap_or_default().trim();
-        let message = message.trim_start_matches("error: ").trim();
-        eprintln!("{}", json!({"error": {"kind": "usage", "exit_code": code, "message": message, "usage": usage}}));
+        let message = text.split("\n\n").next().unwrap_or_default().trim_start_matches("error: ");
+        eprintln!("{}", json!({"error": {"kind": "usage", "exit_code": code, "message": message}}));
     } else {
         // A reader that has gone away is no reason to fail otherwise.
         let _ = error.print();
