@@ -2,10 +2,10 @@
 
 from . import wire
 from .exchange import Exchange, WireError
-from .process import Controller, Observer, Plant, Process
+from .process import Controller, Observer, Operator, Plant, Process
 from .results import Run, load, run
 
-__all__ = ["Controller", "Exchange", "Observer", "Plant", "Process", "Run", "WireError", "load", "model", "run", "subscribe", "wire"]
+__all__ = ["Controller", "Exchange", "Observer", "Operator", "Plant", "Process", "Run", "WireError", "load", "model", "run", "subscribe", "wire"]
 
 
 def subscribe(topic, run=None):

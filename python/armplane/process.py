@@ -117,6 +117,20 @@ class Controller(Process):
         self.control(tick, *(self.topics[name] for name in ("estimate", "singularity", "control_state", "torque")))
 
 
+class Operator(Process):
+    """Steers the arm. The graph (`extends = "servo"`) gives it `reads = ["sensor"]`, `writes = ["target"]`, or other topics to read."""
+
+    def steer(self, tick, target, **messages):
+        """Fills `target` (`wire.TargetContent`): kind, frame, validity, values. It holds what was asked for at the tick before."""
+        raise NotImplementedError
+
+    def tick(self, tick):
+        messages = {name: message for name, message in self.topics.items() if name != "target"}
+        target = self.topics["target"].target
+        target.given_tick = tick
+        self.steer(tick, target, **messages)
+
+
 class Observer(Process):
     """Sees every tick; nobody waits for it in real time. The graph gives it `reads = [...]`, any topics."""
 

@@ -3,6 +3,7 @@
 
 #![allow(non_snake_case)]
 
+use crate::messages::TargetContent;
 use crate::wire::wire;
 use crate::{MAX_DOF, MAX_SINGULARITIES};
 
@@ -105,8 +106,48 @@ wire! {
 }
 
 wire! {
+    /// The reference of a steered run; zero in others.
+    ServoCheckpoint {
+        /// The target in force.
+        held: TargetContent,
+        /// Tick of the step that comes next.
+        tick: u64,
+        /// Tick at which the session ended, plus 1; 0 before.
+        over_tick: u64,
+        /// Given tick of the last refused target, plus 1.
+        refused_tick: u64,
+        /// Position of the reference in B; m.
+        p_BE: [f64; 3],
+        /// Rotation of the reference in B, column-major.
+        R_BE: [f64; 9],
+        /// Its twist at full clock speed; m/s, rad/s.
+        V: [f64; 6],
+        /// Change of that twist; m/s², rad/s².
+        a: [f64; 6],
+        /// Joint reference of a posture target; rad.
+        q: [f64; MAX_DOF],
+        /// Its rate; rad/s.
+        qdot: [f64; MAX_DOF],
+        /// Distance that reach and limits have taken away since the target began; m.
+        behind_m: f64,
+        /// Targets refused.
+        refused: u32,
+        /// One of `codes::TARGET_REFUSALS`.
+        refusal: u32,
+        /// One of `codes::REFUSALS`: why the arm is being brought to rest, or was last.
+        stop: u32,
+        /// How often it was.
+        stops: u32,
+        /// 1 while the arm is being brought to rest.
+        stopping: u32,
+        /// 1 where the tick before was at the boundary of reach.
+        clipped: u32,
+    }
+}
+
+wire! {
     /// State of the controller after a tick.
-    ControllerCheckpoint checkpoint version 3 {
+    ControllerCheckpoint checkpoint version 4 {
         /// Index of the task segment; the number of segments once the path is finished.
         segment: u32,
         /// 1 once the segment's goal has been fixed.
@@ -169,6 +210,8 @@ wire! {
         qdot_plausible: [f64; MAX_DOF],
         /// Per singularity.
         loops: [LoopCheckpoint; MAX_SINGULARITIES],
+        /// Of steered runs.
+        servo: ServoCheckpoint,
     }
 }
 
@@ -186,7 +229,7 @@ mod tests {
         let known = [
             ("armplane.EstimatorCheckpoint.v1", 304, 0x6a0b_43aa_4a62_64c4),
             ("armplane.AnalyzerCheckpoint.v2", 1888, 0xd183_645a_d89c_2cda),
-            ("armplane.ControllerCheckpoint.v3", 1008, 0x88fd_7bb0_9be2_7127),
+            ("armplane.ControllerCheckpoint.v4", 1008, 0),
         ];
         assert_eq!([of::<EstimatorCheckpoint>(), of::<AnalyzerCheckpoint>(), of::<ControllerCheckpoint>()], known);
     }

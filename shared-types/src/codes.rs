@@ -18,6 +18,14 @@ pub fn singularity_name(kind: u32, place: usize) -> String {
     }
 }
 
+/// How a steered arm follows its target, in words: the reason, and the joint where it is one; `joint` counts from 1, 0 is none.
+#[must_use]
+pub fn reason_text(reason: u32, joint: u32, upper: u32) -> String {
+    let side = if upper > 0 { "upper" } else { "lower" };
+    let joint = if joint > 0 { format!(": joint {joint} at its {side} limit") } else { String::new() };
+    format!("{}{joint}", name_of(REASONS, reason))
+}
+
 macro_rules! codes {
     ($( $(#[$meta:meta])* $table:ident { $( $(#[$doc:meta])* $name:ident = $value:literal $text:literal ),* $(,)? } )*) => {
         $( $( $(#[$doc])* pub const $name: u32 = $value; )*
@@ -142,6 +150,84 @@ codes! {
         PHASE_DONE = 2 "done",
         /// The controller refused to go on; the torque brings the arm to rest.
         PHASE_REFUSED = 3 "refused",
+    }
+
+    /// The kind of a target.
+    TARGETS {
+        /// None yet: the arm rests.
+        TARGET_NONE = 0 "none",
+        /// A twist of E.
+        TARGET_TWIST = 1 "twist",
+        /// A pose of E in B.
+        TARGET_POSE = 2 "pose",
+        /// Positions of all joints.
+        TARGET_POSTURE = 3 "posture",
+        /// The end of the session: the arm comes to rest and the run ends.
+        TARGET_END = 4 "end",
+        /// It held a NaN or an infinity where it was read; its numbers are zero.
+        TARGET_UNREADABLE = 5 "unreadable",
+    }
+
+    /// The axes in which a twist is given.
+    FRAMES {
+        /// Those of the base.
+        FRAME_BASE = 0 "base",
+        /// Those of the end-effector.
+        FRAME_HAND = 1 "hand",
+        /// Those of the nearest singularity's frame, x along ζ.
+        FRAME_SINGULAR = 2 "singular",
+    }
+
+    /// The side in which a Type 1 singularity is left.
+    SIDES {
+        /// The present one.
+        SIDE_KEEP = 0 "keep",
+        /// s < 0.
+        SIDE_NEGATIVE = 1 "negative",
+        /// s > 0.
+        SIDE_POSITIVE = 2 "positive",
+    }
+
+    /// Why a target is refused, as the end of a sentence.
+    TARGET_REFUSALS {
+        /// None was.
+        TARGET_REFUSAL_NONE = 0 "",
+        /// A NaN or an infinity.
+        TARGET_REFUSAL_NUMBER = 1 "it holds a NaN or an infinity",
+        /// A frame without a name, or one in which this kind cannot be given.
+        TARGET_REFUSAL_FRAME = 2 "its frame is unknown, or not one for its kind (a pose is in base)",
+        /// A kind or a side without a name.
+        TARGET_REFUSAL_KIND = 3 "its kind or its side is unknown",
+        /// A quaternion whose norm is not 1.
+        TARGET_REFUSAL_ROTATION = 4 "its quaternion is not of norm 1",
+        /// A stamp later than the present tick, or a validity that is negative.
+        TARGET_REFUSAL_TIME = 5 "its time stamp is in the future, or its validity is negative",
+        /// A number no arm has a use for.
+        TARGET_REFUSAL_RANGE = 6 "a number is beyond 1000",
+    }
+
+    /// How the controller follows its target, and why not faster.
+    REASONS {
+        /// At the speed asked for.
+        REASON_FOLLOWING = 0 "follows",
+        /// There has been no target, or it asks for rest.
+        REASON_RESTING = 1 "rests",
+        /// The target is older than its validity.
+        REASON_STALE = 2 "rests: the target is older than its validity",
+        /// The target asks for more speed than the session allows.
+        REASON_FAST = 3 "slowed: the target is faster than the session allows",
+        /// Near a singularity the joints would need more speed than they have.
+        REASON_SINGULARITY = 4 "slowed near a singularity",
+        /// A joint would need more speed, or torque, than it has.
+        REASON_EFFORT = 5 "slowed: a joint is at its speed or torque",
+        /// A joint is near its limit.
+        REASON_LIMIT = 6 "slowed before a joint limit",
+        /// The target leads beyond reach: the arm slides along the boundary, or rests there.
+        REASON_REACH = 7 "at the boundary of reach",
+        /// The law gave no torque: the arm is brought to rest, and goes on from there.
+        REASON_STOPPED = 8 "stopped, goes on from rest",
+        /// The session is over.
+        REASON_OVER = 9 "over",
     }
 
     /// How far the program of an exchange page is.

@@ -4,7 +4,7 @@
 //! the process that makes the ticks consumes torque k to get from tick k to tick k + 1.
 //!
 //! ```toml
-//! extends = "armplane"          # all processes of the built-in graph; one with the name of another takes its place
+//! extends = "armplane"          # or "servo", with an operator that publishes targets: all processes of the built-in graph; one with the name of another takes its place
 //!
 //! [[topic]]                     # a message that only this graph knows
 //! name = "energy"
@@ -31,8 +31,12 @@ pub use topology::Graph;
 /// The built-in graph.
 pub const BUILT_IN: &str = include_str!("../../services/graph.toml");
 
-/// The name of the built-in graph where another one extends it.
+/// The built-in graph of a steered run.
+pub const STEERED: &str = include_str!("../../services/servo.toml");
+
+/// The names of the built-in graphs where another one extends them.
 const BUILT_IN_NAME: &str = "armplane";
+const STEERED_NAME: &str = "servo";
 
 impl Graph {
     /// Reads and validates a graph.
@@ -44,10 +48,16 @@ impl Graph {
         let mut graph: Self = crate::file::parse(file, text, &[])?;
         let before = match graph.extends.as_str() {
             "" => 0,
-            BUILT_IN_NAME => graph.extend()?,
+            BUILT_IN_NAME => graph.extend(BUILT_IN)?,
+            STEERED_NAME => {
+                // Two steps: the graph of a steered run extends the other.
+                graph.extend(STEERED)? + graph.extend(BUILT_IN)?
+            }
             other => {
                 let message = format!("there is no graph `{other}` to extend");
-                return Err(Complaint::new("extends", message, format!("extends = \"{BUILT_IN_NAME}\"")).locate(file, text));
+                return Err(
+                    Complaint::new("extends", message, format!("extends = \"{BUILT_IN_NAME}\", or \"{STEERED_NAME}\"")).locate(file, text)
+                );
             }
         };
         graph.read_everything();
@@ -56,9 +66,9 @@ impl Graph {
         Ok(graph)
     }
 
-    /// Puts the processes of the built-in graph before its own, but for those that have the name of one of its own; returns how many.
-    fn extend(&mut self) -> Result<usize, InvalidFile> {
-        let mut base: Self = crate::file::parse("graph.toml", BUILT_IN, &[])?;
+    /// Puts the processes of a built-in graph before its own, but for those that have the name of one of its own; returns how many.
+    fn extend(&mut self, text: &str) -> Result<usize, InvalidFile> {
+        let mut base: Self = crate::file::parse("graph.toml", text, &[])?;
         base.process.retain(|process| self.process(&process.name).is_none());
         let before = base.process.len();
         base.process.append(&mut self.process);
@@ -89,6 +99,7 @@ fn place_in_file(path: &str, before: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::topics::ALWAYS;
 
     fn names<'a>(processes: impl IntoIterator<Item = &'a Process>) -> Vec<&'a str> {
         processes.into_iter().map(|process| process.name.as_str()).collect()
@@ -102,11 +113,19 @@ mod tests {
         let graph = Graph::parse("graph.toml", BUILT_IN).unwrap();
         assert_eq!(names(&graph.process), Program::ALL.map(Program::name));
         assert!(graph.process.iter().all(|process| process.program().is_some()));
-        assert!(TOPICS.iter().all(|topic| graph.writer(topic).is_some()), "a topic without a writer");
-        assert_eq!(graph.process("recorder").unwrap().reads, TOPICS, "`*` is every topic");
+        assert!(ALWAYS.iter().all(|topic| graph.writer(topic).is_some()), "a topic without a writer");
+        assert_eq!(graph.process("recorder").unwrap().reads, ALWAYS, "`*` is every topic that is written");
         assert_eq!((graph.world().unwrap().name.as_str(), graph.writer("torque").unwrap().name.as_str()), ("plant", "controller"));
         assert_eq!(names(graph.hops()), ["plant", "estimator", "analyzer", "controller"]);
         assert_eq!(graph.chain().iter().map(|(hop, _)| *hop).collect::<Vec<_>>(), [0, 1, 2, 3]);
+    }
+
+    #[test]
+    fn a_steered_run_has_an_operator_before_its_controller() {
+        let graph = Graph::parse("servo.toml", STEERED).unwrap();
+        assert!(TOPICS.iter().all(|topic| graph.writer(topic).is_some()));
+        assert_eq!(names(graph.hops()), ["plant", "estimator", "analyzer", "operator", "controller"]);
+        assert_eq!(graph.process("recorder").unwrap().reads, TOPICS);
     }
 
     #[test]

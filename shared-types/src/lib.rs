@@ -30,11 +30,15 @@ pub mod process;
 pub mod random;
 pub mod scenario;
 pub mod summary;
+pub mod target_file;
 pub mod topics;
 pub mod wire;
 
 pub use checkpoints::{AnalyzerCheckpoint, ControllerCheckpoint, EstimatorCheckpoint};
-pub use messages::{ControlState, PlantState, SensorSample, SingularityReport, SingularityState, StateEstimate, TorqueCommand};
+pub use messages::{
+    ControlState, PlantState, SensorSample, ServoState, SingularityReport, SingularityState, StateEstimate, Target, TargetContent,
+    TorqueCommand,
+};
 pub use topics::{ByTopic, Topic};
 pub use wire::{Checkpoint, Header, Layout, Message, Stamps};
 

@@ -145,6 +145,78 @@ wire! {
 }
 
 wire! {
+    /// The motion that a person or another program asks for, without its header: also what the controller keeps of it.
+    TargetContent {
+        /// Tick at which it was given: its age counts from there.
+        given_tick: u64,
+        /// How long it is valid from then on; the arm comes to rest after that; s.
+        valid_s: f64,
+        /// Twist of E `[linear; angular]` in the axes of `frame`; of a pose: the twist with which it moves on until the next one, base axes; m/s, rad/s.
+        twist: [f64; 6],
+        /// Position of E in B, of a pose; m.
+        position: [f64; 3],
+        /// Rotation of E in B, of a pose: unit quaternion `[w, x, y, z]`.
+        quaternion: [f64; 4],
+        /// Joint positions, of a posture; rad (m for prismatic joints).
+        q: [f64; MAX_DOF],
+        /// One of `codes::TARGETS`.
+        kind: u32,
+        /// One of `codes::FRAMES`: the axes of a twist; a pose is in B.
+        frame: u32,
+        /// One of `codes::SIDES`: the side in which a Type 1 singularity is to be left.
+        side: u32,
+        /// Zero in this version.
+        reserved: u32,
+    }
+}
+
+wire! {
+    /// The motion asked for at a tick: operator → controller. Only runs that are steered have it.
+    Target on "target" version 1 {
+        /// Tick, incarnation, stamps.
+        header: Header,
+        /// The motion.
+        target: TargetContent,
+    }
+}
+
+wire! {
+    /// How the controller follows its target, and why not faster: controller → recorder, operator. Only runs that are steered have it.
+    ServoState on "servo_state" version 1 {
+        /// Tick, incarnation, stamps.
+        header: Header,
+        /// Twist of E that the target asks for, base axes, before any limit; m/s, rad/s.
+        V_target: [f64; 6],
+        /// Position of E in B that the target asks for; of a twist the reference's own; m.
+        p_target: [f64; 3],
+        /// Twist of the reference over the one asked for, 0 to 1.
+        speed_scale: f64,
+        /// Reference less the motion asked for that reach and limits have taken away since the target began: distance; m.
+        behind_m: f64,
+        /// |s| of the nearest singularity over its η_out: below 1 the law acts on it; 1e9 where the arm reports none.
+        nearest: f64,
+        /// Age of the target; s.
+        age_s: f64,
+        /// One of `codes::REASONS`.
+        reason: u32,
+        /// 1 + index of the joint in the reason, 0 for none.
+        joint: u32,
+        /// 1 where that joint is at its upper limit, 0 at its lower one.
+        upper: u32,
+        /// 1 + place of the nearest singularity, 0 for none.
+        singularity: u32,
+        /// Targets refused since the start of the run.
+        refused: u32,
+        /// Why the last of them was: one of `codes::TARGET_REFUSALS`.
+        refusal: u32,
+        /// Why the law stopped the arm for a moment: one of `codes::REFUSALS`.
+        stop: u32,
+        /// How often it has since the start of the run.
+        stops: u32,
+    }
+}
+
+wire! {
     /// Commanded torque: controller → plant.
     TorqueCommand on "torque" version 5 {
         /// Tick, incarnation, stamps.
@@ -256,6 +328,8 @@ mod tests {
             ("armplane.PlantState.v3", 544, 0xb342_9417_b6bb_5ea6),
             ("armplane.StateEstimate.v4", 416, 0x26d6_dbe8_667c_45e8),
             ("armplane.SingularityReport.v4", 1384, 0x8844_948f_013a_28ee),
+            ("armplane.Target.v1", 512, 0),
+            ("armplane.ServoState.v1", 288, 0),
             ("armplane.ControlState.v3", 712, 0x98e4_d969_d5ba_0d02),
             ("armplane.TorqueCommand.v5", 224, 0xf478_adea_d3f1_5ea4),
         ];

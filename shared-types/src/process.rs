@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::topics::TOPICS;
+use crate::topics::ALWAYS;
 
 /// Most processes a run may have.
 pub const MAX_PROCESSES: usize = 16;
@@ -149,13 +149,15 @@ pub enum Program {
     Controller,
     /// Records and judges.
     Recorder,
+    /// Of steered runs alone: targets from a file, or from the program that started the run.
+    Operator,
 }
 
 impl Program {
-    /// All of them, in the order of the data.
+    /// Those of the built-in graph, in the order of the data.
     pub const ALL: [Self; 5] = [Self::Plant, Self::Estimator, Self::Analyzer, Self::Controller, Self::Recorder];
 
-    /// The names of all of them, in the same order.
+    /// Their names, in the same order.
     pub const NAMES: [&'static str; Self::ALL.len()] = {
         let mut names = [""; Self::ALL.len()];
         let mut place = 0;
@@ -175,13 +177,14 @@ impl Program {
             Self::Analyzer => "analyzer",
             Self::Controller => "controller",
             Self::Recorder => "recorder",
+            Self::Operator => "operator",
         }
     }
 
     /// The one of that name.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|program| program.name() == name)
+        Self::ALL.into_iter().chain([Self::Operator]).find(|program| program.name() == name)
     }
 
     /// Topics that it reads at the tick it works on.
@@ -192,7 +195,8 @@ impl Program {
             Self::Estimator => &["sensor"],
             Self::Analyzer => &["estimate"],
             Self::Controller => &["estimate", "singularity"],
-            Self::Recorder => &TOPICS,
+            Self::Recorder => &ALWAYS,
+            Self::Operator => &["sensor"],
         }
     }
 
@@ -211,6 +215,7 @@ impl Program {
             Self::Analyzer => &["singularity"],
             Self::Controller => &["control_state", "torque"],
             Self::Recorder => &[],
+            Self::Operator => &["target"],
         }
     }
 }

@@ -21,6 +21,7 @@ mod analysis;
 mod control;
 mod plant;
 mod result;
+mod servo;
 mod task;
 
 use serde::{Deserialize, Serialize};
@@ -33,6 +34,7 @@ pub use analysis::{Analysis, BySingularity};
 pub use control::{Baseline, Control, Damping, HoldAndBlend, Strategy};
 pub use plant::{Estimator, Plant, PlantModel};
 pub use result::{Goal, Layout, Record, View};
+pub use servo::Servo;
 pub use task::{Path, Reorient, Segment, Slide, Start, Turn};
 
 /// A validated scenario file. Every field but `name`, `robot`, `start` and `segment` has a default that works.
@@ -64,7 +66,11 @@ pub struct Scenario {
     /// Where the arm starts, at rest.
     pub start: Start,
     /// The task, in order.
+    #[serde(default)]
     pub segment: Vec<Segment>,
+    /// A steered run, in place of segments.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub servo: Option<Servo>,
     /// Time to hold the last pose before the run is judged; s.
     #[serde(default = "settle_s")]
     pub settle_s: f64,
@@ -124,7 +130,8 @@ impl Scenario {
     /// Planned length of the task, settling included; s.
     #[must_use]
     pub fn duration_s(&self) -> f64 {
-        self.segment.iter().map(|segment| segment.duration_s).sum::<f64>() + self.settle_s
+        let steered = self.servo.as_ref().map_or(0.0, Servo::duration_s);
+        self.segment.iter().map(|segment| segment.duration_s).sum::<f64>() + steered + self.settle_s
     }
 
     /// Ticks that the task is planned to take.
@@ -145,7 +152,12 @@ impl Scenario {
             return Err(Complaint::new("settle_s", format!("`settle_s` is {}", self.settle_s), "0 to 600"));
         }
         self.start.check()?;
-        if self.segment.is_empty() {
+        if let Some(servo) = &self.servo {
+            servo.check()?;
+            if !self.segment.is_empty() {
+                return Err(Complaint::new("segment", "a steered run has no segments", "leave out [servo], or the segments"));
+            }
+        } else if self.segment.is_empty() {
             return Err(Complaint::new("segment", "the task is empty", "add a [[segment]] with a duration_s"));
         }
         for (i, segment) in self.segment.iter().enumerate() {

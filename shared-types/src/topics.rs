@@ -6,7 +6,7 @@ use std::convert::Infallible;
 use std::fmt::Debug;
 use std::marker::PhantomData;
 
-use crate::messages::{ControlState, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+use crate::messages::{ControlState, PlantState, SensorSample, ServoState, SingularityReport, StateEstimate, Target, TorqueCommand};
 use crate::wire::Message;
 
 /// The list: each topic with its message, in the order in which a tick's data flows.
@@ -17,6 +17,8 @@ macro_rules! for_each_topic {
             plant_state: PlantState,
             estimate: StateEstimate,
             singularity: SingularityReport,
+            target: Target,
+            servo_state: ServoState,
             control_state: ControlState,
             torque: TorqueCommand,
         }
@@ -141,6 +143,22 @@ macro_rules! derive {
 }
 
 for_each_topic!(derive);
+
+/// The topics that only a steered run has.
+pub const STEERED: [&str; 2] = ["target", "servo_state"];
+
+/// The topics that every run has, in the order of the list.
+pub const ALWAYS: [&str; COUNT - STEERED.len()] = {
+    let (mut always, mut taken, mut place) = ([""; COUNT - STEERED.len()], 0, 0);
+    while place < COUNT {
+        if !is_same(TOPICS[place], STEERED[0]) && !is_same(TOPICS[place], STEERED[1]) {
+            always[taken] = TOPICS[place];
+            taken += 1;
+        }
+        place += 1;
+    }
+    always
+};
 
 const fn is_same(a: &str, b: &str) -> bool {
     let (a, b) = (a.as_bytes(), b.as_bytes());

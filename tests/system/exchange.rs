@@ -410,7 +410,7 @@ fn results_and_models_are_read_in_python() {
     let text = std::fs::read_to_string(&short).expect("the scenario").replace("graph = \"graph.toml\"\n", "");
     desk.file("short.toml", &text);
     let code = "import armplane, numpy as np\nr = armplane.run('short.toml', seed=3, settings={'control.k_p': 500})\nassert r.goal_reached, r\n\
-                for topic in armplane.wire.TOPICS:\n    m = r.messages(topic)\n    assert len(m) == r.summary['topics'][topic]['count'] and \
+                for topic in r.summary['topics']:\n    m = r.messages(topic)\n    assert len(m) == r.summary['topics'][topic]['count'] and \
                 (np.diff(m['header']['tick'].astype(int)) == 1).all(), topic\n\
                 d, q = r.pandas(), r.messages('estimate')['q']\nassert len(d) == len(q) == r.summary['ticks'] and np.abs(q[:, :6]).max() > 1\n\
                 m = armplane.model('puma560')\na, b = m.at(q[0, :6]), m.at(q[-1, :6], q[0, :6])\nassert a.J.shape == (6, 6) and \

@@ -23,6 +23,7 @@ mod replay;
 mod run;
 mod schema;
 mod shell;
+mod servo;
 mod steady;
 mod sweep;
 mod top;

@@ -68,6 +68,8 @@ pub(crate) struct Situation {
     phase: Option<u32>,
     segment: u32,
     clipped: bool,
+    /// Of a steered run: reason, joint and its side.
+    servo: Option<[u32; 3]>,
     /// Of the drive, where no command has come.
     undriven: Option<u32>,
     /// The latest stay in each singularity, once it is over.
@@ -151,6 +153,7 @@ impl Situation {
             situation.segment = state.segment;
             situation.clipped = state.clipped == 1;
         }
+        situation.servo = row.servo_state.map(|state| [state.reason, state.joint, state.upper]);
         if let Some(torque) = row.torque {
             situation.phase = Some(torque.phase);
         } else {
@@ -225,7 +228,9 @@ impl Situation {
                 );
             }
         }
-        if self.clipped {
+        if let Some([reason, joint, upper]) = self.servo {
+            let _ = writeln!(text, "\nSteered: the arm **{}**.", reason_text(reason, joint, upper));
+        } else if self.clipped {
             text.push_str("\nThe goal is beyond reach: the hand slides along the boundary.\n");
         }
         if self.phase == Some(PHASE_REFUSED) {

@@ -18,6 +18,8 @@ pub struct Chain {
     estimator: Box<dyn estimator::Step>,
     analyzer: Box<dyn analyzer::Step>,
     controller: Box<dyn controller::Step>,
+    /// Of a steered run.
+    operator: Option<operator::Cycle>,
     faults: Vec<ScheduledFault>,
     /// Those that concern the tick in hand.
     in_force: Vec<ScheduledFault>,
@@ -37,6 +39,7 @@ impl Chain {
             estimator: estimator::cycle(robot, scenario)?,
             analyzer: analyzer::cycle(robot, scenario)?,
             controller: controller::cycle(robot, scenario)?,
+            operator: scenario.servo.as_ref().map(|session| operator::Cycle::new(session, scenario.rate_hz)),
             in_force: Vec::with_capacity(faults.len()),
             faults,
             tick: 0,
@@ -46,11 +49,17 @@ impl Chain {
     /// One tick: sample, estimate, analyse, control, move. Fills the messages of the chain; those of other processes stay as they are.
     pub fn step(&mut self, tick: &mut Tick) {
         self.apply_faults();
-        let Tick { sensor, plant_state, estimate, singularity, control_state, torque } = tick;
+        let Tick { sensor, plant_state, estimate, singularity, target, servo_state, control_state, torque } = tick;
         self.plant.sample(self.tick, sensor, plant_state);
         self.estimator.step(sensor, estimate);
         self.analyzer.step(estimate, singularity);
-        self.controller.step(estimate, singularity, control_state, torque);
+        match &mut self.operator {
+            Some(operator) => {
+                operator.step(sensor, target);
+                self.controller.steer((estimate, singularity), Some(target), servo_state, control_state, torque);
+            }
+            None => self.controller.step(estimate, singularity, control_state, torque),
+        }
         topics::each(&mut First(tick));
         self.plant.step(Some(&tick.torque));
         self.tick += 1;

@@ -15,6 +15,7 @@ mod graph;
 mod inspect;
 mod layout;
 mod list;
+mod live;
 mod out;
 mod process;
 mod progress;
@@ -24,6 +25,7 @@ mod report;
 mod run;
 mod screen;
 mod shell;
+mod servo;
 mod simulate;
 mod sweep;
 mod top;
@@ -64,6 +66,16 @@ enum Command {
         after_help = "Examples:\n  armplane run\n  armplane run fig5-wrist-rotation --out /tmp/fig5 --seed 3\n  armplane run my.toml --set control.k_p=900 --set plant.friction=true"
     )]
     Run(run::RunArgs),
+    /// Steer an arm: targets from a file, from a program of yours, or at random, through singularities.
+    #[command(
+        long_about = "Runs an arm that follows targets (a twist, a pose, or joint positions) as they come, without a path to look ahead on. The law \
+                      keeps speed, torque and torque rate, passes singularities, slows before joint limits and at the boundary of reach, and \
+                      states at each tick what it does and why. A target older than its validity brings the arm to rest; one with a NaN or an \
+                      unknown frame is refused and counted. The targets are saved beside the run: `armplane run` of its scenario.toml gives the \
+                      same bytes again. docs/servo.md has the format.",
+        after_help = "Examples:\n  armplane servo servo-panda                    a built-in session\n  armplane servo panda --random 7               60 s of random twists\n  armplane servo ur5 --from my-targets.csv --start bent\n  armplane servo --from topic --graph examples/python/spiral.toml panda --duration 10\n  armplane servo --seeds 20                     judge four arms, 20 seeds each, and print a table\n\nExit code 1: the session did not end at rest at its reference, or --seeds found a bar broken."
+    )]
+    Servo(servo::ServoArgs),
     /// Run a scenario several times under different conditions and compare every byte.
     #[command(
         long_about = "Runs a scenario in lockstep several times, in real processes under deliberately different conditions: other cores, other \
@@ -253,6 +265,7 @@ fn work() -> ExitCode {
     let json = cli.json;
     let done = match cli.command.unwrap_or_else(|| Command::Run(run::RunArgs::default())) {
         Command::Run(args) => run::run(&args, json),
+        Command::Servo(args) => servo::servo(&args, json),
         Command::Verify(args) => verify::verify(&args, json),
         Command::Simulate(args) => simulate::simulate(&args, json),
         Command::Replay(args) => replay::replay(&args, json),

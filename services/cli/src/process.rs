@@ -52,7 +52,7 @@ impl FromArgMatches for Command {
 
 impl Subcommand for Command {
     fn augment_subcommands(command: clap::Command) -> clap::Command {
-        Program::ALL.into_iter().map(Program::name).chain([EXCHANGE, GUARD]).fold(command, |command, name| {
+        Program::ALL.into_iter().chain([Program::Operator]).map(Program::name).chain([EXCHANGE, GUARD]).fold(command, |command, name| {
             let run = Arg::new("run").long("run").value_name("DIR").value_parser(value_parser!(PathBuf));
             command.subcommand(clap::Command::new(name).hide(true).arg(run.help("The run's directory in shared memory")))
         })
@@ -96,5 +96,6 @@ fn work(Command { part, run }: &Command) -> Result<(), ProcessError> {
         Program::Analyzer => analyzer::run(&shell, &robot, &job.scenario),
         Program::Controller => controller::run(&shell, &robot, &job.scenario),
         Program::Recorder => recorder::run(&shell, &robot, &job, shell.run_dir()),
+        Program::Operator => operator::run(&shell, &job.scenario),
     }
 }

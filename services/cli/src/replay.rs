@@ -26,7 +26,7 @@ pub(crate) struct ReplayArgs {
 
 /// A process whose step can be fed again: all but the one that records.
 fn replayable(name: &str) -> Result<Program, String> {
-    let is_replayable = |program: &Program| *program != Program::Recorder;
+    let is_replayable = |program: &Program| ![Program::Recorder, Program::Operator].contains(program);
     let known =
         || Program::ALL.iter().filter(|program| is_replayable(program)).map(|program| program.name()).collect::<Vec<_>>().join(", ");
     Program::named(name).filter(is_replayable).ok_or_else(|| format!("its step cannot be fed again; it can be of {}", known()))

@@ -70,7 +70,7 @@ impl Default for RunArgs {
 }
 
 #[derive(Clone, Copy, ValueEnum)]
-enum ModeArg {
+pub(crate) enum ModeArg {
     /// As fast as the machine allows, bit-identical.
     Lockstep,
     /// Paced on absolute deadlines.

@@ -23,6 +23,7 @@ use crate::paper::{chang_khatib, null_space, type_1, type_2};
 use crate::plausibility::{self, Bounds, Plausible};
 use crate::posture::Postures;
 use crate::route_ahead::route_ahead;
+use crate::servo::{limits, reference};
 use crate::setup::SetupError;
 use crate::state::State;
 use crate::telemetry::Telemetry;
@@ -36,28 +37,25 @@ use shared_types::{ControllerCheckpoint, MAX_SINGULARITIES};
 
 /// Share of a joint's speed, at full clock speed, beyond which the path is refused: twice the limit even at the slowest clock.
 const HOPELESS: f64 = 40.0;
-
-/// Share of a joint's speed that the self-motion at a singularity may take.
+/// Share of a joint's speed that the self-motion at a singularity may take; demand that slows the path's clock down to its slowest.
 const JOINT_SHARE: f64 = 0.5;
-
-/// Demand that slows the path's clock down to its slowest.
 const WAIT: f64 = 20.0;
 
 /// The control law of one arm and one task.
 #[derive(Clone, Debug)]
 pub struct Controller<const N: usize> {
-    model: Model<N>,
+    pub(crate) model: Model<N>,
     path: Path,
     family: Family<N>,
-    scenario: Scenario,
+    pub(crate) scenario: Scenario,
     task: [bool; 6],
-    length_m: f64,
+    pub(crate) length_m: f64,
     postures: Postures<N>,
     /// The plan of the whole path.
     guide: Guide<N>,
     /// Why the path cannot be followed.
     obstacle: Option<String>,
-    state: State<N>,
+    pub(crate) state: State<N>,
 }
 
 impl<const N: usize> Controller<N> {
@@ -80,7 +78,7 @@ impl<const N: usize> Controller<N> {
         Ok(Self {
             path,
             family,
-            scenario: scenario.clone(),
+            scenario: reference::without_text(scenario),
             task: robot.task.0,
             length_m: robot.length_m,
             postures,
@@ -254,7 +252,7 @@ impl<const N: usize> Controller<N> {
                 rate_max,
                 governed: control.governor,
             };
-            let branch = motion.leg.map_or(0, |leg| leg.branch);
+            let branch = motion.leg.map_or(0, |leg| leg.branch) + state.servo.branch();
             let by_type = match &motion.planned {
                 // A fold with a formula keeps it; the plan decides its side.
                 Some(_) if singularity.class == Class::Type1 && singularity.kind != Kind::Numeric => {
@@ -392,13 +390,13 @@ impl<const N: usize> Controller<N> {
     /// [`LawError::Speed`] where no clock is slow enough for the joint speeds.
     fn limits(&self, now: &Inputs<'_, N>, motion: &Motion<N>, torques: &Torques<N>) -> Result<Limited<N>, LawError> {
         let share = torques.speed_share(self.model.velocity());
-        if self.governs() && motion.planned.is_none() && share > HOPELESS {
+        let has_floor = motion.planned.is_none() && self.scenario.servo.is_none();
+        if self.governs() && has_floor && share > HOPELESS {
             return Err(LawError::Speed { share });
         }
-        let limits = (self.model.lower(), self.model.upper());
-        if self.is_ours()
-            && let Some(joint) = Guide::nears_limit(motion.planned.as_ref(), (now.q, now.qdot), limits)
-        {
+        let range = (self.model.lower(), self.model.upper());
+        let nearing = || Guide::nears_limit(motion.planned.as_ref(), (now.q, now.qdot), range);
+        if let Some(joint) = self.is_ours().then(nearing).flatten() {
             return Err(LawError::Limit { joint });
         }
         let mut bias = now.terms.bias();
@@ -411,6 +409,10 @@ impl<const N: usize> Controller<N> {
     /// Step 5: the path's clock moves on, at the speed that the governor gives it for the next tick.
     fn clock(&self, state: &mut State<N>, now: &Inputs<'_, N>, motion: &Motion<N>, torques: &Torques<N>, auxiliary_load: f64) {
         let clock = motion.clock;
+        if self.scenario.servo.is_some() {
+            let range = (self.model.lower(), self.model.upper());
+            state.servo.fastest = limits::fastest(now.q, &torques.qdot_nominal, range, self.model.velocity());
+        }
         if self.scenario.control.governor {
             let A = &now.terms.A;
             let load = Load {
@@ -425,7 +427,7 @@ impl<const N: usize> Controller<N> {
                 } else {
                     Foreseen::default()
                 },
-                planned: self.guide.speed(motion.planned.as_ref(), state.route_time_s, clock),
+                planned: self.guide.speed(motion.planned.as_ref(), state.route_time_s, clock).min(state.servo.fastest.clock),
             };
             state.governor.step(&load, self.model.effort(), self.scenario.dt_s());
         }

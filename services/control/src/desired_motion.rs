@@ -33,7 +33,7 @@ pub(crate) fn desired_motion<const N: usize>(follow: &Followed<'_, N>, state: &m
     }
     let clock = state.governor.rate;
     let reorients = path.leg(state.progress.leg).is_some_and(|leg| leg.reorient.is_some());
-    let planned = guide.at(state.progress.leg, state.route_time_s).filter(|_| !reorients);
+    let planned = guide.at(state.progress.leg, state.route_time_s).filter(|_| !reorients).or_else(|| state.servo.sample());
     // The path waits while the plan turns ζ.
     let time_rate = planned.map_or(1.0, |plan| plan.time_rate);
     let V = now.at.J * now.qdot;
@@ -42,7 +42,8 @@ pub(crate) fn desired_motion<const N: usize>(follow: &Followed<'_, N>, state: &m
         Some(k) => turned(&motion, &now.terms.X_BE.R, &angular(&V), k),
         None => motion,
     };
-    let desired_E = served(path.desired(&state.progress, clock * time_rate, state.governor.rate_dot * time_rate));
+    let on_path = path.desired(&state.progress, clock * time_rate, state.governor.rate_dot * time_rate);
+    let desired_E = served(PoseMotion { a: on_path.a + state.servo.a * clock, ..on_path });
     let desired = desired_E.at(now.p_EC);
     let turn_error = rotation_error(&desired.R, &now.terms.X_BE.R, free.as_ref());
     let error = stack(&(desired.p - now.at.p), &turn_error);

@@ -10,6 +10,7 @@
 //! |---|---|
 //! | [`paper`] | s_i and D_si (Eq. 1, 2), operational space and its null space (Eq. 3 to 5), Type 1, Type 2, the switching table |
 //! | [`continuous`] | ours (+): one continuous solve, auxiliary loops, governor, foresight, saturation; each reduces to the paper's law |
+//! | [`servo`] | ours (+): a target given at this moment as the reference, in place of a path |
 //! | [`arm_family`] | one place per family of arms: measures and references together |
 //! | [`baselines`] | the laws of others |
 //!
@@ -43,8 +44,10 @@ mod plausibility;
 mod posture;
 mod route_ahead;
 mod served;
+pub mod servo;
 mod setup;
 mod state;
+mod steer;
 mod telemetry;
 mod tick;
 pub mod trajectory;

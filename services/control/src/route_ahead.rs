@@ -23,7 +23,7 @@ pub(crate) fn route_ahead<const N: usize>(
 ) -> Result<Option<PathPlan<N>>, String> {
     let control = &scenario.control;
     let ours = matches!(control.strategy, Strategy::Blended | Strategy::ChangKhatib);
-    if !ours || !control.governor || robot.task.count() > N {
+    if !ours || !control.governor || robot.task.count() > N || scenario.servo.is_some() {
         return Ok(None);
     }
     let commanded: Vec<_> = scenario.segment.iter().zip(postures).map(|(leg, q)| leg.posture_deg.is_some().then_some(*q)).collect();

@@ -7,6 +7,7 @@ use crate::continuous::torque_rate::Sent;
 use crate::paper::reference::Memory;
 use crate::paper::type_2::Turn;
 use crate::plausibility::Plausible;
+use crate::servo::Reference;
 use crate::trajectory::Progress;
 use crate::types::{Mode, Refusal};
 use model::{Pose, Terms, joints, padded};
@@ -31,6 +32,8 @@ pub(crate) struct State<const N: usize> {
     /// Joint velocities that the path needs, rad/s.
     pub(crate) qdot_planned: SVector<f64, N>,
     pub(crate) plausible: Plausible<N>,
+    /// Of a steered run.
+    pub(crate) servo: Reference<N>,
 }
 
 impl<const N: usize> State<N> {
@@ -48,13 +51,14 @@ impl<const N: usize> State<N> {
             sent: Sent::holding(&rest.gravity, effort),
             qdot_planned: SVector::zeros(),
             plausible: Plausible::unknown(),
+            servo: Reference::at(rest.X_BE, q_start),
         }
     }
 
     /// Writes all of it.
     pub(crate) fn save(&self, out: &mut ControllerCheckpoint) {
-        let State { progress, governor, loops, turn, refusal, path_time_s, route_time_s, joint_memory, sent, qdot_planned, plausible } =
-            self;
+        let State { progress, governor, loops, turn, refusal, path_time_s, route_time_s, .. } = self;
+        let State { joint_memory, sent, qdot_planned, plausible, servo, .. } = self;
         *out = ControllerCheckpoint {
             segment: progress.leg as u32,
             begun: u32::from(progress.begun),
@@ -97,6 +101,7 @@ impl<const N: usize> State<N> {
                 trust: one.trust,
                 passage: one.memory.passage,
             }),
+            servo: servo.checkpoint(),
         };
     }
 
@@ -137,6 +142,7 @@ impl<const N: usize> State<N> {
                 q: joints(&from.q_plausible),
                 qdot: joints(&from.qdot_plausible),
             },
+            servo: Reference::restored(&from.servo),
         }
     }
 }

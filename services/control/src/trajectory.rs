@@ -13,6 +13,9 @@ use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use shared_types::codes;
 use shared_types::scenario::{self, Scenario};
 
+/// How far ahead the law of a steered run sees its present twist, s.
+pub const HORIZON_S: f64 = 0.5;
+
 /// Why a scenario's task is not a path.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PathError {
@@ -76,6 +79,8 @@ pub struct Leg {
     translation: Translation,
     rotation: Rotation,
     shape: scenario::Path,
+    /// The horizon of a steered run: a constant twist from the leg's start on.
+    steady: bool,
     /// Place of the singularity whose ζ is turned, and by how much, rad.
     pub reorient: Option<(usize, f64)>,
     /// Posture to leave a Type 1 singularity in: −1, +1, or 0 to keep.
@@ -154,6 +159,10 @@ impl Path {
     /// # Errors
     /// [`PathError`] for a direction or a singularity that does not exist.
     pub fn new<const N: usize>(scenario: &Scenario, report: &Report<N>) -> Result<Self, PathError> {
+        if scenario.servo.is_some() {
+            let horizon = scenario::Segment { duration_s: HORIZON_S, ..Default::default() };
+            return Ok(Self { legs: vec![Leg { steady: true, ..leg(0, &horizon, report)? }] });
+        }
         let legs = scenario.segment.iter().enumerate().map(|(i, segment)| leg(i, segment, report));
         Ok(Self { legs: legs.collect::<Result<_, _>>()? })
     }
@@ -203,6 +212,7 @@ impl Path {
         let Some(leg) = self.legs.get(progress.leg) else { return [0.0; 3] };
         let T = leg.duration_s;
         match leg.shape {
+            scenario::Path::Line if leg.steady => [(progress.time_s / T).clamp(0.0, 1.0), 1.0 / T, 0.0],
             scenario::Path::Line => quintic(progress.time_s, T),
             scenario::Path::ThereAndBack if progress.time_s < 0.5 * T => quintic(progress.time_s, 0.5 * T),
             scenario::Path::ThereAndBack => {
@@ -280,7 +290,7 @@ fn leg<const N: usize>(i: usize, segment: &scenario::Segment, report: &Report<N>
         Some(reorient) => Some((place(i, &reorient.singularity, report)?, reorient.by_deg.to_radians())),
         None => None,
     };
-    Ok(Leg { duration_s: segment.duration_s, translation, rotation, shape: segment.path, reorient, branch: segment.branch })
+    Ok(Leg { duration_s: segment.duration_s, translation, rotation, shape: segment.path, steady: false, reorient, branch: segment.branch })
 }
 
 fn direction<const N: usize>(segment: usize, text: &str, report: &Report<N>) -> Result<Direction, PathError> {

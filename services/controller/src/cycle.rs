@@ -2,8 +2,9 @@
 
 use control::{Controller, Refusal, SetupError, start_posture, wire};
 use model::{Model, Robot, embedded};
+use nalgebra::SVector;
 use shared_types::scenario::Scenario;
-use shared_types::{ControlState, ControllerCheckpoint, SingularityReport, StateEstimate, TorqueCommand};
+use shared_types::{ControlState, ControllerCheckpoint, Header, ServoState, SingularityReport, StateEstimate, Target, TorqueCommand};
 
 /// One arm's control law, tick by tick.
 #[derive(Clone, Debug)]
@@ -43,13 +44,37 @@ impl<const N: usize> Cycle<N> {
     /// The torque for an estimate and the report of the same tick, and what the law did to arrive at it, at that tick. No allocation; a report
     /// that cannot be read is refused.
     pub fn step(&mut self, estimate: &StateEstimate, report: &SingularityReport, state: &mut ControlState, torque: &mut TorqueCommand) {
-        let own = |values: &[f64]| embedded::<N>(&values[..self.dof]);
-        let (q, qdot, tau_disturbance) = (own(&estimate.q), own(&estimate.qdot), own(&estimate.tau_disturbance));
+        let [q, qdot, tau_disturbance] = self.own(estimate);
         let command = match wire::report(report) {
             Ok(report) => self.controller.step(&q, &qdot, &tau_disturbance, &report),
             Err(_) => self.controller.refuse(&q, &qdot, Refusal::Report),
         };
         wire::command_messages(estimate.header.tick, &command, state, torque);
         torque.tau[self.dof..].fill(0.0);
+    }
+
+    /// The same towards the target of this tick, in a scenario that is steered; `None`: none has come.
+    pub fn steer(
+        &mut self,
+        (estimate, report): (&StateEstimate, &SingularityReport),
+        target: Option<&Target>,
+        servo: &mut ServoState,
+        state: &mut ControlState,
+        torque: &mut TorqueCommand,
+    ) {
+        let (tick, [q, qdot, tau_disturbance]) = (estimate.header.tick, self.own(estimate));
+        *servo = ServoState { header: Header { tick, ..Header::default() }, ..ServoState::default() };
+        let target = (tick, target.map(|target| &target.target));
+        let command = match wire::report(report) {
+            Ok(report) => self.controller.steer(target, (&q, &qdot), &tau_disturbance, &report, servo),
+            Err(_) => self.controller.refuse(&q, &qdot, Refusal::Report),
+        };
+        wire::command_messages(tick, &command, state, torque);
+        torque.tau[self.dof..].fill(0.0);
+    }
+
+    /// Position, velocity and disturbance torque of the arm's own joints.
+    fn own(&self, estimate: &StateEstimate) -> [SVector<f64, N>; 3] {
+        [&estimate.q, &estimate.qdot, &estimate.tau_disturbance].map(|values| embedded::<N>(&values[..self.dof]))
     }
 }

@@ -6,7 +6,7 @@ mod cycle;
 use model::{Refused, Robot, with_dof};
 use runtime::{ProcessError, Shell};
 use shared_types::scenario::Scenario;
-use shared_types::{ControlState, ControllerCheckpoint, SingularityReport, StateEstimate, TorqueCommand};
+use shared_types::{ControlState, ControllerCheckpoint, ServoState, SingularityReport, StateEstimate, Target, TorqueCommand};
 
 pub use cycle::Cycle;
 
@@ -14,6 +14,15 @@ pub use cycle::Cycle;
 pub trait Step {
     /// The torque for an estimate and the report of the same tick, and what the law did to arrive at it.
     fn step(&mut self, estimate: &StateEstimate, report: &SingularityReport, state: &mut ControlState, torque: &mut TorqueCommand);
+    /// The same towards the target of this tick, in a scenario that is steered.
+    fn steer(
+        &mut self,
+        inputs: (&StateEstimate, &SingularityReport),
+        target: Option<&Target>,
+        servo: &mut ServoState,
+        state: &mut ControlState,
+        torque: &mut TorqueCommand,
+    );
     /// Writes what must survive a restart.
     fn save(&self, out: &mut ControllerCheckpoint);
     /// Takes up what [`save`](Self::save) has written.
@@ -25,6 +34,16 @@ pub trait Step {
 impl<const N: usize> Step for Cycle<N> {
     fn step(&mut self, estimate: &StateEstimate, report: &SingularityReport, state: &mut ControlState, torque: &mut TorqueCommand) {
         self.step(estimate, report, state, torque);
+    }
+    fn steer(
+        &mut self,
+        inputs: (&StateEstimate, &SingularityReport),
+        target: Option<&Target>,
+        servo: &mut ServoState,
+        state: &mut ControlState,
+        torque: &mut TorqueCommand,
+    ) {
+        self.steer(inputs, target, servo, state, torque);
     }
     fn save(&self, out: &mut ControllerCheckpoint) {
         self.save(out);
@@ -58,6 +77,22 @@ pub fn run(shell: &Shell, robot: &Robot, scenario: &Scenario) -> Result<(), Proc
     let mut torques = shell.writer::<TorqueCommand>()?;
     let mut checkpoint = shell.checkpoint::<ControllerCheckpoint>()?;
     checkpoint.previous().into_iter().for_each(|last| cycle.restore(last));
+    if scenario.servo.is_some() {
+        let (mut targets, mut servos) = (shell.reader::<Target>()?, shell.writer::<ServoState>()?);
+        while let Some(report) = reports.next()? {
+            let Some(estimate) = estimates.at(report.header.tick)? else { continue };
+            let tick = estimate.header.tick;
+            let target = targets.newest(tick)?;
+            let (mut state, mut torque) = (states.loan_as_is(tick)?, torques.loan_as_is(tick)?);
+            let mut servo = servos.loan_as_is(tick)?;
+            cycle.steer((estimate, report), target, &mut servo, &mut state, &mut torque);
+            cycle.save(checkpoint.slot());
+            servo.send()?;
+            state.send()?;
+            torque.send()?;
+        }
+        return Ok(());
+    }
     while let Some(report) = reports.next()? {
         let Some(estimate) = estimates.at(report.header.tick)? else { continue };
         let (mut state, mut torque) = (states.loan_as_is(estimate.header.tick)?, torques.loan_as_is(estimate.header.tick)?);

@@ -8,6 +8,7 @@ use shared_types::file::Complaint;
 use shared_types::graph::{self, Graph};
 use shared_types::job::{Job, Mode, RobotText};
 use shared_types::scenario::Scenario;
+use shared_types::target_file;
 use sim::scenarios;
 
 use crate::failure::Failure;
@@ -43,7 +44,8 @@ pub fn scenario_in(graph_file: Option<&Path>, name: &str, settings: &[String], s
     scenario.seed = seed.unwrap_or(scenario.seed);
     let robot = source.robot(&scenario)?;
     let own_graph = Some(&scenario.graph).filter(|file| !file.is_empty()).map(|file| source.beside(file));
-    let graph = graph(graph_file.or(own_graph.as_deref()))?;
+    source.read_targets(&mut scenario)?;
+    let graph = graph_of(&scenario, graph_file.or(own_graph.as_deref()))?;
     source.check(&scenario, &robot, &graph)?;
     Ok(Loaded { scenario, robot, graph })
 }
@@ -88,6 +90,21 @@ impl Source {
         Ok(Scenario::parse(&self.file, &self.text, settings)?)
     }
 
+    /// Reads the file of a steered run's targets, where the scenario names one.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] where it cannot be read or is no list of targets.
+    pub fn read_targets(&self, scenario: &mut Scenario) -> Result<(), Failure> {
+        let rate_hz = scenario.rate_hz;
+        let Some(session) = scenario.servo.as_mut().filter(|session| !session.input.is_empty() && session.targets.is_empty()) else {
+            return Ok(());
+        };
+        let path = self.beside(&session.input);
+        session.targets = read(&path)?;
+        let located = |error| Failure::Input(format!("{}: {error}", path.display()));
+        target_file::parse(&session.targets, rate_hz).map(drop).map_err(located)
+    }
+
     /// The robot that a scenario from here names.
     ///
     /// # Errors
@@ -109,6 +126,10 @@ impl Source {
         if !scenario.frame.is_empty() && !robot.frames.iter().any(|frame| frame.name == scenario.frame) {
             let names = robot.frames.iter().map(|frame| frame.name.as_str());
             return Err(located(Complaint::new("frame", unknown("frame", &scenario.frame, names, ""), "")));
+        }
+        if scenario.servo.is_some() && !graph.process("controller").is_some_and(|one| one.reads.iter().any(|topic| topic == "target")) {
+            let remedy = "extends = \"servo\" in the graph";
+            return Err(located(Complaint::new("servo", "the graph's controller does not read `target`", remedy)));
         }
         scenario.scheduled_faults(graph).map_err(located)?;
         let beyond = |fault: &shared_types::fault::Fault| fault.joint.is_some_and(|joint| joint as usize > robot.dof());
@@ -194,6 +215,17 @@ fn robot_text(robot: &Robot) -> RobotText {
 pub fn robot_of(text: &RobotText) -> Result<Robot, RobotError> {
     let RobotText { name, description, urdf } = text.clone();
     Robot::from_source(&RobotSource { name, description, urdf })
+}
+
+/// The process graph of a scenario: the user's, or the built-in one, which for a steered run has an operator.
+///
+/// # Errors
+/// As [`graph`].
+pub fn graph_of(scenario: &Scenario, file: Option<&Path>) -> Result<Graph, Failure> {
+    match scenario.servo {
+        Some(_) if file.is_none() => Ok(Graph::parse("servo.toml", graph::STEERED)?),
+        _ => graph(file),
+    }
 }
 
 /// The process graph: the user's, or the built-in one.

@@ -4,10 +4,15 @@ use std::io;
 use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 
+use message_log::{LogError, LogReader};
 use rustix::io::Errno;
+use shared_types::codes::TARGET_END;
 use shared_types::job::{JOB, Job};
-use shared_types::scenario::Scenario;
+use shared_types::process::{Process, Program};
+use shared_types::scenario::{Scenario, Servo};
 use shared_types::summary::Summary;
+use shared_types::target_file::{self, Row};
+use shared_types::{Message, Target, TargetContent};
 
 use crate::failure::Failure;
 use crate::load;
@@ -18,6 +23,8 @@ pub const RUNS: &str = "runs";
 pub const SUMMARY: &str = "summary.json";
 pub(crate) const SCENARIO: &str = "scenario.toml";
 const GRAPH: &str = "graph.toml";
+/// The targets of a steered run.
+const TARGETS: &str = "targets.csv";
 const ROBOT_URDF: &str = "robot.urdf";
 const ROBOT_TOML: &str = "robot.toml";
 /// Made and removed to see whether the results folder can be written to.
@@ -194,10 +201,46 @@ fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(&'static str, Vec<u8>)>
             files.push((ROBOT_TOML, job.robot.description.clone().into_bytes()));
         }
     }
-    if job.graph != load::graph(None)? {
+    let built_in = load::graph_of(&scenario, None)?;
+    let mut graph = job.graph.clone();
+    if let Some(session) = &mut scenario.servo {
+        files.push((TARGETS, targets(job, session, summary)?.into_bytes()));
+        (session.input, session.live) = (TARGETS.to_owned(), false);
+        session.targets.clear();
+        // The file takes the place of the program that gave the targets.
+        let operator = |process: &&Process| process.writes.iter().any(|topic| topic == Target::TOPIC);
+        if let Some(ours) = built_in.process.iter().find(operator) {
+            graph.process.iter_mut().filter(|process| operator(&&**process)).for_each(|process| process.clone_from(ours));
+        }
+        if graph.process.iter().all(|process| process.command.is_empty()) {
+            graph.folder = None;
+        }
+    }
+    if graph != built_in {
         GRAPH.clone_into(&mut scenario.graph);
-        files.push((GRAPH, toml::to_string(&job.graph).map_err(Failure::work)?.into_bytes()));
+        files.push((GRAPH, toml::to_string(&graph).map_err(Failure::work)?.into_bytes()));
     }
     files.push((SCENARIO, toml::to_string(&scenario).map_err(Failure::work)?.into_bytes()));
     Ok(files)
+}
+
+/// The targets of a steered run as a file: as they were given, or of a run whose targets came while it lasted as they are kept with its messages.
+fn targets(job: &Job, session: &Servo, summary: &Summary) -> Result<String, Failure> {
+    let is_given = !session.targets.is_empty() && job.graph.process(Program::Operator.name()).is_some_and(|one| one.program().is_some());
+    if is_given {
+        return Ok(session.targets.clone());
+    }
+    let cannot = |error: LogError| Failure::Work(format!("the targets of the run are not kept, so it cannot be repeated: {error}"));
+    let mut log = LogReader::<Target>::open(&job.out.join(recorder::MESSAGES)).map_err(cannot)?;
+    let mut rows: Vec<Row> = Vec::new();
+    while let Some(message) = log.next_message().map_err(cannot)? {
+        if rows.last().map_or(TargetContent::default(), |row| row.target) != message.target {
+            rows.push(Row { tick: message.header.tick, target: message.target });
+        }
+    }
+    // A session that was interrupted ends there.
+    if rows.last().is_none_or(|row| row.target.kind != TARGET_END) && summary.ticks < job.scenario.planned_ticks() {
+        rows.push(Row { tick: summary.ticks, target: TargetContent { given_tick: summary.ticks, kind: TARGET_END, ..Default::default() } });
+    }
+    Ok(target_file::write(&rows, job.scenario.rate_hz))
 }

@@ -9,8 +9,8 @@ use shared_types::summary::Summary;
 
 use crate::export::complete;
 use crate::failure::Failure;
-use crate::launch::{interrupts, launch};
-use crate::load;
+use crate::launch::{Begin, interrupts, launch_begun};
+use crate::load::{self, Loaded};
 use crate::plan::plan;
 use crate::progress::{Observer, Progress};
 use crate::results::Results;
@@ -61,10 +61,19 @@ pub struct Finished {
 /// [`Failure::Input`] or [`Failure::File`] before anything is started, where scenario, robot, graph or results folder cannot be used, or the
 /// control law refuses the start; [`Failure::Work`] where the processes cannot be started or watched. A run that fails is [`Finished`].
 pub fn run(request: &Request, observer: Observer<'_>) -> Result<Finished, Failure> {
+    let graph = request.graph.as_deref();
+    let loaded = load::scenario_in(graph, &request.scenario, &request.settings, request.seed)?;
+    run_loaded(request, loaded, &mut |_| Ok(()), observer)
+}
+
+/// As [`run`] with a scenario that is loaded; `begin` sees the run before its first process starts.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_loaded(request: &Request, loaded: Loaded, begin: Begin<'_>, observer: Observer<'_>) -> Result<Finished, Failure> {
     // Until everything of the run is written.
     let _signals = interrupts()?;
-    let graph = request.graph.as_deref();
-    let load::Loaded { scenario, robot, graph } = load::scenario_in(graph, &request.scenario, &request.settings, request.seed)?;
+    let Loaded { scenario, robot, graph } = loaded;
     chain::try_first_tick(&robot, &scenario).map_err(|error| Failure::Input(format!("{}: {error}", request.scenario)))?;
     let results = Results::create(request.out.as_deref(), &scenario.name)?;
     let job = Job {
@@ -78,7 +87,7 @@ pub fn run(request: &Request, observer: Observer<'_>) -> Result<Finished, Failur
     let mut plan = plan(&job)?;
     plan.limits = plan.limits.with_silence(request.silence_limit);
     let live = if request.live { Some(Live::start(&results.folder, observer)?) } else { None };
-    let launched = launch(&job, plan, observer);
+    let launched = launch_begun(&job, plan, begin, observer);
     if let Some(sentence) = live.and_then(Live::finish) {
         observer(Progress::Line(&format!("armplane: {sentence}")));
     }

@@ -37,6 +37,19 @@ impl<A: Message, B: Message> Inputs for (Cursor<A>, Cursor<B>) {
     }
 }
 
+impl<A: Message, B: Message, C: Message> Inputs for (Cursor<A>, Cursor<B>, Cursor<C>) {
+    /// The third may be missing.
+    type Of = (A, B, Option<C>);
+    fn next_tick(&mut self) -> Result<Option<u64>, LogError> {
+        self.0.next_tick()
+    }
+    fn at(&mut self, tick: u64) -> Result<Option<Self::Of>, LogError> {
+        let both = self.0.at(tick)?.zip(self.1.at(tick)?);
+        let third = self.2.at(tick)?;
+        Ok(both.map(|(first, second)| (first, second, third)))
+    }
+}
+
 /// LogReader messages in the order of their ticks, each tick once: faults make them late, old, or two.
 pub(super) struct InOrder<M> {
     pub kept: LogReader<M>,

@@ -14,8 +14,8 @@ use shared_types::process::Program;
 use shared_types::scenario::Scenario;
 use shared_types::summary::Summary;
 use shared_types::{
-    AnalyzerCheckpoint, Checkpoint, ControlState, ControllerCheckpoint, EstimatorCheckpoint, Message, PlantState, SensorSample,
-    SingularityReport, StateEstimate, TorqueCommand,
+    AnalyzerCheckpoint, Checkpoint, ControlState, ControllerCheckpoint, EstimatorCheckpoint, Message, PlantState, SensorSample, ServoState,
+    SingularityReport, StateEstimate, Target, TorqueCommand,
 };
 
 use super::inputs::{Cursor, InOrder, Inputs};
@@ -71,6 +71,16 @@ pub fn replay(run: &Path, process: Program, settings: &[String], observer: Obser
             |cycle, out| cycle.save(out),
             |cycle, last| cycle.restore(last),
         ),
+        Program::Controller if scenario.servo.is_some() => tape.step::<_, Steered, ControllerCheckpoint, _>(
+            (tape.open::<SingularityReport>()?, tape.open::<StateEstimate>()?, tape.open::<Target>()?),
+            || controller::cycle(&robot, &scenario).map_err(refused),
+            |cycle, (report, estimate, target), out| {
+                let Control { state, torque } = &mut out.control;
+                cycle.steer((&estimate, &report), target.as_ref(), &mut out.servo, state, torque);
+            },
+            |cycle, out| cycle.save(out),
+            |cycle, last| cycle.restore(last),
+        ),
         Program::Controller => tape.step::<_, Control, ControllerCheckpoint, _>(
             (tape.open::<SingularityReport>()?, tape.open::<StateEstimate>()?),
             || controller::cycle(&robot, &scenario).map_err(refused),
@@ -79,7 +89,7 @@ pub fn replay(run: &Path, process: Program, settings: &[String], observer: Obser
             |cycle, last| cycle.restore(last),
         ),
         Program::Plant => tape.plant(&robot, &scenario),
-        Program::Recorder => Err(Failure::Input("the recorder has no step that could be fed again".to_owned())),
+        Program::Recorder | Program::Operator => Err(Failure::Input(format!("the {} has no step that could be fed again", process.name()))),
     }?;
     observer(Progress::End);
     Ok((job, replayed))
@@ -332,5 +342,40 @@ impl Outputs for Control {
     }
     fn topics(recorded: ControlRecord) -> Vec<Topic> {
         vec![recorded.state.topic(), recorded.torque.topic()]
+    }
+}
+
+/// The controller's outputs at a tick of a steered run.
+#[derive(Clone, Copy, Default)]
+struct Steered {
+    servo: ServoState,
+    control: Control,
+}
+
+impl Outputs for Steered {
+    type Recorded = (Cursor<ServoState>, Comparison<ServoState>, ControlRecord);
+    type Last = TorqueCommand;
+    fn empty() -> Self {
+        Self::default()
+    }
+    fn open(tape: &Tape<'_>) -> Result<Self::Recorded, Failure> {
+        Ok((tape.open()?, Comparison::default(), Control::open(tape)?))
+    }
+    fn next((.., control): &mut Self::Recorded) -> Result<Option<TorqueCommand>, LogError> {
+        Control::next(control)
+    }
+    fn compare(
+        (servos, servo, control): &mut Self::Recorded,
+        last: &TorqueCommand,
+        computed: Self,
+        tape: &Tape<'_>,
+    ) -> Result<(), LogError> {
+        if let Some(recorded) = servos.at(last.header.tick)? {
+            servo.take(&recorded, computed.servo);
+        }
+        Control::compare(control, last, computed.control, tape)
+    }
+    fn topics((_, servo, control): Self::Recorded) -> Vec<Topic> {
+        std::iter::once(servo.topic()).chain(Control::topics(control)).collect()
     }
 }

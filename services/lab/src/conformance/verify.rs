@@ -14,7 +14,7 @@ use shared_types::job::{Job, Mode};
 use shared_types::layout::MessageLayout;
 use shared_types::scenario::Scenario;
 use shared_types::summary::TopicSummary;
-use shared_types::topics::{self, Build, ByTopic, COUNT, Each, Family, TOPICS, Topic};
+use shared_types::topics::{self, Build, ByTopic, COUNT, Each, Family, STEERED, TOPICS, Topic};
 use shared_types::{Header, Message};
 
 use super::condition::{CONDITIONS, Condition};
@@ -230,7 +230,9 @@ fn on_one_thread(robot: &Robot, scenario: &Scenario, messages: Option<&Path>) ->
     .map_err(Failure::input)?;
     let topics = kept.and_then(|()| topics.finish()).map_err(Failure::work)?;
     let ticks = topics[0].count;
-    let topics = TOPICS.into_iter().map(str::to_owned).zip(topics).collect();
+    let has = |topic: &str| scenario.servo.is_some() || !STEERED.contains(&topic);
+    let topics =
+        TOPICS.into_iter().zip(topics).filter(|(topic, _)| has(topic)).map(|(topic, summary)| (topic.to_owned(), summary)).collect();
     let ticks_per_s = ticks as f64 / began.elapsed().as_secs_f64().max(1e-9);
     let condition = "one thread, no shared memory".to_owned();
     Ok(Ran { condition, ticks, ticks_per_s, topics, failure: String::new(), ended_by: None })
@@ -256,7 +258,7 @@ fn in_processes(job: &Job, condition: Condition, seed: u64, unordered: bool, obs
     // Without an account there is no topic either, and that is a difference.
     let mut account = account.unwrap_or_default();
     let own = job.graph.own_messages().map(|layout| layout.topic);
-    let names = TOPICS.into_iter().map(str::to_owned).chain(own);
+    let names = TOPICS.into_iter().filter(|topic| job.graph.writer(topic).is_some()).map(str::to_owned).chain(own);
     let topics =
         names.map(|topic| (account.topics.remove(&topic).unwrap_or_default(), topic)).map(|(summary, topic)| (topic, summary)).collect();
     Ok(Ran { condition: condition.to_string(), ticks: outcome.ticks, ticks_per_s: account.ticks_per_s, topics, failure, ended_by })
@@ -271,14 +273,14 @@ fn ended_by(mishap: Mishap) -> Option<(String, Exit)> {
 
 /// Reads what two runs kept, side by side, up to the first difference.
 pub(super) fn first_place(graph: &Graph, reference: &Path, messages: &Path, run: usize) -> Result<Option<Place>, Failure> {
-    struct First<'a>(&'a Path, &'a Path);
+    struct First<'a>(&'a Graph, &'a Path, &'a Path);
     impl Each for First<'_> {
         type Output = Result<Option<(u64, Difference)>, Failure>;
         fn each<M: Topic>(&mut self) -> Self::Output {
-            first_in::<M>(self.0, self.1)
+            if self.0.writer(M::TOPIC).is_some() { first_in::<M>(self.1, self.2) } else { Ok(None) }
         }
     }
-    let differences = topics::each(&mut First(reference, messages)).into_iter().collect::<Result<Vec<_>, _>>()?;
+    let differences = topics::each(&mut First(graph, reference, messages)).into_iter().collect::<Result<Vec<_>, _>>()?;
     // The earliest; of one tick the first in the order of the data: it is the cause, the others follow from it.
     let listed = TOPICS.into_iter().map(str::to_owned).zip(differences);
     let own = graph.own_messages().map(|layout| Ok((layout.topic.clone(), first_in_own(&layout, reference, messages)?)));

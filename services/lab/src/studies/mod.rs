@@ -1,8 +1,9 @@
-//! Studies on one thread: laws side by side, an arm at one posture, and the paper's figures.
+//! Studies on one thread: laws side by side, an arm at one posture, the paper's figures, and steered runs.
 
 pub mod compare;
 pub mod figures;
 pub mod posture;
+pub mod steered;
 
 pub(crate) mod lines;
 pub(crate) mod singular_lines;

@@ -6,7 +6,7 @@ use message_log::TopicHash;
 use model::{Refused, Robot};
 use recorder::Verdict;
 use shared_types::scenario::Scenario;
-use shared_types::topics::{self, COUNT, Each, TOPICS, Topic};
+use shared_types::topics::{self, COUNT, Each, STEERED, TOPICS, Topic};
 
 use super::cell::{Cell, Kind};
 use super::spec::unit_of;
@@ -117,7 +117,7 @@ pub(super) fn results(loaded: Result<(&Robot, &Scenario), String>) -> (Vec<Cell>
         Ok((score, verdict, hashes)) => {
             let mut cells = vec![Cell::Text(verdict.outcome.clone()), Cell::Text(verdict.reason.clone())];
             cells.extend(RESULTS.iter().map(|(.., of)| of(&score, &verdict)));
-            cells.extend(hashes.map(|hash| Cell::Text(format!("{:016x}", hash.digest()))));
+            cells.extend(hashes.map(|hash| if hash.count() > 0 { Cell::Text(format!("{:016x}", hash.digest())) } else { Cell::Absent }));
             (cells, verdict.ticks)
         }
     }
@@ -133,7 +133,7 @@ fn run(robot: &Robot, scenario: &Scenario) -> Result<(Score, Verdict, [TopicHash
     chain::try_first_tick(robot, scenario)?;
     let mut hashes = [TopicHash::default(); COUNT];
     let (score, verdict) = scored(robot, scenario, &mut |tick| {
-        topics::each(&mut Add { hashes: &mut hashes, tick });
+        topics::each(&mut Add { hashes: &mut hashes, tick, is_steered: scenario.servo.is_some() });
     })?;
     Ok((score, verdict, hashes))
 }
@@ -142,12 +142,15 @@ fn run(robot: &Robot, scenario: &Scenario) -> Result<(Score, Verdict, [TopicHash
 struct Add<'a> {
     hashes: &'a mut [TopicHash; COUNT],
     tick: &'a chain::Tick,
+    is_steered: bool,
 }
 
 impl Each for Add<'_> {
     type Output = ();
     fn each<M: Topic>(&mut self) {
-        self.hashes[M::INDEX].add(M::of(self.tick));
+        if self.is_steered || !STEERED.contains(&M::TOPIC) {
+            self.hashes[M::INDEX].add(M::of(self.tick));
+        }
     }
 }
 

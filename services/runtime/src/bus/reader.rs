@@ -45,6 +45,15 @@ impl<M: Message> Reader<M> {
         Ok(self.0.at(tick)?.and_then(typed))
     }
 
+    /// The message of one tick in lockstep, as [`Reader::at`]; in real time the newest that has come, however old, and nothing is waited for: for an
+    /// input that the loop must not depend on.
+    ///
+    /// # Errors
+    /// As [`Reader::next`].
+    pub fn newest(&mut self, tick: u64) -> Result<Option<&M>, Interrupted> {
+        Ok(self.0.newest(tick)?.and_then(typed))
+    }
+
     /// The newest message that arrives in the tick a [`TickSource`](crate::TickSource) has given out, for the process that makes the ticks: in
     /// lockstep when its writer has closed the tick, in real time by `deadline_ns` on `CLOCK_MONOTONIC`, or as soon as that tick's own is there.
     ///
@@ -167,6 +176,20 @@ impl Ticks {
             }
             Waited::Late | Waited::Stopped => Ok(None),
         }
+    }
+
+    fn newest(&mut self, tick: u64) -> Result<Option<&Incoming>, Interrupted> {
+        if self.shared.is_lockstep() {
+            return self.at(tick);
+        }
+        if matches!(self.shared.start()?, Waited::Stopped) {
+            return Ok(None);
+        }
+        if self.look_for_newest()?.is_some() {
+            self.last = self.current.as_ref().map(|message| message.tick());
+            return Ok(self.lend());
+        }
+        Ok(self.current.as_ref())
     }
 
     fn arriving(&mut self, tick: u64, deadline_ns: Option<u64>) -> Result<Option<&Incoming>, Interrupted> {

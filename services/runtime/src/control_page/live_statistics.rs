@@ -5,7 +5,7 @@
 use std::any::Any;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
-use shared_types::{ControlState, MAX_SINGULARITIES, Message, SensorSample, SingularityReport, TorqueCommand};
+use shared_types::{ControlState, MAX_SINGULARITIES, Message, SensorSample, ServoState, SingularityReport, TorqueCommand};
 
 /// Buckets per factor of two: a bucket is an eighth of its value wide, at most.
 const SPLIT_BITS: u32 = 3;
@@ -117,6 +117,10 @@ pub(crate) struct LiveStateCells {
     phase: AtomicU32,
     drive: AtomicU32,
     stale_ticks: AtomicU32,
+    /// Reason, joint, its side, nearest singularity, targets refused.
+    servo: [AtomicU32; 5],
+    /// Openness of that singularity, and speed.
+    servo_share: [AtomicU64; 2],
 }
 
 impl LiveStateCells {
@@ -136,6 +140,11 @@ impl LiveStateCells {
             self.phase.store(command.phase, Ordering::Relaxed);
         } else if let Some(state) = message.downcast_ref::<ControlState>() {
             self.mode.iter().zip(state.mode).for_each(|(shown, mode)| shown.store(mode, Ordering::Relaxed));
+        } else if let Some(state) = message.downcast_ref::<ServoState>() {
+            let codes = [state.reason, state.joint, state.upper, state.singularity, state.refused];
+            self.servo.iter().zip(codes).for_each(|(shown, code)| shown.store(code, Ordering::Relaxed));
+            let shares = [state.nearest, state.speed_scale];
+            self.servo_share.iter().zip(shares).for_each(|(shown, share)| shown.store(share.to_bits(), Ordering::Relaxed));
         } else if let Some(sample) = message.downcast_ref::<SensorSample>() {
             self.drive.store(sample.drive, Ordering::Relaxed);
             self.stale_ticks.store(sample.stale_ticks, Ordering::Relaxed);
@@ -151,7 +160,10 @@ impl LiveStateCells {
             s: f64::from_bits(self.s[index].load(Ordering::Relaxed)),
             mode: self.mode[index].load(Ordering::Relaxed),
         };
+        let [reason, joint, upper, nearest, refused] = std::array::from_fn(|i| self.servo[i].load(Ordering::Relaxed));
+        let [openness, speed_scale] = std::array::from_fn(|i| f64::from_bits(self.servo_share[i].load(Ordering::Relaxed)));
         LiveState {
+            servo: ServoState { reason, joint, upper, singularity: nearest, refused, nearest: openness, speed_scale, ..Default::default() },
             singularities: (0..count).map(singularity).collect(),
             phase: self.phase.load(Ordering::Relaxed),
             drive: self.drive.load(Ordering::Relaxed),
@@ -171,6 +183,8 @@ pub struct LiveState {
     pub drive: u32,
     /// Ticks since the last fresh torque.
     pub stale_ticks: u32,
+    /// Of a steered run, as far as a line of text needs it; zero elsewhere.
+    pub servo: ServoState,
 }
 
 /// One singularity of a [`LiveState`].

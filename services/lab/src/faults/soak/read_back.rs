@@ -5,7 +5,7 @@ use std::path::Path;
 use message_log::{LogError, LogReader};
 use serde::Serialize;
 use shared_types::codes::{DRIVE_BRAKED, DRIVE_STOPPING};
-use shared_types::topics::{self, COUNT, Each, Topic};
+use shared_types::topics::{self, COUNT, Each, STEERED, Topic};
 use shared_types::{Message, PlantState, SensorSample};
 
 use super::super::motion::Motion;
@@ -37,7 +37,8 @@ pub(super) fn read(mut motion: Motion, messages: &Path) -> (Motion, Vec<Stop>, F
     impl Each for CountEach<'_> {
         type Output = u64;
         fn each<M: Topic>(&mut self) -> u64 {
-            each::<M>(self.0, self.1, |_| ())
+            // The soak's arm is not steered.
+            if STEERED.contains(&M::TOPIC) { 0 } else { each::<M>(self.0, self.1, |_| ()) }
         }
     }
     let counts = topics::each(&mut CountEach(messages, &mut files));

@@ -1,0 +1,196 @@
+//! `armplane servo`: a person, a file or another program steers the arm.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+use lab::studies::steered::{self, Score};
+use launcher::End;
+use runtime::RunDir;
+use serde_json::json;
+use session::{Failure, Progress, Request, Steering, Targets};
+use shared_types::job::Mode;
+
+use crate::live::{self, Keyboard};
+use crate::out::say;
+use crate::progress::Terminal;
+use crate::run;
+use crate::table::{digits, number, table};
+
+#[derive(Args)]
+pub(crate) struct ServoArgs {
+    /// A built-in robot, a URDF file, a built-in scenario, or a scenario file; with --seeds several robots.
+    #[arg(value_name = "ROBOT|SCENARIO", default_values_t = [DEFAULT.to_owned()])]
+    subject: Vec<String>,
+    /// Where the targets come from: a file (docs/servo.md has the format), `-` for lines of standard input without times, `keyboard`, or `topic` for a
+    /// process of the graph [default: the scenario's own].
+    #[arg(long, value_name = "FILE|-|keyboard|topic", conflicts_with = "random")]
+    from: Option<String>,
+    /// Random twists of this seed, in place of a file.
+    #[arg(long, value_name = "SEED")]
+    random: Option<u64>,
+    /// Judge random twists of so many seeds on each robot, on one thread, and print a table; no run is kept.
+    #[arg(long, value_name = "N", conflicts_with_all = ["from", "random", "out"], value_parser = clap::value_parser!(u64).range(1..=1000))]
+    seeds: Option<u64>,
+    /// The posture in which a robot starts: a name, or joint positions in degrees [default: nominal, bent or ready].
+    #[arg(long, value_name = "NAME|DEG,DEG,…", allow_hyphen_values = true)]
+    start: Option<String>,
+    /// Longest duration in seconds; of random twists the duration [default there: 60].
+    #[arg(long, value_name = "SECONDS")]
+    duration: Option<f64>,
+    /// Folder for the results [default: the next free runs/NAME-NNN].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// How time passes.
+    #[arg(long, value_enum, default_value = "lockstep")]
+    mode: run::ModeArg,
+    /// A process graph, for example with an operator of your own (`extends = "servo"`).
+    #[arg(long, value_name = "FILE.toml")]
+    graph: Option<PathBuf>,
+    /// Lay a value over the scenario's, for example servo.speed_m_s=0.1 (repeatable).
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Show the recording in the installed Rerun viewer as it is made.
+    #[arg(long)]
+    live: bool,
+}
+
+/// The session of `armplane servo` without arguments.
+const DEFAULT: &str = "servo-panda";
+
+/// Words of `--from`.
+const KEYBOARD: &str = "keyboard";
+const LINES: &str = "-";
+
+/// Duration of random twists, s.
+const RANDOM_S: f64 = 60.0;
+
+pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure> {
+    let terminal = Terminal::default();
+    if let Some(seeds) = args.seeds {
+        let robots = if args.subject == [DEFAULT] { steered::ROBOTS.map(str::to_owned).to_vec() } else { args.subject.clone() };
+        let plan = |robot: &String| steering(args, robot, Targets::Text(String::new()));
+        let subjects: Vec<Steering> = robots.iter().map(plan).collect();
+        let scores = steered::random(&subjects, seeds, args.duration.unwrap_or(RANDOM_S), &|progress| terminal.show(progress))?;
+        print(&scores, as_json)?;
+        return Ok(if scores.iter().all(Score::is_kept) { ExitCode::SUCCESS } else { ExitCode::from(1) });
+    }
+    let [subject] = args.subject.as_slice() else {
+        return Err(Failure::Input("one robot or scenario at a time; several only with --seeds N".to_owned()));
+    };
+    let targets = match (args.from.as_deref(), args.random) {
+        (_, Some(seed)) => Targets::Text(steered::twists(seed, args.duration.unwrap_or(RANDOM_S))),
+        (None, None) => Targets::Scenario,
+        (Some("topic"), _) => Targets::Process,
+        (Some(KEYBOARD | LINES), _) => Targets::Live,
+        (Some(file), _) => Targets::File(file.into()),
+    };
+    let loaded = steering(args, subject, targets).load()?;
+    let request = Request {
+        scenario: subject.clone(),
+        settings: Vec::new(),
+        seed: None,
+        graph: None,
+        mode: Mode::from(args.mode),
+        out: args.out.clone(),
+        record: true,
+        messages: true,
+        live: args.live,
+        silence_limit: None,
+    };
+    let mut keyboard = None;
+    let mut begin = |run: &RunDir| -> Result<(), Failure> {
+        match args.from.as_deref() {
+            Some(KEYBOARD) => keyboard = Some(Keyboard::start(run)?),
+            Some(LINES) => live::send_lines(run)?,
+            _ => {}
+        }
+        Ok(())
+    };
+    // The keyboard has the terminal's last line.
+    let is_shown = args.from.as_deref() != Some(KEYBOARD);
+    let show = |progress: Progress<'_>| {
+        if is_shown {
+            terminal.show(progress)
+        }
+    };
+    let finished = session::run_loaded(&request, loaded, &mut begin, &show);
+    drop(keyboard);
+    let finished = finished?;
+    match as_json {
+        true => say!("{}", serde_json::to_string_pretty(&finished.summary).map_err(Failure::work)?),
+        false => {
+            run::print(&finished.summary, &finished.folder);
+            if let Ok(account) = steered::read(&finished.folder) {
+                say!("{account}");
+            }
+            say!("  scenario.toml, targets.csv  run it again with: armplane run {}/scenario.toml", finished.folder.display());
+        }
+    }
+    if let End::Failed(failure) = &finished.end {
+        return Err(Failure::Work(failure.to_string()));
+    }
+    finished.kept?;
+    Ok(if finished.summary.outcome == "goal reached" { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+fn steering(args: &ServoArgs, subject: &str, targets: Targets) -> Steering {
+    Steering {
+        subject: subject.to_owned(),
+        targets,
+        start: args.start.clone(),
+        duration_s: args.duration,
+        settings: args.set.clone(),
+        seed: None,
+        graph: args.graph.clone(),
+    }
+}
+
+fn print(scores: &[Score], as_json: bool) -> Result<(), Failure> {
+    if as_json {
+        say!("{}", serde_json::to_string_pretty(&json!(scores)).map_err(Failure::work)?);
+        return Ok(());
+    }
+    let heads = [
+        "robot",
+        "s",
+        "speed",
+        "torque",
+        "step / rate",
+        "limits",
+        "orthogonal mm",
+        "°",
+        "stalled s",
+        "at limit s",
+        "reach s",
+        "slowed s",
+        "stops",
+    ];
+    let mut rows = table(&heads);
+    for score in scores {
+        rows.add_row([
+            score.robot.clone().into(),
+            number(format!("{:.0}", score.seconds)),
+            number(digits(score.speed)),
+            number(digits(score.torque)),
+            number(digits(score.step)),
+            number(score.limits),
+            number(digits(score.orthogonal_mm)),
+            number(digits(score.orthogonal_deg)),
+            number(digits(score.stalled_s)),
+            number(digits(score.limit_s)),
+            number(digits(score.reach_s)),
+            number(digits(score.slowed_s)),
+            number(score.stops),
+        ]);
+    }
+    say!("{rows}");
+    say!(
+        "speed, torque: largest share of a limit; step: largest change of torque in a tick over what the drive accepts; limits: joints beyond their"
+    );
+    say!("range; stalled: less than 2 % of the speed asked for, for longer than 0.5 s, and neither reach nor a joint limit is the reason");
+    for score in scores.iter().filter(|score| !score.worst.is_empty()) {
+        say!("{}: {}", score.robot, score.worst);
+    }
+    Ok(())
+}

@@ -1,0 +1,201 @@
+//! The reference from tick to tick.
+
+use super::limits::Fastest;
+use crate::continuous::path_plan::Sample;
+use crate::linear::{angular, clamp_norm, linear, rotation_exp, stack};
+use crate::types::Refusal;
+use model::{Pose, joints, padded};
+use nalgebra::{Matrix3, SVector, Vector6};
+use shared_types::TargetContent;
+use shared_types::checkpoints::ServoCheckpoint;
+use shared_types::codes::{SIDE_NEGATIVE, SIDE_POSITIVE, TARGET_POSTURE};
+use shared_types::scenario::{Scenario, Servo};
+
+/// Gain from an error of velocity to an acceleration, 1/s, and the lag of that acceleration, s: a step in it would be a step in torque.
+const GAIN: f64 = 25.0;
+const LAG_S: f64 = 0.010;
+/// Gain from an error of a joint's position to its rate, 1/s.
+const POSTURE_GAIN: f64 = 5.0;
+/// Largest share of a joint's speed that a posture target takes, and time in which it gets there, s.
+const POSTURE_SPEED: f64 = 0.4;
+const POSTURE_RISE_S: f64 = 0.3;
+
+/// The state of a steered run's reference; all of it but `fastest` survives a restart.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reference<const N: usize> {
+    /// The target in force.
+    pub held: TargetContent,
+    /// The tick in hand.
+    pub tick: u64,
+    /// Tick at which the session ended.
+    pub over: Option<u64>,
+    /// Given tick of the last refused target.
+    pub refused_tick: Option<u64>,
+    /// Pose in B.
+    pub X: Pose,
+    /// Twist at full clock speed.
+    pub V: Vector6<f64>,
+    /// Its change per second of real time.
+    pub a: Vector6<f64>,
+    /// Joint reference of a posture target, rad.
+    pub q: SVector<f64, N>,
+    /// Its rate at full clock speed, rad/s.
+    pub qdot: SVector<f64, N>,
+    /// Distance that reach has taken away since the target began, m.
+    pub behind_m: f64,
+    /// Targets refused.
+    pub refused: u32,
+    /// Why the last of them was: one of `codes::TARGET_REFUSALS`.
+    pub refusal: u32,
+    /// Why the arm was brought to rest.
+    pub stop: Refusal,
+    /// How often it was.
+    pub stops: u32,
+    /// Whether it is being so.
+    pub stopping: bool,
+    /// The tick before was at the boundary of reach.
+    pub clipped: bool,
+    /// What the joint limits allow at this tick.
+    pub fastest: Fastest,
+}
+
+/// A scenario with the session's duration in place of the text of its targets, which another process publishes.
+#[must_use]
+pub fn without_text(scenario: &Scenario) -> Scenario {
+    let mut scenario = scenario.clone();
+    if let Some(session) = &mut scenario.servo {
+        session.duration_s = session.duration_s();
+        session.targets.clear();
+    }
+    scenario
+}
+
+impl<const N: usize> Reference<N> {
+    /// At rest in a posture whose pose is `X`.
+    #[must_use]
+    pub fn at(X: Pose, q: SVector<f64, N>) -> Self {
+        Self {
+            held: TargetContent::default(),
+            tick: 0,
+            over: None,
+            refused_tick: None,
+            X,
+            V: Vector6::zeros(),
+            a: Vector6::zeros(),
+            q,
+            qdot: SVector::zeros(),
+            behind_m: 0.0,
+            refused: 0,
+            refusal: 0,
+            stop: Refusal::None,
+            stops: 0,
+            stopping: false,
+            clipped: false,
+            fastest: Fastest::default(),
+        }
+    }
+
+    /// Whether the target in force is a posture.
+    #[must_use]
+    pub fn is_posture(&self) -> bool {
+        self.held.kind == TARGET_POSTURE
+    }
+
+    /// The posture that the reference is in, for auxiliary coordinates and null space.
+    #[must_use]
+    pub fn sample(&self) -> Option<Sample<N>> {
+        self.is_posture().then_some(Sample { t: 0.0, time_rate: 1.0, q: self.q, dq: self.qdot, speed: 1.0 })
+    }
+
+    /// The side in which a fold is to be left: −1, +1, or 0 to keep.
+    #[must_use]
+    pub fn branch(&self) -> i32 {
+        i32::from(self.held.side == SIDE_POSITIVE) - i32::from(self.held.side == SIDE_NEGATIVE)
+    }
+
+    /// Rest in the arm's own pose: what is left of a motion that the law has ended.
+    pub fn rest_at(&mut self, X: Pose, q: SVector<f64, N>) {
+        (self.X, self.q) = (X, q);
+        (self.V, self.a, self.qdot) = (Vector6::zeros(), Vector6::zeros(), SVector::zeros());
+    }
+
+    /// One tick towards the twist `V`: within the session's acceleration, and smooth in it.
+    pub fn accelerate(&mut self, V: &Vector6<f64>, session: &Servo, dt: f64) {
+        let wanted = (V - self.V) * GAIN;
+        let bounded =
+            stack(&clamp_norm(linear(&wanted), session.acceleration_m_s2), &clamp_norm(angular(&wanted), session.acceleration_rad_s2));
+        self.a += (bounded - self.a) * (dt / (LAG_S + dt));
+    }
+
+    /// One tick of a posture target's joint reference; `qddot` out, rad/s².
+    #[must_use]
+    pub fn accelerate_joints(&self, goal: &SVector<f64, N>, velocity: &SVector<f64, N>) -> SVector<f64, N> {
+        let most = |i: usize| POSTURE_SPEED * velocity[i].min(10.0);
+        // All joints arrive together: the slowest gives the measure.
+        let error = goal - self.q;
+        let share = (0..N).fold(0.0_f64, |share, i| share.max(POSTURE_GAIN * error[i].abs() / most(i)));
+        let wanted = error * (POSTURE_GAIN / share.max(1.0));
+        SVector::from_fn(|i, _| {
+            let limit = most(i) / POSTURE_RISE_S;
+            ((wanted[i] - self.qdot[i]) * GAIN).clamp(-limit, limit)
+        })
+    }
+
+    /// Moves on by a tick at the clock's speed.
+    pub fn advance(&mut self, clock: f64, dt: f64) {
+        let step = self.V * (clock * dt);
+        self.X = Pose { R: rotation_exp(&angular(&step)) * self.X.R, p: self.X.p + linear(&step) };
+        // A step towards the nearest rotation: rounding must not add up.
+        self.X.R = self.X.R * (Matrix3::identity() * 3.0 - self.X.R.tr_mul(&self.X.R)) * 0.5;
+        self.V += self.a * dt;
+    }
+
+    /// Writes all of it.
+    #[must_use]
+    pub fn checkpoint(&self) -> ServoCheckpoint {
+        let plus_one = |tick: Option<u64>| tick.map_or(0, |tick| tick + 1);
+        ServoCheckpoint {
+            held: self.held,
+            tick: self.tick,
+            over_tick: plus_one(self.over),
+            refused_tick: plus_one(self.refused_tick),
+            p_BE: self.X.p.into(),
+            R_BE: std::array::from_fn(|i| self.X.R[i]),
+            V: self.V.into(),
+            a: self.a.into(),
+            q: padded(&self.q),
+            qdot: padded(&self.qdot),
+            behind_m: self.behind_m,
+            refused: self.refused,
+            refusal: self.refusal,
+            stop: self.stop.code(),
+            stops: self.stops,
+            stopping: u32::from(self.stopping),
+            clipped: u32::from(self.clipped),
+        }
+    }
+
+    /// What [`checkpoint`](Self::checkpoint) has written.
+    #[must_use]
+    pub fn restored(from: &ServoCheckpoint) -> Self {
+        Self {
+            held: from.held,
+            tick: from.tick,
+            over: from.over_tick.checked_sub(1),
+            refused_tick: from.refused_tick.checked_sub(1),
+            X: Pose { R: Matrix3::from_column_slice(&from.R_BE), p: from.p_BE.into() },
+            V: from.V.into(),
+            a: from.a.into(),
+            q: joints(&from.q),
+            qdot: joints(&from.qdot),
+            behind_m: from.behind_m,
+            refused: from.refused,
+            refusal: from.refusal,
+            stop: Refusal::from_code(from.stop).unwrap_or_default(),
+            stops: from.stops,
+            stopping: from.stopping != 0,
+            clipped: from.clipped != 0,
+            fastest: Fastest::default(),
+        }
+    }
+}

@@ -1,0 +1,260 @@
+//! Steered runs judged: random twists on many arms, and what the controller said of a session that is kept.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::Path;
+
+use chain::{Chain, Tick};
+use message_log::LogReader;
+use model::Robot;
+use recorder::{Judge, TaskError};
+use serde::Serialize;
+use session::{Failure, Observer, Steering, load::Loaded};
+use shared_types::bounds::{larger, share};
+use shared_types::codes::{
+    REASON_EFFORT, REASON_LIMIT, REASON_OVER, REASON_REACH, REASON_RESTING, REASON_SINGULARITY, REASON_STALE, REASONS, REFUSALS,
+    TARGET_REFUSALS, name_of, reason_text,
+};
+use shared_types::random::Uniform;
+use shared_types::{MAX_DOF, ServoState};
+
+use crate::pool::on_all_cores;
+
+/// The arms of the study.
+pub const ROBOTS: [&str; 4] = ["puma560", "ur5", "iiwa14", "panda"];
+
+/// Share of the speed asked for below which an arm stands still, and for how long it may, s.
+const STILL: (f64, f64) = (0.02, 0.5);
+/// Twist that asks for motion; m/s, rad/s.
+const MOVES: f64 = 1e-3;
+
+/// The findings on one arm over all its sessions.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Score {
+    /// The arm.
+    pub robot: String,
+    /// Simulated time, s.
+    pub seconds: f64,
+    /// Largest share of a joint's speed.
+    pub speed: f64,
+    /// Largest share of a joint's torque.
+    pub torque: f64,
+    /// Largest change of a torque in a tick over what the drive accepts.
+    pub step: f64,
+    /// Sessions in which a joint left its range.
+    pub limits: u64,
+    /// Largest error orthogonal to the singular directions, mm and degrees.
+    pub orthogonal_mm: f64,
+    /// The same of orientation.
+    pub orthogonal_deg: f64,
+    /// Time stalled without a stated reason, s.
+    pub stalled_s: f64,
+    /// Time slowed before or at joint limits, s.
+    pub limit_s: f64,
+    /// Time at the boundary of reach, s.
+    pub reach_s: f64,
+    /// Time slowed by a singularity or a joint's speed or torque, s.
+    pub slowed_s: f64,
+    /// How often the law stopped for a moment.
+    pub stops: u64,
+    /// The session with the largest orthogonal error, or the longest stall.
+    pub worst: String,
+}
+
+impl Score {
+    /// Whether the bars are kept: no limit exceeded, no torque step beyond the rate, 0.5 mm, no stall without a reason.
+    #[must_use]
+    pub fn is_kept(&self) -> bool {
+        self.speed <= 1.0
+            && self.torque <= 1.0
+            && self.step <= 1.0 + 1e-6
+            && self.limits == 0
+            && self.orthogonal_mm <= 0.5
+            && self.stalled_s <= 0.0
+    }
+
+    fn add(&mut self, other: &Self) {
+        let is_worse = other.stalled_s > 0.0
+            || other.orthogonal_mm > self.orthogonal_mm && other.orthogonal_mm > 0.5
+            || other.limits > 0
+            || other.speed > 1.0;
+        if is_worse {
+            self.worst.clone_from(&other.worst);
+        }
+        self.seconds += other.seconds;
+        self.speed = larger(self.speed, other.speed);
+        self.torque = larger(self.torque, other.torque);
+        self.step = larger(self.step, other.step);
+        self.limits += other.limits;
+        self.orthogonal_mm = larger(self.orthogonal_mm, other.orthogonal_mm);
+        self.orthogonal_deg = larger(self.orthogonal_deg, other.orthogonal_deg);
+        self.stalled_s += other.stalled_s;
+        self.limit_s += other.limit_s;
+        self.reach_s += other.reach_s;
+        self.slowed_s += other.slowed_s;
+        self.stops += other.stops;
+    }
+}
+
+/// Seeded random twists as a text of targets: every 1 to 3 s another direction, up to 0.25 m/s and 0.6 rad/s, at times one of the two alone.
+#[must_use]
+pub fn twists(seed: u64, seconds: f64) -> String {
+    let mut random = Uniform(seed);
+    let mut text = "# armplane targets 1, length m\n".to_owned();
+    let mut time = 0.0;
+    while time < seconds {
+        let lasts = random.within(1.0, 3.0).min(seconds - time);
+        let mut direction = |most: f64| {
+            let v: [f64; 3] = std::array::from_fn(|_| random.within(-1.0, 1.0));
+            let size = v.iter().map(|x| x * x).sum::<f64>().sqrt().max(1e-3);
+            let speed = random.within(0.2, 1.0) * most;
+            v.map(|x| x / size * speed)
+        };
+        let (linear, angular) = (direction(0.25), direction(0.6));
+        let kind = random.within(0.0, 4.0);
+        let values = linear.map(|x| if kind < 1.0 { 0.0 } else { x }).into_iter().chain(angular.map(|x| if kind > 3.0 { 0.0 } else { x }));
+        let values: Vec<String> = values.map(|x| format!("{x:.4}")).collect();
+        text += &format!("{time:.3}, twist, base, {lasts:.3}, {}\n", values.join(" "));
+        time += lasts;
+    }
+    text + &format!("{seconds:.3}, end\n")
+}
+
+/// Sessions of random twists on each arm, the seeds from 1 on; the scores of each arm over all its sessions.
+///
+/// # Errors
+/// [`Failure`] where an arm cannot be steered.
+pub fn random(subjects: &[Steering], seeds: u64, seconds: f64, observer: Observer<'_>) -> Result<Vec<Score>, Failure> {
+    let mut sessions = Vec::new();
+    for subject in subjects {
+        for seed in 1..=seeds {
+            let targets = session::Targets::Text(twists(seed, seconds));
+            let loaded = Steering { targets, duration_s: None, ..subject.clone() }.load()?;
+            sessions.push((subject.subject.clone(), seed, loaded));
+        }
+    }
+    let done = on_all_cores("random twists", &sessions, |(_, seed, loaded)| score(loaded, *seed), observer);
+    let mut scores: Vec<Score> = Vec::new();
+    for ((robot, ..), one) in sessions.iter().zip(done) {
+        let one = one?;
+        if scores.last().is_none_or(|score| score.robot != *robot) {
+            scores.push(Score { robot: robot.clone(), ..Score::default() });
+        }
+        if let Some(score) = scores.last_mut() {
+            score.add(&one);
+        }
+    }
+    Ok(scores)
+}
+
+/// One session on one thread.
+fn score(Loaded { scenario, robot, .. }: &Loaded, seed: u64) -> Result<Score, Failure> {
+    let mut chain = Chain::new(robot, scenario).map_err(Failure::input)?;
+    let mut judge = Judge::new(recorder::limits(robot), scenario.goal.clone(), scenario.duration_s() * f64::from(scenario.rate_hz));
+    let (mut tick, dt) = (Tick::default(), scenario.dt_s());
+    let (mut score, mut before, mut still) = (Score { seconds: scenario.duration_s(), ..Score::default() }, None::<[f64; MAX_DOF]>, 0.0);
+    let mut worst = (0.0, String::new());
+    while !chain.is_over() {
+        chain.step(&mut tick);
+        let messages = recorder::Tick::of(&tick.lent()).ok_or_else(|| Failure::Work("a tick without a message".to_owned()))?;
+        let error = TaskError::on(&messages, &robot.task.0);
+        judge.tick(messages);
+        score.take(robot, &tick, before, dt);
+        before = Some(tick.torque.tau);
+        let state = &tick.servo_state;
+        let stated = [REASON_LIMIT, REASON_REACH, REASON_RESTING, REASON_STALE, REASON_OVER].contains(&state.reason);
+        let stands = !stated && state.V_target.iter().any(|x| x.abs() > MOVES) && state.speed_scale < STILL.0;
+        still = if stands { still + dt } else { 0.0 };
+        let seconds = tick.torque.header.tick as f64 * dt;
+        if still > STILL.1 {
+            score.stalled_s += dt;
+            worst = (f64::MAX, format!("seed {seed}: stalled at {seconds:.1} s ({})", describe(state)));
+        }
+        if error.position[1] > worst.0 {
+            worst = (error.position[1], format!("seed {seed}: {:.3} mm at {seconds:.2} s ({})", error.position[1], describe(state)));
+        }
+    }
+    let verdict = judge.verdict();
+    score.speed = verdict.joints.speed_max_ratio;
+    score.torque = verdict.joints.torque_max_ratio;
+    (score.orthogonal_mm, score.orthogonal_deg) = (verdict.task.orthogonal_max_mm, verdict.task.orthogonal_max_deg);
+    score.stops = u64::from(tick.servo_state.stops);
+    score.worst = if score.speed > 1.0 { format!("seed {seed}: speed {:.3}; {}", score.speed, worst.1) } else { worst.1 };
+    Ok(score)
+}
+
+impl Score {
+    fn take(&mut self, robot: &Robot, tick: &Tick, before: Option<[f64; MAX_DOF]>, dt: f64) {
+        for (i, joint) in robot.joints.iter().enumerate() {
+            if let Some(before) = before {
+                self.step = larger(self.step, share(tick.torque.tau[i] - before[i], joint.torque_rate * dt));
+            }
+            let q = tick.plant_state.q[i];
+            self.limits |= u64::from(!(joint.lower..=joint.upper).contains(&q));
+        }
+        let seconds = match tick.servo_state.reason {
+            REASON_LIMIT => &mut self.limit_s,
+            REASON_REACH => &mut self.reach_s,
+            REASON_SINGULARITY | REASON_EFFORT => &mut self.slowed_s,
+            _ => return,
+        };
+        *seconds += dt;
+    }
+}
+
+/// The state of a session as one line.
+#[must_use]
+pub fn describe(state: &ServoState) -> String {
+    let mut text = reason_text(state.reason, state.joint, state.upper);
+    if state.singularity > 0 && state.nearest < 1e8 {
+        text += &format!("; nearest singularity s{} at {:.2} of its neighbourhood", state.singularity, state.nearest);
+    }
+    text += &format!("; {:.0} % of the speed", state.speed_scale * 100.0);
+    if state.stops > 0 {
+        text += &format!("; stopped {} ×: {}", state.stops, name_of(REFUSALS, state.stop));
+    }
+    text
+}
+
+/// What the controller said of a session that is kept.
+#[derive(Clone, Debug, Default)]
+pub struct Account {
+    seconds: BTreeMap<u32, f64>,
+    last: ServoState,
+}
+
+impl fmt::Display for Account {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let parts: Vec<String> =
+            self.seconds.iter().map(|(reason, seconds)| format!("{} {seconds:.1} s", name_of(REASONS, *reason))).collect();
+        write!(f, "session    {}", parts.join(" · "))?;
+        if self.last.refused > 0 {
+            write!(
+                f,
+                "\n           {} targets refused, the last because {}",
+                self.last.refused,
+                name_of(TARGET_REFUSALS, self.last.refusal)
+            )?;
+        }
+        if self.last.stops > 0 {
+            write!(f, "\n           stopped {} times, at last because {}", self.last.stops, name_of(REFUSALS, self.last.stop))?;
+        }
+        Ok(())
+    }
+}
+
+/// Reads the kept `servo_state` messages of a run.
+///
+/// # Errors
+/// [`Failure::Input`] where there are none.
+pub fn read(run: &Path) -> Result<Account, Failure> {
+    let job = std::fs::read(run.join(session::JOB)).map_err(Failure::input)?;
+    let job: shared_types::job::Job = serde_json::from_slice(&job).map_err(Failure::input)?;
+    let mut log = LogReader::<ServoState>::open(&run.join(recorder::MESSAGES)).map_err(Failure::input)?;
+    let mut account = Account::default();
+    while let Some(message) = log.next_message().map_err(Failure::input)? {
+        *account.seconds.entry(message.reason).or_default() += job.scenario.dt_s();
+        account.last = message;
+    }
+    Ok(account)
+}

@@ -1,0 +1,89 @@
+//! The operator of a steered run: publishes the target of each tick, from the session's text or from what is sent to it while the run lasts.
+
+mod cycle;
+
+use std::io;
+use std::os::unix::net::UnixDatagram;
+use std::time::{Duration, Instant};
+
+use runtime::{Mode, ProcessError, Shell};
+use shared_types::scenario::{Scenario, Servo};
+use shared_types::target_file::{content, unreadable};
+use shared_types::{SensorSample, Target};
+
+pub use cycle::Cycle;
+
+/// Longest line that is taken in; bytes.
+const LINE: usize = 1024;
+
+/// Delay behind the clock from which on it is not made up for: the session goes on from there.
+const BEHIND: Duration = Duration::from_millis(20);
+
+/// Publishes targets until the run stops.
+///
+/// A live session in lockstep runs at the speed of the clock, because this process waits for it at each tick and all others wait for this one: so its
+/// targets, kept with their ticks, repeat it byte for byte.
+///
+/// # Errors
+/// [`ProcessError`] where the socket cannot be made or the graph breaks.
+pub fn run(shell: &Shell, scenario: &Scenario) -> Result<(), ProcessError> {
+    let session = scenario.servo.clone().unwrap_or_default();
+    let mut cycle = Cycle::new(&session, scenario.rate_hz);
+    let mut live = if session.live { Some(Live::open(shell, scenario.rate_hz)?) } else { None };
+    let mut sensors = shell.reader::<SensorSample>()?;
+    let mut targets = shell.writer::<Target>()?;
+    while let Some(sample) = sensors.next()? {
+        if let Some(live) = &mut live {
+            live.wait(sample.header.tick);
+            live.receive(sample.header.tick, &mut cycle);
+        }
+        let mut target = targets.loan_as_is(sample.header.tick)?;
+        cycle.step(sample, &mut target);
+        target.send()?;
+    }
+    Ok(())
+}
+
+/// Targets that come while the run lasts, a line each, without its time: `twist, base, 0.2, 0.01 0 0 0 0 0`.
+struct Live {
+    socket: UnixDatagram,
+    rate_hz: u32,
+    /// In lockstep: when tick 0 was, or would have been.
+    began: Option<Instant>,
+    is_paced: bool,
+}
+
+impl Live {
+    fn open(shell: &Shell, rate_hz: u32) -> Result<Self, ProcessError> {
+        let path = shell.run_dir().join(Servo::SOCKET);
+        // That of a predecessor.
+        let _ = std::fs::remove_file(&path);
+        let refused = |error: io::Error| ProcessError::setup(format_args!("{}: {error}", path.display()));
+        let socket = UnixDatagram::bind(&path).map_err(refused)?;
+        socket.set_nonblocking(true).map_err(refused)?;
+        Ok(Self { socket, rate_hz, began: None, is_paced: shell.mode() == Mode::Lockstep })
+    }
+
+    /// Waits for the time of a tick, where nothing else paces the run.
+    fn wait(&mut self, tick: u64) {
+        if !self.is_paced {
+            return;
+        }
+        let (now, offset) = (Instant::now(), Duration::from_secs_f64(tick as f64 / f64::from(self.rate_hz)));
+        let due = *self.began.get_or_insert_with(|| now.checked_sub(offset).unwrap_or(now)) + offset;
+        if let Some(early) = due.checked_duration_since(now) {
+            std::thread::sleep(early);
+        } else if now.duration_since(due) > BEHIND {
+            self.began = now.checked_sub(offset);
+        }
+    }
+
+    /// Takes in all that has come; a line that is no target counts as one that cannot be read.
+    fn receive(&self, tick: u64, cycle: &mut Cycle) {
+        let mut line = [0; LINE];
+        while let Ok(length) = self.socket.recv(&mut line) {
+            let text = std::str::from_utf8(&line[..length]).unwrap_or_default();
+            cycle.feed(&content(text, 1.0, tick, self.rate_hz).unwrap_or_else(|_| unreadable(tick)));
+        }
+    }
+}

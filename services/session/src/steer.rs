@@ -1,0 +1,132 @@
+//! The scenario of a steered run: an arm or a scenario, and where its targets come from.
+
+use std::path::{Path, PathBuf};
+
+use model::Robot;
+use shared_types::scenario::Servo;
+use shared_types::target_file;
+use sim::scenarios;
+
+use crate::failure::Failure;
+use crate::load::{self, Loaded, Source};
+
+/// Where the targets of a session come from.
+#[derive(Clone, Debug)]
+pub enum Targets {
+    /// From the scenario itself.
+    Scenario,
+    /// From a file.
+    File(PathBuf),
+    /// From a text in the same format.
+    Text(String),
+    /// From lines sent to the operator's socket while the run lasts.
+    Live,
+    /// From a process of the graph.
+    Process,
+}
+
+/// A session as it is asked for.
+#[derive(Clone, Debug)]
+pub struct Steering {
+    /// A built-in robot, a URDF file, a built-in scenario, or a scenario file.
+    pub subject: String,
+    /// Its targets.
+    pub targets: Targets,
+    /// The posture in which a robot starts: one that its description names, or joint positions in degrees.
+    pub start: Option<String>,
+    /// Longest duration, s.
+    pub duration_s: Option<f64>,
+    /// Values laid over the scenario's.
+    pub settings: Vec<String>,
+    /// Seed of every random number of the run.
+    pub seed: Option<u64>,
+    /// A process graph.
+    pub graph: Option<PathBuf>,
+}
+
+/// Postures in which a session begins where none is asked for, the first that the robot's description names.
+const STARTS: [&str; 3] = ["nominal", "bent", "ready"];
+
+/// Duration of a session whose end nobody knows, s.
+const OPEN_S: f64 = 3600.0;
+
+impl Steering {
+    /// The scenario of the session, its robot and its graph.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] or [`Failure::File`] where one of them cannot be used.
+    pub fn load(&self) -> Result<Loaded, Failure> {
+        let is_scenario = scenarios::text(&self.subject).is_some() || self.subject.ends_with(".toml");
+        let source = if is_scenario { Source::read(&self.subject)? } else { self.source()? };
+        let mut scenario = source.parse(&self.settings)?;
+        scenario.seed = self.seed.unwrap_or(scenario.seed);
+        let was_steered = scenario.servo.is_some() && is_scenario;
+        let session = scenario.servo.get_or_insert_default();
+        scenario.segment.clear();
+        match &self.targets {
+            Targets::Scenario if was_steered => {}
+            Targets::Scenario => {
+                let sentence =
+                    format!("{} is not steered: it has no [servo]; give targets with --from FILE, or --random SEED", self.subject);
+                return Err(Failure::Input(sentence));
+            }
+            Targets::File(file) => {
+                *session = Servo { targets: text(file, scenario.rate_hz)?, input: String::new(), live: false, ..session.clone() }
+            }
+            Targets::Text(text) => *session = Servo { targets: text.clone(), input: String::new(), live: false, ..session.clone() },
+            Targets::Live => {
+                *session = Servo { targets: String::new(), input: String::new(), live: true, duration_s: OPEN_S, ..session.clone() }
+            }
+            Targets::Process => {
+                let duration_s = if session.duration_s > 0.0 { session.duration_s } else { OPEN_S };
+                *session = Servo { targets: String::new(), input: String::new(), live: false, duration_s, ..session.clone() };
+            }
+        }
+        session.duration_s = self.duration_s.unwrap_or(session.duration_s);
+        source.read_targets(&mut scenario)?;
+        let robot = source.robot(&scenario)?;
+        let own_graph = Some(&scenario.graph).filter(|file| !file.is_empty()).map(|file| source.beside(file));
+        let graph = load::graph_of(&scenario, self.graph.as_deref().or(own_graph.as_deref()))?;
+        source.check(&scenario, &robot, &graph)?;
+        Ok(Loaded { scenario, robot, graph })
+    }
+
+    /// A scenario for a robot.
+    fn source(&self) -> Result<Source, Failure> {
+        let robot = load::robot(&self.subject, None)?;
+        let mut start = toml::Table::new();
+        match &self.start {
+            Some(text) if text.starts_with(|c: char| c.is_ascii_digit() || "-+.".contains(c)) => {
+                let number =
+                    |part: &str| part.trim().parse::<f64>().map_err(|_| Failure::Input(format!("--start: `{part}` is not a number")));
+                let q = text.split(',').map(number).collect::<Result<Vec<_>, _>>()?;
+                start.insert("q_deg".to_owned(), q.into());
+            }
+            Some(name) => drop(start.insert("posture".to_owned(), name.clone().into())),
+            None => drop(start.insert("posture".to_owned(), default_start(&robot)?.into())),
+        }
+        let mut table = toml::Table::new();
+        table.insert("name".to_owned(), format!("servo-{}", robot.name).into());
+        table.insert("robot".to_owned(), self.subject.clone().into());
+        table.insert("start".to_owned(), start.into());
+        // The name of a file that is not read: the targets come from elsewhere.
+        let session = toml::Table::from_iter([("input".to_owned(), toml::Value::from("-"))]);
+        table.insert("servo".to_owned(), session.into());
+        Ok(Source { file: format!("servo {}", self.subject), text: table.to_string(), folder: None })
+    }
+}
+
+fn default_start(robot: &Robot) -> Result<String, Failure> {
+    let known = || robot.postures.keys().cloned().collect::<Vec<_>>().join(", ");
+    let found = STARTS.iter().find(|name| robot.postures.contains_key(**name)).map(|name| (*name).to_owned());
+    found.or_else(|| robot.postures.keys().next().cloned()).ok_or_else(|| {
+        Failure::Input(format!("{} has no named posture to start in ({}): give joint positions, --start=0,30,-60,…", robot.name, known()))
+    })
+}
+
+/// The text of a file of targets.
+fn text(file: &Path, rate_hz: u32) -> Result<String, Failure> {
+    let text = std::fs::read_to_string(file).map_err(|error| Failure::Input(format!("cannot read {}: {error}", file.display())))?;
+    target_file::parse(&text, rate_hz).map_err(|error| Failure::Input(format!("{}: {error}", file.display())))?;
+    Ok(text)
+}

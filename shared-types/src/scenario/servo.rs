@@ -1,0 +1,98 @@
+//! A steered run: where its targets come from, and the limits of the motion that follows them.
+
+use serde::{Deserialize, Serialize};
+
+use crate::file::{Complaint, positive};
+use crate::target_file::{self, Row};
+
+/// In place of segments: the arm follows targets.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Servo {
+    /// The file of the targets, beside the scenario's ([`target_file`] has its format); empty: `targets`, or a process of the graph's own.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub input: String,
+    /// Its text.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub targets: String,
+    /// The targets come while the run lasts, on the socket in the run's directory; ticks are paced by the clock.
+    #[serde(skip_serializing_if = "is_false")]
+    pub live: bool,
+    /// Longest duration; s. 0: until the last target of the text has become too old.
+    pub duration_s: f64,
+    /// Largest speed of the end-effector; m/s.
+    pub speed_m_s: f64,
+    /// Largest angular speed of the end-effector; rad/s.
+    pub speed_rad_s: f64,
+    /// Largest acceleration of the end-effector; m/s².
+    pub acceleration_m_s2: f64,
+    /// Largest angular acceleration of the end-effector; rad/s².
+    pub acceleration_rad_s2: f64,
+}
+
+fn is_false(value: &bool) -> bool {
+    !value
+}
+
+impl Default for Servo {
+    fn default() -> Self {
+        Self {
+            input: String::new(),
+            targets: String::new(),
+            live: false,
+            duration_s: 0.0,
+            speed_m_s: 0.5,
+            speed_rad_s: 1.5,
+            acceleration_m_s2: 2.0,
+            acceleration_rad_s2: 6.0,
+        }
+    }
+}
+
+impl Servo {
+    /// The name of the socket in the run's directory that takes the targets of a live session, one line each.
+    pub const SOCKET: &str = "operator.socket";
+
+    /// The targets of the text, for a run of `rate_hz`; none where there is no text.
+    #[must_use]
+    pub fn rows(&self, rate_hz: u32) -> Vec<Row> {
+        // The text has been checked with the scenario.
+        target_file::parse(&self.targets, rate_hz).unwrap_or_default()
+    }
+
+    /// How long the arm is steered; s.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        if self.duration_s > 0.0 {
+            return self.duration_s;
+        }
+        let last = self.rows(MS).last().copied();
+        last.map_or(0.0, |row| {
+            row.tick as f64 / f64::from(MS) + if row.target.valid_s.is_finite() { row.target.valid_s.clamp(0.0, 60.0) } else { 0.0 }
+        })
+    }
+
+    pub(super) fn check(&self) -> Result<(), Complaint> {
+        for (name, value) in [
+            ("speed_m_s", self.speed_m_s),
+            ("speed_rad_s", self.speed_rad_s),
+            ("acceleration_m_s2", self.acceleration_m_s2),
+            ("acceleration_rad_s2", self.acceleration_rad_s2),
+        ] {
+            positive(&format!("servo.{name}"), value)?;
+        }
+        if !(0.0..=36_000.0).contains(&self.duration_s) {
+            return Err(Complaint::new("servo.duration_s", format!("`duration_s` is {}", self.duration_s), "0 to 36000"));
+        }
+        if self.targets.is_empty() {
+            let is_ended = self.duration_s > 0.0 || !self.input.is_empty();
+            let remedy = "give the input file, the targets themselves, or the duration_s of a session with a process of its own";
+            return if is_ended { Ok(()) } else { Err(Complaint::new("servo", "there are no targets", remedy)) };
+        }
+        let invalid = |error: target_file::InvalidRow| Complaint::new("servo.targets", error.to_string(), "docs/servo.md has the format");
+        target_file::parse(&self.targets, MS).map(drop).map_err(invalid)
+    }
+}
+
+/// Ticks per second where only times count.
+const MS: u32 = 1000;

@@ -1,0 +1,220 @@
+//! Targets as text: one line each, the format of `armplane servo --from FILE`, of what a session is fed while it lasts, and of what it saves.
+//!
+//! ```csv
+//! # armplane targets 1, length m
+//! # time_s, kind, frame, valid_s, values, side, given_s
+//! 0.00, twist, base, 0.2, 0.005 0 0 0 0 0
+//! 0.10, pose, base, 0.2, 0.5 0 0.7 0 1 0 0 0.05 0 0 0 0 0
+//! 0.20, posture, joints, 0.2, 0 0.3 1.2 0 0.5 0, positive
+//! 3.00, end
+//! ```
+//!
+//! The first line is required and gives the unit of lengths, `m` or `mm`. Times are in s, angles in rad, rotations are quaternions `w x y z`. A twist
+//! has six values, `[linear; angular]`, in the axes of base, hand or singular; a pose has seven (position, quaternion), and six more for the twist
+//! with which it moves; a posture has one per joint. `side` (keep, negative, positive) and `given_s`, the time at which the target was measured where
+//! it is not `time_s`, may be left out. A frame may be a number: what another program may have sent. `NaN` is read, and refused by the controller.
+
+use crate::MAX_DOF;
+use crate::codes::{
+    FRAME_BASE, FRAMES, Named, SIDE_KEEP, SIDES, TARGET_END, TARGET_POSE, TARGET_POSTURE, TARGET_TWIST, TARGET_UNREADABLE, TARGETS, name_of,
+};
+use crate::messages::TargetContent;
+use crate::wire::Part;
+
+/// The beginning of the first line.
+const HEAD: &str = "# armplane targets 1, length ";
+
+/// Most targets in a file.
+const MOST: usize = 1_000_000;
+
+/// Latest time in a file, s.
+const LATEST_S: f64 = 36_000.0;
+
+/// A target and the tick from which it is published.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Row {
+    /// The tick.
+    pub tick: u64,
+    /// The target.
+    pub target: TargetContent,
+}
+
+/// A line that is no target.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct InvalidRow {
+    /// The line, from 1.
+    pub line: usize,
+    /// The defect, and the remedy.
+    pub message: String,
+}
+
+impl std::fmt::Display for InvalidRow {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "line {}: {}", self.line, self.message)
+    }
+}
+
+/// The targets of a text, for a run of `rate_hz` ticks per second.
+///
+/// # Errors
+/// [`InvalidRow`]: the first line that is no target, or is earlier than the one before.
+pub fn parse(text: &str, rate_hz: u32) -> Result<Vec<Row>, InvalidRow> {
+    let mut lines = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
+    let invalid = |line: usize, message: String| InvalidRow { line, message };
+    let unit = lines.next().and_then(|(_, first)| first.strip_prefix(HEAD));
+    let length = match unit.map(str::trim) {
+        Some("m") => 1.0,
+        Some("mm") => 1e-3,
+        _ => return Err(invalid(1, format!("the first line must be `{HEAD}m`, or `mm`"))),
+    };
+    let mut rows: Vec<Row> = Vec::new();
+    for (number, line) in lines.filter(|(_, line)| !line.is_empty() && !line.starts_with('#')) {
+        let (time, rest) = line.split_once(',').unwrap_or((line, ""));
+        let row = ticks(time, rate_hz).and_then(|tick| content(rest, length, tick, rate_hz).map(|target| Row { tick, target }));
+        let row = row.map_err(|message| invalid(number, message))?;
+        if rows.last().is_some_and(|last| row.tick < last.tick) {
+            return Err(invalid(number, format!("the target at {} s comes after a later one: sort the lines by time", time.trim())));
+        }
+        if rows.len() == MOST {
+            return Err(invalid(number, format!("more than {MOST} targets")));
+        }
+        rows.push(row);
+    }
+    match rows.is_empty() {
+        true => Err(invalid(1, "there is no target: add a line such as `0, twist, base, 1, 0.01 0 0 0 0 0`".to_owned())),
+        false => Ok(rows),
+    }
+}
+
+/// The target of a line without its time, published from `tick` on; `length` is the unit of lengths, m.
+///
+/// # Errors
+/// The defect, in words.
+pub fn content(line: &str, length: f64, tick: u64, rate_hz: u32) -> Result<TargetContent, String> {
+    let mut parts = line.split(',').map(str::trim);
+    let mut next = || parts.next().filter(|part| !part.is_empty());
+    let mut target = TargetContent { given_tick: tick, kind: code(next().unwrap_or_default(), TARGETS, "kind")?, ..Default::default() };
+    if target.kind == TARGET_END {
+        return Ok(target);
+    }
+    let frame = next().unwrap_or_default();
+    target.frame = match frame.parse() {
+        Ok(number) => number,
+        Err(_) if target.kind == TARGET_POSTURE && frame == "joints" => FRAME_BASE,
+        Err(_) => code(frame, FRAMES, "frame")?,
+    };
+    target.valid_s = number(next().unwrap_or_default(), "valid_s")?;
+    let (mut values, mut count) = ([0.0; 13], 0);
+    for text in next().unwrap_or_default().split_whitespace() {
+        *values.get_mut(count).ok_or("more than 13 values")? = number(text, "a value")?;
+        count += 1;
+    }
+    let linear = |at: usize| std::array::from_fn(|i| values[at + i] * if i < 3 { length } else { 1.0 });
+    match (target.kind, count) {
+        (TARGET_TWIST, 6) => target.twist = linear(0),
+        (TARGET_POSE, 7 | 13) => {
+            target.position = std::array::from_fn(|i| values[i] * length);
+            target.quaternion = std::array::from_fn(|i| values[3 + i]);
+            target.twist = linear(7);
+        }
+        (TARGET_POSTURE, 1..=MAX_DOF) => target.q[..count].copy_from_slice(&values[..count]),
+        (TARGET_TWIST, _) => return Err(format!("a twist has 6 values, not {count}: vx vy vz wx wy wz")),
+        (TARGET_POSE, _) => return Err(format!("a pose has 7 values, or 13 with its twist, not {count}: x y z qw qx qy qz")),
+        (TARGET_POSTURE, _) => return Err(format!("a posture has one value per joint, not {count}")),
+        (kind, _) => return Err(format!("a target of kind `{}` cannot be given", name_of(TARGETS, kind))),
+    }
+    target.side = next().map_or(Ok(SIDE_KEEP), |side| code(side, SIDES, "side"))?;
+    target.given_tick = next().map_or(Ok(tick), |given| ticks(given, rate_hz))?;
+    Ok(if target.is_finite() { target } else { unreadable(target.given_tick) })
+}
+
+/// In place of a target with a NaN or an infinity, which no message may hold.
+#[must_use]
+pub fn unreadable(given_tick: u64) -> TargetContent {
+    TargetContent { given_tick, kind: TARGET_UNREADABLE, ..Default::default() }
+}
+
+/// The text of targets; [`parse`] gives them again, bit for bit.
+#[must_use]
+pub fn write(rows: &[Row], rate_hz: u32) -> String {
+    let seconds = |tick: u64| tick as f64 / f64::from(rate_hz);
+    let mut text = format!("{HEAD}m\n# time_s, kind, frame, valid_s, values, side, given_s\n");
+    for Row { tick, target } in rows {
+        let line = match target.kind {
+            TARGET_END => format!("{}, end", seconds(*tick)),
+            _ => {
+                let frame =
+                    FRAMES.iter().find(|(code, _)| *code == target.frame).map_or(target.frame.to_string(), |(_, name)| (*name).to_owned());
+                let values: Vec<f64> = match target.kind {
+                    TARGET_POSE => target.position.into_iter().chain(target.quaternion).chain(target.twist).collect(),
+                    TARGET_POSTURE => target.q.to_vec(),
+                    TARGET_TWIST => target.twist.to_vec(),
+                    _ => vec![f64::NAN; 6],
+                };
+                let kind = if target.kind == TARGET_UNREADABLE { TARGET_TWIST } else { target.kind };
+                let values: Vec<String> = values.iter().map(f64::to_string).collect();
+                let (kind, side) = (name_of(TARGETS, kind), name_of(SIDES, target.side));
+                let head = format!("{}, {kind}, {frame}, {}, {}", seconds(*tick), target.valid_s, values.join(" "));
+                format!("{head}, {side}, {}", seconds(target.given_tick))
+            }
+        };
+        text.push_str(&line);
+        text.push('\n');
+    }
+    text
+}
+
+fn code(word: &str, table: &[Named], what: &str) -> Result<u32, String> {
+    let known = || table.iter().map(|(_, name)| *name).filter(|name| !["none", "unreadable"].contains(name)).collect::<Vec<_>>().join(", ");
+    let found = table.iter().find(|(_, name)| *name == word).map(|(code, _)| *code);
+    found.ok_or_else(|| format!("there is no {what} `{word}`; there are {}", known()))
+}
+
+fn number(text: &str, what: &str) -> Result<f64, String> {
+    text.parse().map_err(|_| format!("`{text}` is not a number ({what})"))
+}
+
+fn ticks(text: &str, rate_hz: u32) -> Result<u64, String> {
+    let time: f64 = number(text.trim(), "a time in s")?;
+    match (0.0..=LATEST_S).contains(&time) {
+        true => Ok((time * f64::from(rate_hz)).round() as u64),
+        false => Err(format!("the time {} s is out of range: 0 to {LATEST_S}", text.trim())),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_written_is_read_again_bit_for_bit() {
+        let text = "# armplane targets 1, length mm\n\n0, twist, hand, 0.2, 5 0 0 0 0 0.1\n0.1, pose, base, 1, 500 0 700 0 1 0 0, keep, 0.05\n\
+                    0.2,posture,joints,1, 0.1 0.2 0.3 0.4 0.5 0.6,positive\n0.3,twist,7,1,0 0 0 0 0 0\n0.4,twist,base,1,NaN 0 0 0 0 0\n1,end\n";
+        let rows = parse(text, 1000).unwrap();
+        assert_eq!((rows.len(), rows[0].target.twist[0], rows[1].target.position), (6, 0.005, [0.5, 0.0, 0.7]));
+        assert_eq!((rows[1].target.given_tick, rows[3].target.frame, rows[4].target.kind), (50, 7, TARGET_UNREADABLE));
+        let mut odd = rows.clone();
+        odd[0].target.twist[1] = 0.1 + 0.2;
+        assert_eq!(parse(&write(&odd, 1000), 1000).unwrap(), odd);
+    }
+
+    #[test]
+    fn a_line_that_is_no_target_is_named() {
+        let cases = [
+            ("0, twist, base, 1, 0 0 0 0 0", 2, "a twist has 6 values, not 5"),
+            ("0, twist, tool, 1, 0 0 0 0 0 0", 2, "there is no frame `tool`; there are base, hand, singular"),
+            ("0, twst, base, 1, 0 0 0 0 0 0", 2, "there is no kind `twst`"),
+            ("1, end\n0, end", 3, "sort the lines by time"),
+            ("-1, end", 2, "out of range"),
+            ("NaN, end", 2, "out of range"),
+            ("0, twist, base, one, 0 0 0 0 0 0", 2, "`one` is not a number (valid_s)"),
+            ("0, posture, joints, 1, 0 0 0 0 0 0 0 0 0 0 0 0 0 0", 2, "more than 13 values"),
+            ("", 1, "there is no target"),
+        ];
+        for (lines, line, words) in cases {
+            let error = parse(&format!("{HEAD}m\n{lines}\n"), 1000).unwrap_err();
+            assert!(error.line == line && error.message.contains(words), "{error}");
+        }
+        assert!(parse("time_s,vx\n", 1000).unwrap_err().message.contains("the first line must be"));
+    }
+}

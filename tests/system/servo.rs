@@ -1,0 +1,84 @@
+//! `armplane servo`: an arm that is steered, and its session repeated.
+
+use std::io::Write;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use serde_json::Value;
+use shared_types::topics::TOPICS;
+
+use crate::command::{Desk, Said, assert_nothing_left, finish};
+
+const TARGETS: &str = "# armplane targets 1, length mm\n0, twist, base, 0.3, 100 0 0 0 0 0.2\n0.2, twist, 7, 1, 0 0 0 0 0 0\n0.3, twist, hand, 0.3, \
+                       NaN 0 0 0 0 0\n0.4, pose, base, 1, 450 -150 100 0 1 0 0\n0.9, end\n";
+
+fn summary(said: &Said) -> Value {
+    assert_nothing_left(said.launcher);
+    serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}{}", said.out, said.err))
+}
+
+fn same_bytes(one: &Value, two: &Value) {
+    for topic in TOPICS {
+        assert_eq!((&one["topics"][topic], topic), (&two["topics"][topic], topic));
+        assert!(one["topics"][topic]["count"].as_u64().is_some_and(|count| count > 0), "{topic}");
+    }
+}
+
+#[test]
+fn a_file_steers_the_arm_and_its_saved_scenario_gives_the_same_bytes() {
+    let desk = Desk::new();
+    desk.file("targets.csv", TARGETS);
+    let first = summary(&desk.armplane(&["servo", "puma560", "--from", "targets.csv", "--out", "one", "--json"]));
+    assert_eq!((&first["completed"], &first["processes"].as_array().map(Vec::len)), (&true.into(), &Some(6)), "{}", first["reason"]);
+    same_bytes(&first, &desk.run(&["one/scenario.toml", "--out", "two"]));
+    let said = desk.armplane(&["verify", "one/scenario.toml", "--runs", "2", "--json"]);
+    assert_eq!(said.code, 0, "one thread, and two runs in processes: {}{}", said.out, said.err);
+    let said = desk.armplane(&["replay", "one", "--json"]);
+    assert!(said.code == 0 && said.out.contains("servo_state"), "{}{}", said.out, said.err);
+    let said = desk.armplane(&["servo", "two/scenario.toml", "--out", "three"]);
+    assert!(said.out.contains("2 targets refused"), "{}", said.out);
+}
+
+#[test]
+fn what_is_sent_while_the_run_lasts_is_saved_and_gives_the_same_bytes() {
+    let desk = Desk::new();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_armplane"))
+        .args(["servo", "ur5", "--from", "-", "--out", "one", "--json"])
+        .current_dir(desk.path())
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("armplane starts");
+    let mut lines = child.stdin.take().expect("a pipe");
+    for line in
+        ["twist, base, 0.2, 0.05 0 0 0 0 0", "nonsense", "twist, hand, 0.2, 0 0 0.05 0 0 0", "twist, base, 0.1, 0 0 NaN 0 0 0", "end"]
+    {
+        writeln!(lines, "{line}").expect("the run reads");
+        std::thread::sleep(Duration::from_millis(150));
+    }
+    drop(lines);
+    let first = summary(&finish(child));
+    assert_eq!(first["completed"], true, "{}", first["reason"]);
+    same_bytes(&first, &desk.run(&["one/scenario.toml", "--out", "two"]));
+}
+
+#[test]
+fn what_cannot_be_steered_says_why() {
+    let desk = Desk::new();
+    desk.file("wrong.csv", "# armplane targets 1, length mm\n0, twist, tool, 1, 0 0 0 0 0 0\n");
+    desk.file("headless.csv", "0, twist, base, 1, 0 0 0 0 0 0\n");
+    for (args, expected) in [
+        (&["servo", "panda"][..], "is not steered: it has no [servo]"),
+        (&["servo", "panda", "--from", "nowhere.csv"], "cannot read nowhere.csv"),
+        (&["servo", "panda", "--from", "wrong.csv"], "wrong.csv: line 2: there is no frame `tool`"),
+        (&["servo", "panda", "--from", "headless.csv"], "the first line must be"),
+        (&["servo", "pandas", "--random", "1"], "pandas"),
+        (&["servo", "panda", "--random", "1", "--start", "lying"], "no posture `lying`"),
+        (&["servo", "panda", "ur5", "--random", "1"], "one robot or scenario at a time"),
+        (&["servo", "fig5-wrist-rotation"], "is not steered"),
+    ] {
+        let said = desk.armplane(args);
+        assert!(said.code == 2 && said.err.contains(expected), "{args:?}: {}{}", said.out, said.err);
+    }
+}
