@@ -4,18 +4,16 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
-use lab::studies::steered::{self, Score};
+use lab::studies::steered::{self, Score, ScoresText};
 use launcher::End;
 use runtime::RunDir;
-use serde_json::json;
-use session::{Failure, Progress, Request, Steering, Targets};
+use session::{Failure, Progress, Request, RunText, Steering, Targets};
 use shared_types::job::Mode;
 
 use crate::live::{self, Keyboard};
-use crate::out::say;
+use crate::out::{say, show};
 use crate::progress::Terminal;
 use crate::run;
-use crate::table::{digits, number, table};
 
 #[derive(Args)]
 pub(crate) struct ServoArgs {
@@ -72,7 +70,10 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
         let plan = |robot: &String| steering(args, robot, Targets::Text(String::new()));
         let subjects: Vec<Steering> = robots.iter().map(plan).collect();
         let scores = steered::random(&subjects, seeds, args.duration.unwrap_or(RANDOM_S), &|progress| terminal.show(progress))?;
-        print(&scores, as_json)?;
+        match as_json {
+            true => say!("{}", serde_json::to_string_pretty(&scores).map_err(Failure::work)?),
+            false => show(&ScoresText(&scores)),
+        }
         return Ok(if scores.iter().all(Score::is_kept) { ExitCode::SUCCESS } else { ExitCode::from(1) });
     }
     let [subject] = args.subject.as_slice() else {
@@ -109,20 +110,20 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
     };
     // The keyboard has the terminal's last line.
     let is_shown = args.from.as_deref() != Some(KEYBOARD);
-    let show = |progress: Progress<'_>| {
+    let observe = |progress: Progress<'_>| {
         if is_shown {
             terminal.show(progress)
         }
     };
-    let finished = session::run_loaded(&request, loaded, &mut begin, &show);
+    let finished = session::run_loaded(&request, loaded, &mut begin, &observe);
     drop(keyboard);
     let finished = finished?;
     match as_json {
         true => say!("{}", serde_json::to_string_pretty(&finished.summary).map_err(Failure::work)?),
         false => {
-            run::print(&finished.summary, &finished.folder);
+            show(&RunText { summary: &finished.summary, folder: &finished.folder });
             if let Ok(account) = steered::read(&finished.folder) {
-                say!("{account}");
+                show(&account);
             }
             say!("  scenario.toml, targets.csv  run it again with: armplane run {}/scenario.toml", finished.folder.display());
         }
@@ -144,53 +145,4 @@ fn steering(args: &ServoArgs, subject: &str, targets: Targets) -> Steering {
         seed: None,
         graph: args.graph.clone(),
     }
-}
-
-fn print(scores: &[Score], as_json: bool) -> Result<(), Failure> {
-    if as_json {
-        say!("{}", serde_json::to_string_pretty(&json!(scores)).map_err(Failure::work)?);
-        return Ok(());
-    }
-    let heads = [
-        "robot",
-        "s",
-        "speed",
-        "torque",
-        "step / rate",
-        "limits",
-        "orthogonal mm",
-        "°",
-        "stalled s",
-        "at limit s",
-        "reach s",
-        "slowed s",
-        "stops",
-    ];
-    let mut rows = table(&heads);
-    for score in scores {
-        rows.add_row([
-            score.robot.clone().into(),
-            number(format!("{:.0}", score.seconds)),
-            number(digits(score.speed)),
-            number(digits(score.torque)),
-            number(digits(score.step)),
-            number(score.limits),
-            number(digits(score.orthogonal_mm)),
-            number(digits(score.orthogonal_deg)),
-            number(digits(score.stalled_s)),
-            number(digits(score.limit_s)),
-            number(digits(score.reach_s)),
-            number(digits(score.slowed_s)),
-            number(score.stops),
-        ]);
-    }
-    say!("{rows}");
-    say!(
-        "speed, torque: largest share of a limit; step: largest change of torque in a tick over what the drive accepts; limits: joints beyond their"
-    );
-    say!("range; stalled: less than 2 % of the speed asked for, for longer than 0.5 s, and neither reach nor a joint limit is the reason");
-    for score in scores.iter().filter(|score| !score.worst.is_empty()) {
-        say!("{}: {}", score.robot, score.worst);
-    }
-    Ok(())
 }

@@ -56,6 +56,7 @@ fn start_only(robot: &Robot, frame: Option<&str>, start: Start) -> Scenario {
         seed: 0,
         start,
         segment: vec![Segment { duration_s: 1.0, ..Segment::default() }],
+        servo: None,
         settle_s: 0.0,
         plant: Default::default(),
         estimator: Default::default(),

@@ -9,7 +9,9 @@ use message_log::LogReader;
 use model::Robot;
 use recorder::{Judge, TaskError};
 use serde::Serialize;
-use session::{Failure, Observer, Steering, load::Loaded};
+use session::load::Loaded;
+use session::table::{number, table};
+use session::{Failure, Observer, Steering};
 use shared_types::bounds::{larger, share};
 use shared_types::codes::{
     REASON_EFFORT, REASON_LIMIT, REASON_OVER, REASON_REACH, REASON_RESTING, REASON_SINGULARITY, REASON_STALE, REASONS, REFUSALS,
@@ -17,6 +19,7 @@ use shared_types::codes::{
 };
 use shared_types::random::Uniform;
 use shared_types::{MAX_DOF, ServoState};
+use viz::plot::digits;
 
 use crate::pool::on_all_cores;
 
@@ -216,6 +219,58 @@ pub fn describe(state: &ServoState) -> String {
     text
 }
 
+/// A table of scores for people.
+#[derive(Debug)]
+pub struct ScoresText<'a>(pub &'a [Score]);
+
+impl fmt::Display for ScoresText<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let heads = [
+            "robot",
+            "s",
+            "speed",
+            "torque",
+            "step/rate",
+            "limits",
+            "orth. mm",
+            "°",
+            "stalled s",
+            "at limit s",
+            "reach s",
+            "slowed s",
+            "stops",
+        ];
+        let mut rows = table(&heads);
+        for score in self.0 {
+            rows.add_row([
+                score.robot.clone().into(),
+                number(format!("{:.0}", score.seconds)),
+                number(digits(score.speed)),
+                number(digits(score.torque)),
+                number(digits(score.step)),
+                number(score.limits),
+                number(digits(score.orthogonal_mm)),
+                number(digits(score.orthogonal_deg)),
+                number(digits(score.stalled_s)),
+                number(digits(score.limit_s)),
+                number(digits(score.reach_s)),
+                number(digits(score.slowed_s)),
+                number(score.stops),
+            ]);
+        }
+        writeln!(f, "{rows}")?;
+        writeln!(
+            f,
+            "speed, torque: largest share of a limit; step: largest change of torque in a tick over what the drive accepts; limits: sessions in which"
+        )?;
+        writeln!(
+            f,
+            "a joint left its range; stalled: less than 2 % of the speed asked for, for longer than 0.5 s, neither reach nor a joint limit the reason"
+        )?;
+        self.0.iter().filter(|score| !score.worst.is_empty()).try_for_each(|score| writeln!(f, "{}: {}", score.robot, score.worst))
+    }
+}
+
 /// What the controller said of a session that is kept.
 #[derive(Clone, Debug, Default)]
 pub struct Account {
@@ -227,17 +282,17 @@ impl fmt::Display for Account {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let parts: Vec<String> =
             self.seconds.iter().map(|(reason, seconds)| format!("{} {seconds:.1} s", name_of(REASONS, *reason))).collect();
-        write!(f, "session    {}", parts.join(" · "))?;
+        writeln!(f, "session    {}", parts.join(" · "))?;
         if self.last.refused > 0 {
-            write!(
+            writeln!(
                 f,
-                "\n           {} targets refused, the last because {}",
+                "           {} targets refused, the last because {}",
                 self.last.refused,
                 name_of(TARGET_REFUSALS, self.last.refusal)
             )?;
         }
         if self.last.stops > 0 {
-            write!(f, "\n           stopped {} times, at last because {}", self.last.stops, name_of(REFUSALS, self.last.stop))?;
+            writeln!(f, "           stopped {} times, at last because {}", self.last.stops, name_of(REFUSALS, self.last.stop))?;
         }
         Ok(())
     }
