@@ -229,7 +229,7 @@ mod tests {
         let known = [
             ("armplane.EstimatorCheckpoint.v1", 304, 0x6a0b_43aa_4a62_64c4),
             ("armplane.AnalyzerCheckpoint.v2", 1888, 0xd183_645a_d89c_2cda),
-            ("armplane.ControllerCheckpoint.v4", 1008, 0),
+            ("armplane.ControllerCheckpoint.v4", 1584, 0x452f_ed9f_87aa_55c6),
         ];
         assert_eq!([of::<EstimatorCheckpoint>(), of::<AnalyzerCheckpoint>(), of::<ControllerCheckpoint>()], known);
     }

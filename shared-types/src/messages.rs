@@ -328,8 +328,8 @@ mod tests {
             ("armplane.PlantState.v3", 544, 0xb342_9417_b6bb_5ea6),
             ("armplane.StateEstimate.v4", 416, 0x26d6_dbe8_667c_45e8),
             ("armplane.SingularityReport.v4", 1384, 0x8844_948f_013a_28ee),
-            ("armplane.Target.v1", 512, 0),
-            ("armplane.ServoState.v1", 288, 0),
+            ("armplane.Target.v1", 352, 0x4e83_1ed5_fec0_aaa6),
+            ("armplane.ServoState.v1", 288, 0xb214_d5f1_9577_26e4),
             ("armplane.ControlState.v3", 712, 0x98e4_d969_d5ba_0d02),
             ("armplane.TorqueCommand.v5", 224, 0xf478_adea_d3f1_5ea4),
         ];
