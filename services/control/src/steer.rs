@@ -76,6 +76,9 @@ impl<const N: usize> Controller<N> {
             let back;
             (servo.X, back) = pull.hold(&servo.X, &arm);
             servo.behind_m += back;
+            if servo.clipped || pull.tension > TENSION {
+                servo.X = pull.relax(&servo.X, &wish.V, dt);
+            }
             // Where a posture target would begin.
             (servo.q, servo.qdot) = (*q, *qdot_planned / clock.max(SLOW));
             servo.accelerate(&pull.slacken(&wish.V), session, dt);

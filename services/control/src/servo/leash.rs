@@ -5,7 +5,9 @@ use model::Pose;
 use nalgebra::{Vector3, Vector6};
 
 /// Longest distance and angle between reference and arm, m and rad: many times the error of tracking, and little to come back from.
-const LENGTH: (f64, f64) = (0.010, 0.05);
+const LENGTH: (f64, f64) = (0.003, 0.02);
+/// Rate at which the reference comes back to the arm once nothing pulls it away, 1/s.
+const BACK: f64 = 10.0;
 /// Share of the leash from which a twist that would lengthen it is taken away.
 const TAUT: f64 = 0.5;
 
@@ -42,6 +44,20 @@ impl Pull {
         (held, back)
     }
 
+    /// The reference on its way back to the arm, where `V` no longer leads away from it.
+    #[must_use]
+    pub fn relax(&self, reference: &Pose, V: &Vector6<f64>, dt: f64) -> Pose {
+        let [p, r] = self.error;
+        let mut relaxed = *reference;
+        if linear(V).dot(&p) <= 0.0 {
+            relaxed.p -= p * (BACK * dt);
+        }
+        if angular(V).dot(&r) <= 0.0 {
+            relaxed.R = rotation_exp(&(r * (-BACK * dt))) * relaxed.R;
+        }
+        relaxed
+    }
+
     /// A twist without what would pull the leash tighter.
     #[must_use]
     pub fn slacken(&self, V: &Vector6<f64>) -> Vector6<f64> {
@@ -64,10 +80,12 @@ mod tests {
         let far = Pose::translation(Vector3::new(0.05, 0.0, 0.0));
         let pull = Pull::between(&far, &arm);
         let (held, back) = pull.hold(&far, &arm);
-        assert!((held.p.x - 0.010).abs() < 1e-12 && (back - 0.040).abs() < 1e-12 && pull.tension == 1.0);
+        assert!((held.p.x - 0.003).abs() < 1e-12 && (back - 0.047).abs() < 1e-12 && pull.tension == 1.0);
         let V = Vector6::new(0.1, 0.2, 0.0, 0.0, 0.0, 0.3);
         assert_eq!(pull.slacken(&V), Vector6::new(0.0, 0.2, 0.0, 0.0, 0.0, 0.3));
         assert_eq!(pull.slacken(&-V), -V);
-        assert_eq!(Pull::between(&Pose::translation(Vector3::new(0.004, 0.0, 0.0)), &arm).slacken(&V), V);
+        assert_eq!(Pull::between(&Pose::translation(Vector3::new(0.001, 0.0, 0.0)), &arm).slacken(&V), V);
+        assert_eq!(pull.relax(&held, &V, 1e-3), held, "it is still pulled");
+        assert!((pull.relax(&far, &-V, 1e-3).p.x - 0.0495).abs() < 1e-12, "1 % of the way back in a tick");
     }
 }
