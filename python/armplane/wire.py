@@ -70,6 +70,45 @@ PHASE_DONE = 2
 PHASE_REFUSED = 3
 PHASES = {PHASE_RUNNING: "running", PHASE_SETTLING: "settling", PHASE_DONE: "done", PHASE_REFUSED: "refused"}
 
+TARGET_NONE = 0
+TARGET_TWIST = 1
+TARGET_POSE = 2
+TARGET_POSTURE = 3
+TARGET_END = 4
+TARGET_UNREADABLE = 5
+TARGETS = {TARGET_NONE: "none", TARGET_TWIST: "twist", TARGET_POSE: "pose", TARGET_POSTURE: "posture", TARGET_END: "end", TARGET_UNREADABLE: "unreadable"}
+
+FRAME_BASE = 0
+FRAME_HAND = 1
+FRAME_SINGULAR = 2
+FRAMES = {FRAME_BASE: "base", FRAME_HAND: "hand", FRAME_SINGULAR: "singular"}
+
+SIDE_KEEP = 0
+SIDE_NEGATIVE = 1
+SIDE_POSITIVE = 2
+SIDES = {SIDE_KEEP: "keep", SIDE_NEGATIVE: "negative", SIDE_POSITIVE: "positive"}
+
+TARGET_REFUSAL_NONE = 0
+TARGET_REFUSAL_NUMBER = 1
+TARGET_REFUSAL_FRAME = 2
+TARGET_REFUSAL_KIND = 3
+TARGET_REFUSAL_ROTATION = 4
+TARGET_REFUSAL_TIME = 5
+TARGET_REFUSAL_RANGE = 6
+TARGET_REFUSALS = {TARGET_REFUSAL_NONE: "", TARGET_REFUSAL_NUMBER: "it holds a NaN or an infinity", TARGET_REFUSAL_FRAME: "its frame is unknown, or not one for its kind (a pose is in base)", TARGET_REFUSAL_KIND: "its kind or its side is unknown", TARGET_REFUSAL_ROTATION: "its quaternion is not of norm 1", TARGET_REFUSAL_TIME: "its time stamp is in the future, or its validity is negative", TARGET_REFUSAL_RANGE: "a number is beyond 1000"}
+
+REASON_FOLLOWING = 0
+REASON_RESTING = 1
+REASON_STALE = 2
+REASON_FAST = 3
+REASON_SINGULARITY = 4
+REASON_EFFORT = 5
+REASON_LIMIT = 6
+REASON_REACH = 7
+REASON_STOPPED = 8
+REASON_OVER = 9
+REASONS = {REASON_FOLLOWING: "follows", REASON_RESTING: "rests", REASON_STALE: "rests: the target is older than its validity", REASON_FAST: "slowed: the target is faster than the session allows", REASON_SINGULARITY: "slowed near a singularity", REASON_EFFORT: "slowed: a joint is at its speed or torque", REASON_LIMIT: "slowed before a joint limit", REASON_REACH: "at the boundary of reach", REASON_STOPPED: "stopped, goes on from rest", REASON_OVER: "over"}
+
 PROGRAM_AWAITED = 0
 PROGRAM_JOINED = 1
 PROGRAM_REFUSED = 2
@@ -266,6 +305,43 @@ class SingularityReport(ctypes.Structure):
 assert ctypes.sizeof(SingularityReport) == 1384
 
 
+class Target(ctypes.Structure):
+    """The motion asked for at a tick: operator → controller. Only runs that are steered have it."""
+
+    _fields_ = [
+        ("header", Header),  # Tick, incarnation, stamps
+        ("target", TargetContent),  # The motion
+    ]
+
+
+assert ctypes.sizeof(Target) == 352
+
+
+class ServoState(ctypes.Structure):
+    """How the controller follows its target, and why not faster: controller → recorder, operator. Only runs that are steered have it."""
+
+    _fields_ = [
+        ("header", Header),  # Tick, incarnation, stamps
+        ("V_target", ctypes.c_double * 6),  # Twist of E that the target asks for, base axes, before any limit [m/s, rad/s]
+        ("p_target", ctypes.c_double * 3),  # Position of E in B that the target asks for; of a twist the reference's own [m]
+        ("speed_scale", ctypes.c_double),  # Twist of the reference over the one asked for, 0 to 1
+        ("behind_m", ctypes.c_double),  # Reference less the motion asked for that reach and limits have taken away since the target began: distance [m]
+        ("nearest", ctypes.c_double),  # |s| of the nearest singularity over its η_out: below 1 the law acts on it; 1e9 where the arm reports none
+        ("age_s", ctypes.c_double),  # Age of the target [s]
+        ("reason", ctypes.c_uint32),  # One of `REASONS`
+        ("joint", ctypes.c_uint32),  # 1 + index of the joint in the reason, 0 for none
+        ("upper", ctypes.c_uint32),  # 1 where that joint is at its upper limit, 0 at its lower one
+        ("singularity", ctypes.c_uint32),  # 1 + place of the nearest singularity, 0 for none
+        ("refused", ctypes.c_uint32),  # Targets refused since the start of the run
+        ("refusal", ctypes.c_uint32),  # Why the last of them was: one of `TARGET_REFUSALS`
+        ("stop", ctypes.c_uint32),  # Why the law stopped the arm for a moment: one of `REFUSALS`
+        ("stops", ctypes.c_uint32),  # How often it has since the start of the run
+    ]
+
+
+assert ctypes.sizeof(ServoState) == 288
+
+
 class ControlState(ctypes.Structure):
     """The control law's intermediate results and its reference: controller → recorder, for judging and showing."""
 
@@ -319,6 +395,8 @@ TOPICS = {
     "plant_state": (PlantState, "armplane.PlantState.v3", 0xb3429417b6bb5ea6),
     "estimate": (StateEstimate, "armplane.StateEstimate.v4", 0x26d6dbe8667c45e8),
     "singularity": (SingularityReport, "armplane.SingularityReport.v4", 0x8844948f013a28ee),
+    "target": (Target, "armplane.Target.v1", 0x4e831ed5fec0aaa6),
+    "servo_state": (ServoState, "armplane.ServoState.v1", 0xb214d5f1957726e4),
     "control_state": (ControlState, "armplane.ControlState.v3", 0x98e4d969d5ba0d02),
     "torque": (TorqueCommand, "armplane.TorqueCommand.v5", 0xf478adead3f15ea4),
 }
