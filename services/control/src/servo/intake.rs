@@ -47,7 +47,7 @@ pub fn check(target: &TargetContent, tick: u64) -> Result<(), u32> {
     if *kind == TARGET_POSE && (norm - 1.0).abs() > NORM { Err(TARGET_REFUSAL_ROTATION) } else { Ok(()) }
 }
 
-/// What a target asks for at this moment.
+/// The motion that a target asks for at this moment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wish {
     /// Twist of E within the session's speed, base axes; m/s, rad/s.

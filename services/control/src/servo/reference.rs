@@ -55,7 +55,7 @@ pub struct Reference<const N: usize> {
     pub stopping: bool,
     /// The tick before was at the boundary of reach.
     pub clipped: bool,
-    /// What the joint limits allow at this tick.
+    /// The clock that the joint limits allow at this tick.
     pub fastest: Fastest,
 }
 
@@ -175,7 +175,7 @@ impl<const N: usize> Reference<N> {
         }
     }
 
-    /// What [`checkpoint`](Self::checkpoint) has written.
+    /// The state that [`checkpoint`](Self::checkpoint) has written.
     #[must_use]
     pub fn restored(from: &ServoCheckpoint) -> Self {
         Self {

@@ -1,4 +1,4 @@
-//! Steered runs judged: random twists on many arms, and what the controller said of a session that is kept.
+//! Steered runs judged: random twists on many arms, and the reasons in the kept messages of a session.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -271,7 +271,7 @@ impl fmt::Display for ScoresText<'_> {
     }
 }
 
-/// What the controller said of a session that is kept.
+/// The reasons in the kept messages of a session.
 #[derive(Clone, Debug, Default)]
 pub struct Account {
     seconds: BTreeMap<u32, f64>,
