@@ -66,10 +66,7 @@ impl Servo {
         if self.duration_s > 0.0 {
             return self.duration_s;
         }
-        let last = self.rows(MS).last().copied();
-        last.map_or(0.0, |row| {
-            row.tick as f64 / f64::from(MS) + if row.target.valid_s.is_finite() { row.target.valid_s.clamp(0.0, 60.0) } else { 0.0 }
-        })
+        self.rows(MS).last().map_or(0.0, |row| row.tick as f64 / f64::from(MS) + row.target.valid_s.clamp(0.0, LONGEST_S))
     }
 
     pub(super) fn check(&self) -> Result<(), Complaint> {
@@ -93,6 +90,9 @@ impl Servo {
         target_file::parse(&self.targets, MS).map(drop).map_err(invalid)
     }
 }
+
+/// Longest validity of the last target that a session waits for, s.
+const LONGEST_S: f64 = 60.0;
 
 /// Ticks per second where only times count.
 const MS: u32 = 1000;
