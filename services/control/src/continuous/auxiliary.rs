@@ -7,7 +7,8 @@ use crate::linear::smoothstep;
 use crate::paper::neighborhood::Neighborhood;
 use crate::paper::reference::{Memory, Target};
 use crate::paper::switching::{self, Condition};
-use crate::types::{Mode, Singularity};
+use crate::paper::type_1::SIDE_CHANGE;
+use crate::types::{Class, Mode, Singularity};
 
 /// Time constant of the feed-forward's low-pass, s: without it encoder noise becomes torque.
 const FEED_FORWARD_LAG: f64 = 0.008;
@@ -103,7 +104,7 @@ impl Loop {
         self.mode = switching::next(self.mode, self.condition(s, target), target.mode);
         if !self.engaged() {
             let fastest = FASTEST * gains.rate_max;
-            *self = Self { memory: self.memory, rate: s.aux_rate.clamp(-fastest, fastest), ..Self::default() };
+            *self = Self { memory: self.memory_outside(s), rate: s.aux_rate.clamp(-fastest, fastest), ..Self::default() };
             return Demand::none();
         }
         self.trust += (gone - self.trust).clamp(-TRUST_RATE * dt, TRUST_RATE * dt);
@@ -126,11 +127,18 @@ impl Loop {
     pub fn step_switched<const N: usize>(&mut self, s: &Singularity<N>, target: &Target, gains: &Gains, clock: f64, dt: f64) -> Demand {
         let inside = s.s.abs() <= s.eta_in;
         if switching::next(self.mode, Condition::hard(inside), target.mode) == Mode::Regular {
-            *self = Self { memory: self.memory, rate: s.aux_rate, ..Self::default() };
+            *self = Self { memory: self.memory_outside(s), rate: s.aux_rate, ..Self::default() };
             return Demand::none();
         }
         let demand = self.step(&Singularity { inside, eta_out: s.eta_in, ..*s }, target, gains, clock, dt);
         Demand { beta: 0.0, ..demand }
+    }
+
+    /// The memory of a singularity that does not take part in the solve: the arm will come to a fold on the side of its coordinate. What the strategy of
+    /// another type has kept before means another thing, and the sign of a coordinate without formula is drawn anew at each approach.
+    fn memory_outside<const N: usize>(&self, s: &Singularity<N>) -> Memory {
+        let is_beside_fold = s.class == Class::Type1 && s.aux.abs() > SIDE_CHANGE;
+        Memory { side: if is_beside_fold { s.aux.signum() } else { self.memory.side }, ..self.memory }
     }
 
     /// The column of the transition table.
@@ -174,6 +182,19 @@ mod tests {
             }
         }
         assert_eq!(seen, [Mode::Regular, Mode::Blend, Mode::Track, Mode::Recover, Mode::Regular]);
+    }
+
+    #[test]
+    fn a_fold_is_approached_on_the_side_of_its_coordinate() {
+        let side = |class, aux, kept| {
+            let mut state = Loop { memory: Memory { side: kept, ..Memory::default() }, ..Loop::default() };
+            state.step(&Singularity { class, aux, ..singularity(0.5, false) }, &Target::default(), &GAINS, 1.0, 1e-3);
+            state.memory.side
+        };
+        assert_eq!(side(Class::Type1, -0.5, 1.0), -1.0);
+        assert_eq!(side(Class::Type1, 0.5, -1.0), 1.0);
+        assert_eq!(side(Class::Type1, 0.01, -1.0), -1.0, "at the fold itself either side may be meant");
+        assert_eq!(side(Class::Type2, -0.5, 1.0), 1.0);
     }
 
     #[test]

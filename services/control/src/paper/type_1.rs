@@ -7,7 +7,7 @@ use super::reference::{Memory, Target};
 use crate::types::Mode;
 
 /// Coordinate (rad, or of s_i) within which the arm may change to the other side.
-const SIDE_CHANGE: f64 = 0.02;
+pub const SIDE_CHANGE: f64 = 0.02;
 
 /// The fold's coordinate as the desired pose needs it, on either side.
 #[derive(Clone, Copy, Debug, PartialEq)]
