@@ -13,6 +13,9 @@ use rustix::process::{Pid, PidfdFlags, Signal, getpid, pidfd_open, pidfd_send_si
 const STOP_MS: (u64, u64) = (50, 500);
 /// The longest time between two stops; ms.
 const BETWEEN_MS: u64 = 60;
+/// The fewest ticks between two stops. On a busy machine the time between two stops alone is not enough for a single tick, and the run would last for
+/// minutes.
+const BETWEEN_TICKS: u64 = 100;
 /// How soon a stop ends with the run.
 const LOOK: Duration = Duration::from_millis(5);
 
@@ -34,12 +37,18 @@ impl Stops {
                     std::thread::sleep(LOOK);
                 }
             };
+            let ticks = || (0..count).map(|index| control_page.process(index).ticks()).max().unwrap_or(0);
+            let mut next = 0;
             for step in 0.. {
+                let draw = |what: u64, most: u64| random(seed, 4 * step + what) % most;
+                rest(draw(0, BETWEEN_MS));
+                while ticks() < next && !over.load(Ordering::Relaxed) {
+                    std::thread::sleep(LOOK);
+                }
                 if over.load(Ordering::Relaxed) {
                     break;
                 }
-                let draw = |what: u64, most: u64| random(seed, 4 * step + what) % most;
-                rest(draw(0, BETWEEN_MS));
+                next = ticks() + BETWEEN_TICKS;
                 let entry = control_page.process(draw(1, count as u64) as usize);
                 if entry.state() == State::Running {
                     stop(entry.pid(), || rest(STOP_MS.0 + draw(2, STOP_MS.1 - STOP_MS.0)));
