@@ -28,6 +28,10 @@ pub struct Process {
     /// The program is started separately: the run says where its exchange page is, and waits for it. There is no `command` then.
     #[serde(default, skip_serializing_if = "is_false")]
     pub external: bool,
+    /// The arm of this address takes the place of the simulated one, `fci://HOST`: only for the process that makes the ticks, in real time
+    /// (`docs/franka.md`). `armplane run --plant` sets it.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub robot: String,
     /// The longest that an exchange page's program may take for an answer; s. 0: 10 s.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub answer_limit_s: u32,
@@ -120,7 +124,7 @@ impl Process {
     /// The program of ours that runs as the process; `None` for a command, or a name that it does not know.
     #[must_use]
     pub fn program(&self) -> Option<Program> {
-        if self.command.is_empty() && !self.external { Program::named(self.program_name()) } else { None }
+        if self.command.is_empty() && !self.external && self.robot.is_empty() { Program::named(self.program_name()) } else { None }
     }
 
     /// The name of the program of ours that it asks for.

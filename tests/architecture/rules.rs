@@ -16,8 +16,9 @@ const PURE_ROOMS: [&str; 3] = ["cycle", "judge", "lockstep"];
 const CONTROL_PATH: [&str; 5] = ["model", "control", "estimator", "analyzer", "controller"];
 
 /// The only users of a dependency: of all crates whose names begin so, whatever part of a library they are.
-const SEAMS: [(&str, &[&str]); 6] = [
+const SEAMS: [(&str, &[&str]); 7] = [
     ("iceoryx2", &["runtime", "lab"]),
+    ("franka", &["plant-fci"]),
     ("rapier", &["sim"]),
     ("parry", &["sim"]),
     ("re_", &["viz"]),

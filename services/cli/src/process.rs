@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use clap::{Arg, ArgMatches, FromArgMatches, Subcommand, value_parser};
 use runtime::{ProcessError, Shell};
-use session::{EXCHANGE, Failure, GUARD, load};
+use session::{EXCHANGE, Failure, GUARD, ROBOT, load};
 use shared_types::process::Program;
 
 /// One process of a running graph; the launcher starts these.
@@ -22,6 +22,8 @@ enum Part {
     Process(Program),
     /// The exchange page of a program of others.
     Exchange,
+    /// A robot at the address that the graph gives.
+    Robot,
     /// It ends what is left when the launcher has ended.
     Guard,
 }
@@ -31,6 +33,7 @@ impl Part {
         match name {
             EXCHANGE => Some(Self::Exchange),
             GUARD => Some(Self::Guard),
+            ROBOT => Some(Self::Robot),
             _ => Program::named(name).map(Self::Process),
         }
     }
@@ -52,7 +55,8 @@ impl FromArgMatches for Command {
 
 impl Subcommand for Command {
     fn augment_subcommands(command: clap::Command) -> clap::Command {
-        Program::ALL.into_iter().chain([Program::Operator]).map(Program::name).chain([EXCHANGE, GUARD]).fold(command, |command, name| {
+        let names = Program::ALL.into_iter().chain([Program::Operator]).map(Program::name);
+        names.chain([EXCHANGE, GUARD, ROBOT]).fold(command, |command, name| {
             let run = Arg::new("run").long("run").value_name("DIR").value_parser(value_parser!(PathBuf));
             command.subcommand(clap::Command::new(name).hide(true).arg(run.help("The run's directory in shared memory")))
         })
@@ -76,7 +80,7 @@ pub(crate) fn run(command: &Command) -> Result<ExitCode, Failure> {
 fn work(Command { part, run }: &Command) -> Result<(), ProcessError> {
     let program = match part {
         Part::Process(program) => Some(*program),
-        Part::Exchange => None,
+        Part::Exchange | Part::Robot => None,
         Part::Guard => {
             run.iter().for_each(|run| launcher::guard(run));
             return Ok(());
@@ -87,6 +91,10 @@ fn work(Command { part, run }: &Command) -> Result<(), ProcessError> {
     let robot = load::robot_of(&job.robot).map_err(ProcessError::setup)?;
     let Some(program) = program else {
         let name = shell.name();
+        if let Part::Robot = part {
+            let address = job.graph.process(name).map(|process| process.robot.as_str()).unwrap_or_default();
+            return plant_fci::run(&shell, &robot, &job.scenario, &address.parse().map_err(ProcessError::Setup)?);
+        }
         let command = load::command(&job.graph, name);
         return exchange::run(&shell, &job.graph, name, robot.dof(), job.scenario.planned_ticks(), command);
     };

@@ -20,9 +20,12 @@ pub(crate) struct RunArgs {
     /// Folder for the results [default: the next free runs/SCENARIO-NNN].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// How time passes.
-    #[arg(long, value_enum, default_value = "lockstep")]
-    mode: ModeArg,
+    /// How time passes [default: lockstep; realtime on a robot].
+    #[arg(long, value_enum, hide_default_value = true)]
+    mode: Option<ModeArg>,
+    /// A Franka arm, or its simulator, in place of the simulated one: fci://HOST (docs/franka.md).
+    #[arg(long, value_name = "ADDRESS")]
+    plant: Option<String>,
     /// Seed of every random number of the run [default: the scenario's].
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
@@ -57,7 +60,8 @@ impl Default for RunArgs {
         Self {
             scenario: load::DEFAULT_SCENARIO.to_owned(),
             out: None,
-            mode: ModeArg::Lockstep,
+            mode: None,
+            plant: None,
             seed: None,
             set: Vec::new(),
             graph: None,
@@ -92,7 +96,8 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
         settings: args.set.clone(),
         seed: args.seed,
         graph: args.graph.clone(),
-        mode: args.mode.into(),
+        plant: args.plant.clone(),
+        mode: args.mode.map_or(if args.plant.is_some() { Mode::Realtime } else { Mode::Lockstep }, Mode::from),
         out: args.out.clone(),
         record: !args.no_record,
         messages: !args.no_messages,

@@ -57,6 +57,43 @@ impl TickSource {
         Ok(Some(tick))
     }
 
+    /// Waits until every process is ready for the first tick; `false` when the run stops before.
+    ///
+    /// # Errors
+    /// When the run does not start within the limit.
+    pub fn begin(&mut self) -> Result<bool, Interrupted> {
+        Ok(matches!(self.context.start()?, Waited::Ready(())))
+    }
+
+    /// Begins the next tick at once, for a plant whose own clock paces the run in real time. `passed`: periods of that clock since the tick before; all
+    /// but one are counted as missed. `None` when the run stops.
+    ///
+    /// # Errors
+    /// When the run does not start within the limit.
+    pub fn next_by(&mut self, passed: u64) -> Result<Option<u64>, Interrupted> {
+        if !self.begin()? || self.context.is_stopping() {
+            return Ok(None);
+        }
+        let tick = self.next_tick;
+        self.context.control_page.fault_table().adopt(tick);
+        let (missed, incarnations) = (passed.saturating_sub(1), self.incarnations_of_all());
+        if missed > 0 || tick.is_multiple_of(USAGE_EVERY) {
+            let usage = Usage::now();
+            if missed > 0 && tick > 0 {
+                self.context.entry().add(cause(self.usage, usage, incarnations != self.incarnations), missed);
+            }
+            self.usage = usage;
+        }
+        self.incarnations = incarnations;
+        self.grid_ns = self.context.clock_ns();
+        self.context.stamping.set_due(self.grid_ns);
+        self.began_ns = now_ns();
+        self.next_tick += 1;
+        self.context.tick.set(tick);
+        self.context.apply_process_faults(tick);
+        Ok(Some(tick))
+    }
+
     /// Waits until every process outside the loop has closed the ticks given out, so that none is stopped in the middle of them; in real time
     /// nobody is waited for.
     ///

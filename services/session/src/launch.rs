@@ -103,6 +103,9 @@ fn command(job: &Job, name: &str, run: &Path) -> std::io::Result<Command> {
         // Started again: what its predecessor has left.
         launcher::end_descendants(run, Some(name));
     }
+    if job.graph.process(name).is_some_and(|process| !process.robot.is_empty()) {
+        return launcher::reexec(ROBOT, run);
+    }
     if job.graph.process(name).is_some_and(Process::is_exchanged) {
         return launcher::reexec(EXCHANGE, run);
     }
@@ -112,6 +115,9 @@ fn command(job: &Job, name: &str, run: &Path) -> std::io::Result<Command> {
 
 /// The subcommand that ends what the programs of a run have started when its launcher has ended.
 pub const GUARD: &str = "guard";
+
+/// The subcommand that stands for a robot.
+pub const ROBOT: &str = "plant-fci";
 
 /// The subcommand that holds the exchange page of a process.
 pub const EXCHANGE: &str = "exchange";

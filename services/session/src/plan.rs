@@ -10,12 +10,14 @@ use shared_types::job::{Job, Mode};
 use shared_types::layout::MessageLayout;
 
 use crate::failure::Failure;
+use crate::robot;
 
 /// The launcher's plan of a job: a child process per process of the graph, and the scheduled faults.
 ///
 /// # Errors
 /// [`Failure::Input`] where a fault of the scenario does not fit the graph.
 pub fn plan(job: &Job) -> Result<Plan, Failure> {
+    robot::check_mode(&job.graph, job.mode)?;
     let faults =
         job.scenario.scheduled_faults(&job.graph).map_err(|complaint| Failure::Input(format!("{}: {complaint}", job.scenario.name)))?;
     let cores = allowed_cores();
@@ -45,8 +47,8 @@ pub fn plan(job: &Job) -> Result<Plan, Failure> {
         Mode::Realtime => runtime::Mode::Realtime,
     };
     let messages = job.graph.own_messages().map(foreign).collect();
-    // A program that a person starts comes when it comes.
-    let limits = match job.graph.process.iter().any(|process| process.external) {
+    // A program that a person starts comes when it comes; a robot first moves to the start posture.
+    let limits = match job.graph.process.iter().any(|process| process.external || !process.robot.is_empty()) {
         true => Limits { start: None, wait: None, ..Limits::of(mode) },
         false => Limits::of(mode),
     };

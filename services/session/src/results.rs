@@ -25,7 +25,7 @@ pub(crate) const SCENARIO: &str = "scenario.toml";
 const GRAPH: &str = "graph.toml";
 /// The targets of a steered run.
 const TARGETS: &str = "targets.csv";
-const ROBOT_URDF: &str = "robot.urdf";
+pub(crate) const ROBOT_URDF: &str = "robot.urdf";
 const ROBOT_TOML: &str = "robot.toml";
 /// Made and removed to see whether the results folder can be written to.
 const PROBE: &str = ".armplane";

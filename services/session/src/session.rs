@@ -14,6 +14,7 @@ use crate::load::{self, Loaded};
 use crate::plan::plan;
 use crate::progress::{Observer, Progress};
 use crate::results::Results;
+use crate::robot;
 use crate::summary::summarise;
 use crate::viewer::Live;
 
@@ -28,6 +29,8 @@ pub struct Request {
     pub seed: Option<u64>,
     /// The file of a process graph; where it is `None`, the scenario's, or the built-in graph.
     pub graph: Option<PathBuf>,
+    /// The address of a robot that takes the place of the simulated arm; the graph's where it is `None`.
+    pub plant: Option<String>,
     /// Lockstep or real time.
     pub mode: Mode,
     /// The results folder; the next free `runs/NAME-NNN` where it is `None`.
@@ -62,7 +65,10 @@ pub struct Finished {
 /// control law refuses the start; [`Failure::Work`] where the processes cannot be started or watched. A run that fails is [`Finished`].
 pub fn run(request: &Request, observer: Observer<'_>) -> Result<Finished, Failure> {
     let graph = request.graph.as_deref();
-    let loaded = load::scenario_in(graph, &request.scenario, &request.settings, request.seed)?;
+    let mut loaded = load::scenario_in(graph, &request.scenario, &request.settings, request.seed)?;
+    if let Some(address) = &request.plant {
+        robot::put_in(&mut loaded.graph, address)?;
+    }
     run_loaded(request, loaded, &mut |_| Ok(()), observer)
 }
 
@@ -73,7 +79,7 @@ pub fn run(request: &Request, observer: Observer<'_>) -> Result<Finished, Failur
 pub fn run_loaded(request: &Request, loaded: Loaded, begin: Begin<'_>, observer: Observer<'_>) -> Result<Finished, Failure> {
     // Until everything of the run is written.
     let _signals = interrupts()?;
-    let Loaded { scenario, robot, graph } = loaded;
+    let Loaded { scenario, robot, graph } = robot::settle(loaded, request.mode, observer)?;
     chain::try_first_tick(&robot, &scenario).map_err(|error| Failure::Input(format!("{}: {error}", request.scenario)))?;
     let results = Results::create(request.out.as_deref(), &scenario.name)?;
     let job = Job {

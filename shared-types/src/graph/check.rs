@@ -198,6 +198,9 @@ fn check_program(process: &Process) -> Result<(), Complaint> {
         let message = format!("`{name}` has an `answer_limit_s` and no exchange page");
         return Err(Complaint::new("answer_limit_s", message, "exchange = true"));
     }
+    if !process.robot.is_empty() {
+        return check_robot(process);
+    }
     if !process.command.is_empty() || process.external {
         if !process.program.is_empty() {
             let message = format!("`{name}` names a program of armplane and is another program");
@@ -244,6 +247,31 @@ fn check_program(process: &Process) -> Result<(), Complaint> {
     Ok(())
 }
 
+/// Whether a process can stand for a robot: it has the topics of the simulated plant, and nothing else is to run as it.
+fn check_robot(process: &Process) -> Result<(), Complaint> {
+    let name = &process.name;
+    if !process.command.is_empty() || !process.program.is_empty() || process.is_exchanged() {
+        let message = format!("`{name}` is a robot and a program");
+        return Err(Complaint::new("robot", message, "take out `command`, `program`, `exchange` and `external`, or `robot`"));
+    }
+    let plant = Program::Plant;
+    for (key, topics, needed) in [
+        ("reads", &process.reads, plant.reads()),
+        ("feedback", &process.feedback, plant.feedback()),
+        ("writes", &process.writes, plant.writes()),
+    ] {
+        if topics.len() != needed.len() || needed.iter().any(|topic| !topics.iter().any(|name| name == topic)) {
+            let all = needed.iter().map(|topic| format!("{topic:?}")).collect::<Vec<_>>().join(", ");
+            return Err(Complaint::new(
+                "robot",
+                format!("`{name}` is a robot, with other `{key}` than a plant"),
+                format!("{key} = [{all}]"),
+            ));
+        }
+    }
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::BUILT_IN;
@@ -251,7 +279,7 @@ mod tests {
 
     #[test]
     fn each_wrong_graph_is_refused_with_its_line() {
-        let cases: [(&str, &str, &str); 21] = [
+        let cases: [(&str, &str, &str); 23] = [
             ("writes = [\"estimate\"]", "writes = [\"estimte\"]", "there is no topic `estimte`"),
             ("writes = [\"estimate\"]", "writes = [\"estimate\", \"sensor\"]", "already written by `plant`"),
             ("feedback = [\"torque\"]", "reads = [\"torque\"]", "needs `torque` in its `feedback`"),
@@ -268,6 +296,8 @@ mod tests {
             ("reads = [\"sensor\"]", "external = true\ncommand = [\"mine\"]\nreads = [\"sensor\"]", "started separately and has a command"),
             ("reads = [\"sensor\"]", "answer_limit_s = 3\nreads = [\"sensor\"]", "and no exchange page"),
             ("reads = [\"sensor\"]", "external = true", "`estimator` reads nothing"),
+            ("reads = [\"sensor\"]", "reads = [\"sensor\"]\nrobot = \"fci://a\"", "`estimator` is a robot, with other `reads`"),
+            ("name = \"plant\"", "name = \"plant\"\nrobot = \"fci://a\"\ncommand = [\"mine\"]", "is a robot and a program"),
             ("name = \"estimator\"", "name = \"launcher\"", "names a part of armplane in every run (choose another name)"),
             ("name = \"estimator\"", "name = \"observer\"\nprogram = \"estimater\"", "armplane has no program `estimater`"),
             ("name = \"estimator\"", "name = \"estimator\"\nprogram = \"estimator\"\ncommand = [\"mine\"]", "and is another program"),

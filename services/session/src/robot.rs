@@ -1,0 +1,70 @@
+//! A run on a robot in place of the simulated arm.
+
+use model::Robot;
+use plant_fci::Address;
+use shared_types::graph::{Graph, Role};
+use shared_types::job::Mode;
+
+use crate::failure::Failure;
+use crate::load::Loaded;
+use crate::progress::{Observer, Progress};
+use crate::results::ROBOT_URDF;
+
+/// The graph with the robot at `address` as the process that makes the ticks.
+///
+/// # Errors
+/// [`Failure::Input`] where `address` is none, or another program makes the ticks.
+pub(crate) fn put_in(graph: &mut Graph, address: &str) -> Result<(), Failure> {
+    let address: Address = address.parse().map_err(Failure::Input)?;
+    let world = graph.process.iter_mut().find(|process| process.role() == Role::World);
+    match world.filter(|process| process.command.is_empty() && !process.is_exchanged()) {
+        Some(process) => process.robot = address.to_string(),
+        None => return Err(Failure::Input(format!("--plant {address}: another program makes the ticks of this graph: take it out"))),
+    }
+    Ok(())
+}
+
+/// # Errors
+/// [`Failure::Input`] where a robot of the graph is to run in lockstep.
+pub(crate) fn check_mode(graph: &Graph, mode: Mode) -> Result<(), Failure> {
+    match graph.process.iter().find(|process| !process.robot.is_empty() && mode == Mode::Lockstep) {
+        Some(process) => Err(Failure::Input(format!(
+            "the clock of the robot at {} makes the ticks: it runs in real time, not in lockstep (`armplane run --mode realtime`)",
+            process.robot
+        ))),
+        None => Ok(()),
+    }
+}
+
+/// What is to be run, as the robot of its graph needs it: the arm as the robot describes it, in real time. Without a robot nothing changes.
+///
+/// # Errors
+/// [`Failure`] in words where the robot does not answer or is not ready, or where mode, rate, start or faults do not fit it.
+pub(crate) fn settle(mut loaded: Loaded, mode: Mode, observer: Observer<'_>) -> Result<Loaded, Failure> {
+    let Some(world) = loaded.graph.process.iter().find(|process| !process.robot.is_empty()) else { return Ok(loaded) };
+    let address: Address = world.robot.parse().map_err(Failure::Input)?;
+    let refuse = |sentence: String| Err(Failure::Input(sentence));
+    check_mode(&loaded.graph, mode)?;
+    if loaded.scenario.rate_hz != plant_fci::RATE_HZ {
+        return refuse(format!("rate_hz = {}: the robot runs at {} Hz, leave it out", loaded.scenario.rate_hz, plant_fci::RATE_HZ));
+    }
+    if loaded.robot.dof() != plant_fci::JOINTS {
+        let (name, dof) = (&loaded.robot.name, loaded.robot.dof());
+        return refuse(format!("the scenario is for {name} with {dof} joints; a Franka arm has {}", plant_fci::JOINTS));
+    }
+    let described = plant_fci::describe(&address, &loaded.robot.name).map_err(Failure::work)?;
+    match described {
+        Some(source) => {
+            loaded.robot = Robot::from_source(&source).map_err(Failure::work)?;
+            // The texts are kept beside the results: the scenario file that repeats the run names them.
+            ROBOT_URDF.clone_into(&mut loaded.scenario.robot);
+            loaded.scenario.frame.clear();
+        }
+        None => observer(Progress::Line(&format!(
+            "armplane: the robot at {address} gives no URDF (its interface is of version 5): the scenario's {} is taken for it",
+            loaded.robot.name
+        ))),
+    }
+    loaded.robot.start_posture(&loaded.scenario.start).map_err(Failure::input)?;
+    Ok(loaded)
+}
