@@ -1,6 +1,6 @@
 //! The account of a run: the recorder's part, completed by what only the launcher knows.
 
-use launcher::{End, Exit, Outcome};
+use launcher::{End, Exit, Failure, Outcome};
 use runtime::FaultRecord;
 use shared_types::fault::ScheduledFault;
 use shared_types::graph::Graph;
@@ -35,8 +35,7 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
             summary.reason = format!("stopped by {signal} after {} ticks", outcome.ticks);
         }
         End::Failed(failure) => {
-            let sentence = failure.to_string();
-            let first = sentence.lines().next().unwrap_or_default().trim_end_matches("; it said:").to_owned();
+            let first = sentence(failure);
             summary.completed = false;
             summary.outcome = "failed".to_owned();
             summary.faults.push(FaultSummary {
@@ -112,6 +111,17 @@ fn ended(process: &str, exit: Exit, scheduled: &ScheduledFault) -> String {
         outputs => format!(" after {outputs} of its messages"),
     };
     format!("{process} ended with {exit}, at tick {}{after}, for {} ticks", scheduled.at, scheduled.until.saturating_sub(scheduled.at))
+}
+
+/// The failure on one line: with the reason that the process itself gave, where it gave one.
+fn sentence(failure: &Failure) -> String {
+    let text = failure.to_string();
+    let first = text.lines().next().unwrap_or_default().trim_end_matches("; it said:");
+    let own = match failure {
+        Failure::Died { last_words, .. } => last_words.iter().rev().find_map(|line| line.strip_prefix("armplane: ")),
+        _ => None,
+    };
+    own.map_or_else(|| first.to_owned(), |own| format!("{first}: {own}"))
 }
 
 fn named_in(graph: &Graph, sentence: &str) -> String {
