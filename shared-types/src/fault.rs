@@ -90,7 +90,7 @@ pub struct Target {
     pub index: u32,
     /// Its part in the run.
     pub role: Role,
-    /// Its step is done by a program of others, by an exchange page.
+    /// Its step is done by a program of others, by an exchange page, or by a robot.
     pub is_exchanged: bool,
     /// The fields of the message that a corruption concerns: the first that faults shape.
     pub fields: Vec<Field>,
@@ -199,6 +199,11 @@ impl Fault {
         if kind.needs_own_files() && on.is_exchanged {
             let message = format!("`{kind}` cannot happen to {}: its program writes its files itself", self.process);
             return Err(Complaint::new("kind", message, "plan it for the recorder, or let the program write to a volume of limited size"));
+        }
+        if on.is_exchanged && matches!(kind, Kind::Sensor | Kind::Drive) {
+            let message =
+                format!("the {}'s sensors and drives are not armplane's own: a `{kind}` fault would not take effect there", self.process);
+            return Err(Complaint::new("kind", message, "simulate the arm by armplane, or corrupt its messages: kind = \"corrupt\""));
         }
         let target = match kind {
             Kind::Corrupt => self.corrupted_place(&on.fields)?,
@@ -428,6 +433,21 @@ mod tests {
         let place = scheduled.target as usize;
         assert_eq!(bytemuck::bytes_of(&message)[place..place + 8], 4.25_f64.to_ne_bytes());
         assert_eq!(scheduled.fault("controller", &target.fields).unwrap().field.unwrap(), "tau[2]");
+    }
+
+    #[test]
+    fn sensors_and_drives_that_are_not_simulated_here_have_no_faults() {
+        let fault = |kind: &str| parse(&format!("process = \"plant\"\nkind = \"{kind}\"\njoint = 1\nat_tick = 5"));
+        let plant = "[[process]]\nname = \"plant\"\nfeedback = [\"torque\"]\nwrites = [\"sensor\", \"plant_state\"]\n";
+        for key in ["robot = \"fci://a\"", "command = [\"mine\"]\nexchange = true", "external = true"] {
+            let graph = Graph::parse("g.toml", &format!("extends = \"armplane\"\n{plant}{key}\n")).unwrap();
+            let target = graph.target("plant").unwrap();
+            for kind in ["sensor", "drive"] {
+                let refused = fault(kind).schedule(&target, 1000, 1).unwrap_err().to_string();
+                assert!(refused.contains("would not take effect") && refused.contains("corrupt"), "{key}: {refused}");
+            }
+        }
+        assert!(fault("sensor").schedule(&graph().target("plant").unwrap(), 1000, 1).is_ok());
     }
 
     #[test]
