@@ -26,18 +26,14 @@ fn simulator(args: &[&str]) -> Command {
     command
 }
 
-/// Whether this build has the client and this machine the simulator; says what is missing.
-fn can_run(desk: &Desk) -> bool {
+/// The part that is not here: the client in this build, the simulator on this machine.
+fn missing(desk: &Desk) -> Option<&'static str> {
     let said = desk.armplane(&["run", "fr3-wrist", "--plant", "fci://127.0.0.1:9"]);
     if said.err.contains("built without") {
-        skipped("armplane is built without Franka's control interface (--features fci)");
-        return false;
+        return Some("armplane is built without Franka's control interface (--features fci)");
     }
     let installed = simulator(&["--check"]).status().is_ok_and(|status| status.success());
-    if !installed {
-        skipped("franka-sim is not installed (docs/franka.md; ARMPLANE_FRANKA_PYTHON names a Python that has it)");
-    }
-    installed
+    (!installed).then_some("franka-sim is not installed (docs/franka.md; ARMPLANE_FRANKA_PYTHON names a Python that has it)")
 }
 
 /// A simulator on a port of its own, ended with the value.
@@ -71,8 +67,8 @@ fn summary(said: &Said) -> Value {
 #[test]
 fn an_arm_behind_its_control_interface_is_the_plant() {
     let desk = Desk::new();
-    if !can_run(&desk) {
-        return;
+    if let Some(why) = missing(&desk) {
+        return skipped(why);
     }
     let simulator = Simulator::start(&desk);
     desk.file("line.toml", LINE);
@@ -95,8 +91,8 @@ fn an_arm_behind_its_control_interface_is_the_plant() {
 #[test]
 fn a_robot_that_is_lost_ends_the_run_in_words() {
     let desk = Desk::new();
-    if !can_run(&desk) {
-        return;
+    if let Some(why) = missing(&desk) {
+        return skipped(why);
     }
     let mut simulator = Simulator::start(&desk);
     desk.file("line.toml", &LINE.replace("duration_s = 2.0", "duration_s = 60.0"));

@@ -84,7 +84,7 @@ impl Drop for Keyboard {
 
 fn read_keys(socket: &UnixDatagram, path: &Path) {
     let mut keys = Keys::default();
-    for key in std::io::stdin().bytes().map_while(Result::ok) {
+    for key in std::io::stdin().lock().bytes().map_while(Result::ok) {
         if let Some(line) = keys.press(key) {
             // The operator may not be there yet, or no longer.
             let _ = socket.send_to(line.as_bytes(), path);

@@ -25,7 +25,7 @@ impl Screen {
         }
         crossterm::terminal::enable_raw_mode().map_err(Failure::work)?;
         let (send, keys) = channel();
-        std::thread::spawn(move || stdin().bytes().map_while(Result::ok).try_for_each(|key| send.send(key)));
+        std::thread::spawn(move || stdin().lock().bytes().map_while(Result::ok).try_for_each(|key| send.send(key)));
         put("\x1b[?1049h\x1b[?25l");
         Ok(Some(Self { keys }))
     }

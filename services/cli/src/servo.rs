@@ -88,6 +88,7 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
     };
     let loaded = steering(args, subject, targets).load()?;
     let request = Request {
+        plant: None,
         scenario: subject.clone(),
         settings: Vec::new(),
         seed: None,

@@ -3,7 +3,7 @@
 use model::Model;
 use nalgebra::SVector;
 
-use crate::JOINTS;
+use crate::interface::JOINTS;
 
 type Joints = SVector<f64, JOINTS>;
 

@@ -3,10 +3,10 @@
 use franka::{ActiveTorqueControl, FrankaError, RealtimeConfig, Robot, RobotMode, RobotOptions, RobotState, Torques};
 use nalgebra::SVector;
 
-use crate::JOINTS;
 use crate::address::Address;
 use crate::cycle::Measured;
 use crate::error::RobotFailure;
+use crate::interface::JOINTS;
 
 /// A connection to the robot's control.
 pub(crate) struct Client {

@@ -7,7 +7,7 @@ use shared_types::{Header, PlantState, SensorSample, TorqueCommand};
 use sim::Drive;
 
 use crate::approach::Approach;
-use crate::{JOINTS, RATE_HZ};
+use crate::interface::{JOINTS, RATE_HZ};
 
 type Joints = SVector<f64, JOINTS>;
 

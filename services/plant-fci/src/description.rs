@@ -2,8 +2,8 @@
 
 use model::{Robot, RobotSource};
 
-use crate::JOINTS;
 use crate::error::RobotFailure;
+use crate::interface::JOINTS;
 
 /// Rotor inertia as it acts at the joint, kg·m²: MuJoCo Menagerie, `franka_fr3`, identified on hardware. Franka publishes none.
 const ARMATURE: [f64; JOINTS] = [0.195, 0.195, 0.195, 0.195, 0.074, 0.074, 0.074];

@@ -8,6 +8,7 @@
 //! address.rs      fci://HOST[:PORT]              cycle.rs      PURE: from state and command to the torque sent
 //! approach.rs     PURE: to the start posture     description.rs  the robot's own URDF as a robot of armplane
 //! client.rs       the robot (feature `fci`)      error.rs      failures in words, with a remedy
+//! interface.rs    its constants
 //! ```
 #![allow(non_snake_case)]
 // Without the client the pure parts have no caller but their tests.
@@ -20,6 +21,7 @@ mod client;
 mod cycle;
 mod description;
 mod error;
+mod interface;
 #[cfg(feature = "fci")]
 mod process;
 
@@ -29,12 +31,7 @@ use shared_types::scenario::Scenario;
 
 pub use address::{Address, SCHEME};
 pub use error::RobotFailure;
-
-/// Joints of a Franka arm.
-pub const JOINTS: usize = 7;
-
-/// Ticks per second of the interface.
-pub const RATE_HZ: u32 = 1000;
+pub use interface::{JOINTS, RATE_HZ};
 
 /// The robot at an address as it describes itself: its URDF, and what a URDF has no element for. `None`: it describes itself by no URDF (FCI version 5).
 ///

@@ -11,7 +11,7 @@ use crate::approach::Approach;
 use crate::client::{Client, Rates};
 use crate::cycle::Cycle;
 use crate::error::RobotFailure;
-use crate::{JOINTS, RATE_HZ};
+use crate::interface::{JOINTS, RATE_HZ};
 
 /// Time beyond the planned one to come to rest at the start; s.
 const PATIENCE_S: f64 = 3.0;

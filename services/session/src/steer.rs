@@ -93,7 +93,7 @@ impl Steering {
 
     /// A scenario for a robot.
     fn source(&self) -> Result<Source, Failure> {
-        let robot = load::robot(&self.subject, None)?;
+        let robot = load::robot(&self.subject, None, None)?;
         let mut start = toml::Table::new();
         match &self.start {
             Some(text) if text.starts_with(|c: char| c.is_ascii_digit() || "-+.".contains(c)) => {
