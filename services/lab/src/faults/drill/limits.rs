@@ -1,6 +1,6 @@
 //! The most that a fault may do to the arm: absolute bounds, whatever a scenario allows itself.
 //!
-//! Each is about twice the most that any fault, or pair of faults, does on the built-in scenarios.
+//! Most faults stay far below them: on `fig5-wrist-rotation` a killed process moves no joint by more than 2 mrad, and a drifting encoder by 25 mrad.
 
 use super::cell::Cell;
 
