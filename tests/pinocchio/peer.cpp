@@ -7,7 +7,6 @@
 #include <pinocchio/algorithm/compute-all-terms.hpp>
 #include <pinocchio/algorithm/crba.hpp>
 #include <pinocchio/algorithm/rnea.hpp>
-#include <pinocchio/multibody/model.hpp>
 
 #include <algorithm>
 #include <chrono>

@@ -152,16 +152,7 @@ fn a_frame_chooses_one_of_several_arms() {
     for (side, y) in arms {
         let said = desk.armplane(&["inspect", "--robot", "two.urdf", "--frame", &format!("{side}_fore"), "--q=0,0", "--json"]);
         let seen: serde_json::Value = serde_json::from_str(&said.out).unwrap_or_else(|_| panic!("{}{}", said.out, said.err));
-        assert_eq!(
-            seen["p_BE"].as_array().map(|p| p.iter().filter_map(|x| x.as_f64()).collect::<Vec<_>>()),
-            Some(vec![0.6, y, 0.0]),
-            "{seen}"
-        );
+        let position: Vec<f64> = (0..3).map(|row| seen["pose"][row][3].as_f64().expect("a number")).collect();
+        assert_eq!(position, [0.6, y, 0.0], "{seen}");
     }
-    desk.file(
-        "left.toml",
-        "name = \"left\"\nrobot = \"two.urdf\"\nframe = \"left_fore\"\n[start]\nq_deg = [10, 20]\n[[segment]]\nposture_deg = [20, 10]\nduration_s = 0.2\n",
-    );
-    let said = desk.armplane(&["run", "left.toml", "--no-record", "--json"]);
-    assert!(said.code <= 1 && said.out.contains("\"ticks\": 7"), "{}{}", said.out, said.err);
 }
