@@ -231,7 +231,12 @@ fn targets(job: &Job, session: &Servo, summary: &Summary) -> Result<String, Fail
         return Ok(session.targets.clone());
     }
     let cannot = |error: LogError| Failure::Work(format!("the targets of the run are not kept, so it cannot be repeated: {error}"));
-    let mut log = LogReader::<Target>::open(&job.out.join(recorder::MESSAGES)).map_err(cannot)?;
+    let mut log = match LogReader::<Target>::open(&job.out.join(recorder::MESSAGES)) {
+        Ok(log) => log,
+        // Before the first tick there are none.
+        Err(error) if error.is_absent() && summary.ticks == 0 => return Ok(String::new()),
+        Err(error) => return Err(cannot(error)),
+    };
     let mut rows: Vec<Row> = Vec::new();
     while let Some(message) = log.next_message().map_err(cannot)? {
         if rows.last().map_or(TargetContent::default(), |row| row.target) != message.target {
