@@ -174,6 +174,26 @@ class SingularityState(ctypes.Structure):
 assert ctypes.sizeof(SingularityState) == 280
 
 
+class TargetContent(ctypes.Structure):
+    """The motion that a person or another program asks for, without its header: also what the controller keeps of it."""
+
+    _fields_ = [
+        ("given_tick", ctypes.c_uint64),  # Tick at which it was given: its age counts from there
+        ("valid_s", ctypes.c_double),  # How long it is valid from then on; the arm comes to rest after that [s]
+        ("twist", ctypes.c_double * 6),  # Twist of E `[linear; angular]` in the axes of `frame`; of a pose: the twist with which it moves on until the next one, base axes [m/s, rad/s]
+        ("position", ctypes.c_double * 3),  # Position of E in B, of a pose [m]
+        ("quaternion", ctypes.c_double * 4),  # Rotation of E in B, of a pose: unit quaternion `[w, x, y, z]`
+        ("q", ctypes.c_double * 8),  # Joint positions, of a posture [rad (m for prismatic joints)]
+        ("kind", ctypes.c_uint32),  # One of `TARGETS`
+        ("frame", ctypes.c_uint32),  # One of `FRAMES`: the axes of a twist; a pose is in B
+        ("side", ctypes.c_uint32),  # One of `SIDES`: the side in which a Type 1 singularity is to be left
+        ("reserved", ctypes.c_uint32),  # Zero in this version
+    ]
+
+
+assert ctypes.sizeof(TargetContent) == 200
+
+
 class ExchangeHead(ctypes.Structure):
     """The beginning of an exchange page. *armplane* or *program* says which of the two writes the field. The fields up to `program` keep their places in every version, so that two versions can name each other."""
 

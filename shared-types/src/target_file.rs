@@ -62,15 +62,16 @@ pub fn parse(text: &str, rate_hz: u32) -> Result<Vec<Row>, InvalidRow> {
     let mut lines = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
     let invalid = |line: usize, message: String| InvalidRow { line, message };
     let unit = lines.next().and_then(|(_, first)| first.strip_prefix(HEAD));
-    let length = match unit.map(str::trim) {
+    // Divided by, so that 700 mm are the number nearest to 0.7 m.
+    let per_metre = match unit.map(str::trim) {
         Some("m") => 1.0,
-        Some("mm") => 1e-3,
+        Some("mm") => 1e3,
         _ => return Err(invalid(1, format!("the first line must be `{HEAD}m`, or `mm`"))),
     };
     let mut rows: Vec<Row> = Vec::new();
     for (number, line) in lines.filter(|(_, line)| !line.is_empty() && !line.starts_with('#')) {
         let (time, rest) = line.split_once(',').unwrap_or((line, ""));
-        let row = ticks(time, rate_hz).and_then(|tick| content(rest, length, tick, rate_hz).map(|target| Row { tick, target }));
+        let row = ticks(time, rate_hz).and_then(|tick| content(rest, per_metre, tick, rate_hz).map(|target| Row { tick, target }));
         let row = row.map_err(|message| invalid(number, message))?;
         if rows.last().is_some_and(|last| row.tick < last.tick) {
             return Err(invalid(number, format!("the target at {} s comes after a later one: sort the lines by time", time.trim())));
@@ -86,11 +87,11 @@ pub fn parse(text: &str, rate_hz: u32) -> Result<Vec<Row>, InvalidRow> {
     }
 }
 
-/// The target of a line without its time, published from `tick` on; `length` is the unit of lengths, m.
+/// The target of a line without its time, published from `tick` on; `per_metre` units of length are a metre.
 ///
 /// # Errors
 /// The defect, in words.
-pub fn content(line: &str, length: f64, tick: u64, rate_hz: u32) -> Result<TargetContent, String> {
+pub fn content(line: &str, per_metre: f64, tick: u64, rate_hz: u32) -> Result<TargetContent, String> {
     let mut parts = line.split(',').map(str::trim);
     let mut next = || parts.next().filter(|part| !part.is_empty());
     let mut target = TargetContent { given_tick: tick, kind: code(next().unwrap_or_default(), TARGETS, "kind")?, ..Default::default() };
@@ -109,11 +110,11 @@ pub fn content(line: &str, length: f64, tick: u64, rate_hz: u32) -> Result<Targe
         *values.get_mut(count).ok_or("more than 13 values")? = number(text, "a value")?;
         count += 1;
     }
-    let linear = |at: usize| std::array::from_fn(|i| values[at + i] * if i < 3 { length } else { 1.0 });
+    let linear = |at: usize| std::array::from_fn(|i| values[at + i] / if i < 3 { per_metre } else { 1.0 });
     match (target.kind, count) {
         (TARGET_TWIST, 6) => target.twist = linear(0),
         (TARGET_POSE, 7 | 13) => {
-            target.position = std::array::from_fn(|i| values[i] * length);
+            target.position = std::array::from_fn(|i| values[i] / per_metre);
             target.quaternion = std::array::from_fn(|i| values[3 + i]);
             target.twist = linear(7);
         }

@@ -35,10 +35,15 @@ fn left(text: &str, width: usize) -> String {
     format!("{:<1$} ", text.chars().take(width - 1).collect::<String>(), width - 1)
 }
 
+/// A time in µs, in at most five characters up to ten seconds: thousands as `12k`.
+fn short(time: f64) -> String {
+    if time >= 9_999.5 { format!("{:.0}k", time / 1e3) } else { digits(time) }
+}
+
 /// "p50/p99/longest" in µs; empty for a process that computes nothing.
 fn in_words(times: &Times) -> String {
-    let part = |time: Option<f64>| time.map_or("–".to_owned(), digits);
-    if times.in_all == 0 { String::new() } else { format!("{}/{}/{}", part(times.p50), part(times.p99), digits(times.max)) }
+    let part = |time: Option<f64>| time.map_or("–".to_owned(), short);
+    if times.in_all == 0 { String::new() } else { format!("{}/{}/{}", part(times.p50), part(times.p99), short(times.max)) }
 }
 
 /// A running graph in lines that fit a terminal of so many columns and rows: 80 and 24 for up to eight processes, four singularities and five faults.
@@ -57,7 +62,7 @@ pub fn observation_lines(run: &Observation, is_coloured: bool, (columns, rows): 
             "gone" | "stopped" | "absent" => Paint::RED,
             _ => Paint::YELLOW,
         };
-        let age = if age_us.in_all == 0 { String::new() } else { age_us.p99.map_or("–".to_owned(), digits) };
+        let age = if age_us.in_all == 0 { String::new() } else { age_us.p99.map_or("–".to_owned(), short) };
         let numbers =
             [right(starts, 6), right(ticks, 9), right(format!("{ticks_per_s:.0}"), 8), right(in_words(step_us), 17), right(age, 7)];
         let more = if is_wide {

@@ -2,7 +2,7 @@
 
 use bytemuck::Pod;
 use shared_types::wire::{Field, Stamps};
-use shared_types::{Layout, Message, SingularityState};
+use shared_types::{Layout, Message, SingularityState, TargetContent};
 
 /// Fills messages from bytes, and with zeros where they end.
 pub(super) struct Bytes<'a>(pub(super) &'a [u8]);
@@ -25,6 +25,8 @@ pub(super) fn numbers<M: Layout>() -> Vec<usize> {
             if field.type_name.contains("SingularityState") {
                 let each = (at..at + field.size).step_by(size_of::<SingularityState>());
                 each.for_each(|begin| of(SingularityState::LAYOUT, begin, found));
+            } else if field.type_name.contains("TargetContent") {
+                of(TargetContent::LAYOUT, at, found);
             } else if field.type_name.contains("f64") {
                 found.extend((at..at + field.size).step_by(8));
             }

@@ -67,7 +67,7 @@ mod tests {
         let (lower, upper, velocity) = (Vector2::repeat(-1.0), Vector2::repeat(1.0), Vector2::repeat(2.0));
         let at = |q: f64, qdot: f64| fastest(&Vector2::new(q, 0.0), &Vector2::new(qdot, 0.0), (&lower, &upper), &velocity);
         assert_eq!(at(0.0, 1.0), Fastest::default());
-        assert_eq!(at(0.995, 1.0), Fastest { clock: 0.0, joint: Some((0, true)) });
+        assert!(at(0.995, 1.0).clock < 1e-12 && at(0.995, 1.0).joint == Some((0, true)));
         assert_eq!(at(0.995, -1.0), Fastest::default());
         assert!((at(-0.9, -1.0).clock - 0.38).abs() < 1e-12 && at(-0.9, -1.0).joint == Some((0, false)));
         assert_eq!(at(0.0, 19.0), Fastest { clock: 0.1, joint: None });

@@ -7,7 +7,7 @@ mod python;
 use shared_types::exchange::{
     EXCHANGE_MARK, EXCHANGE_NAME, EXCHANGE_STATE, EXCHANGE_TEXT, EXCHANGE_TYPE, EXCHANGE_VERSION, ExchangeHead, ExchangeTopic,
 };
-use shared_types::messages::SingularityState;
+use shared_types::messages::{SingularityState, TargetContent};
 use shared_types::topics::{self, Each, Topic};
 use shared_types::wire::{Field, Header, MAX_HOPS};
 use shared_types::{MAX_DOF, MAX_SINGULARITIES};
@@ -32,6 +32,7 @@ fn parts() -> Vec<Structure> {
     vec![
         part("Header", "The first field of every message.", size_of::<Header>(), Header::LAYOUT),
         part("SingularityState", SingularityState::DESCRIPTION, size_of::<SingularityState>(), SingularityState::LAYOUT),
+        part("TargetContent", TargetContent::DESCRIPTION, size_of::<TargetContent>(), TargetContent::LAYOUT),
         part("ExchangeHead", ExchangeHead::DESCRIPTION, size_of::<ExchangeHead>(), ExchangeHead::LAYOUT),
         part("ExchangeTopic", ExchangeTopic::DESCRIPTION, size_of::<ExchangeTopic>(), ExchangeTopic::LAYOUT),
     ]
