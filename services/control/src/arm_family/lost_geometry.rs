@@ -99,7 +99,7 @@ impl<const N: usize> Span<N> {
         }
     }
 
-    /// The unit vector orthogonal to all that has most of one joint.
+    /// The unit vector orthogonal to all that has most of one joint; shorter, down to zeros, where the vectors leave none.
     pub(super) fn any(&self) -> SVector<f64, N> {
         let mut best = SVector::<f64, N>::zeros();
         for k in 0..N {
@@ -108,6 +108,7 @@ impl<const N: usize> Span<N> {
                 best = v;
             }
         }
-        self.residual(best / best.norm().max(1e-12)).normalize()
+        let rest = self.residual(best / best.norm().max(1e-12));
+        rest / rest.norm().max(1e-9)
     }
 }

@@ -141,7 +141,8 @@ mod tests {
         assert_eq!(about_and_unit(field("q_encoder")).1, Some("rad (m for prismatic joints)"));
         assert_eq!(about_and_unit(field("drive")), ("One of `DRIVES`".to_owned(), None));
         let parts = parts();
-        let reason = parts[2].fields.iter().find(|field| field.name == "reason").unwrap();
+        let head = parts.iter().find(|part| part.name == "ExchangeHead").unwrap();
+        let reason = head.fields.iter().find(|field| field.name == "reason").unwrap();
         assert_eq!(about_and_unit(reason).1, None, "a half-sentence is no unit");
         let state = messages().into_iter().find(|message| message.name == "ControlState").unwrap();
         let planned = state.fields.iter().find(|field| field.name == "planned_s").unwrap();
