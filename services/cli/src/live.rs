@@ -18,7 +18,7 @@ use shared_types::scenario::Servo;
 const HOLDS_S: f64 = 0.6;
 /// Pause between two lines of state.
 const EVERY: Duration = Duration::from_millis(100);
-/// Pause before a line is sent again that nobody took.
+/// Pause before a line that no process took is sent again.
 const AGAIN: Duration = Duration::from_millis(2);
 /// The target that ends a session.
 const END: &str = "end";

@@ -64,7 +64,7 @@ impl Drop for Screen {
     }
 }
 
-/// A terminal that is gone is nobody to tell.
+/// A terminal that is gone is no error.
 fn put(text: &str) {
     let mut out = stdout().lock();
     let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());

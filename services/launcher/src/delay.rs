@@ -3,7 +3,7 @@
 /// The reason for which a run waits for a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Delay {
-    /// Somebody has stopped it (SIGSTOP).
+    /// It is stopped (SIGSTOP).
     Stopped,
     /// A debugger holds it.
     Traced,

@@ -32,7 +32,7 @@ impl Drop for Urgency {
     }
 }
 
-/// SIGINT, SIGTERM and SIGHUP to this process, counted as long as somebody holds this; otherwise they do what they always do.
+/// SIGINT, SIGTERM and SIGHUP to this process, counted as long as this value lives; otherwise they do what they always do.
 ///
 /// A command holds one from its first act to its last, and each of its runs one more: every holder sees every signal since the first began.
 #[derive(Debug)]

@@ -61,7 +61,7 @@ impl Supervised {
         let mut failure = None;
         let concerned: Vec<usize> =
             (0..self.plan.children.len()).filter(|&index| self.plan.children[index].process.polled == polled).collect();
-        // A process that somebody has stopped cannot end.
+        // A stopped process cannot end.
         self.signal(&concerned, Signal::CONT);
         for insist in [None, Some(Signal::TERM)] {
             if let Some(signal) = insist {

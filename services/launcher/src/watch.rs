@@ -73,7 +73,7 @@ impl Supervised {
     /// so that the run can be repeated.
     fn enter_death(&mut self, index: usize) -> Result<(), Failure> {
         let table = self.control_page.fault_table();
-        // Each fault that ends its process has ended one incarnation. Where more have ended, the last one was killed by somebody else, perhaps
+        // Each fault that ends its process has ended one incarnation. Where more have ended, the last one was killed from outside, perhaps
         // before it could take the place of one that a fault had ended.
         let has_ended = |account: &FaultRecord| {
             account.scheduled.process as usize == index && ends_process(&account.scheduled) && account.injected_ns != 0
@@ -148,7 +148,7 @@ impl Supervised {
             && self.control_page.fault_table().records().any(|(_, record)| hangs(&record) && is_in_force(&record))
     }
 
-    /// Kills those that a fault has stopped for ever, and where there is a limit those that are silent for longer: stopped by somebody, or stuck.
+    /// Kills those that a fault has stopped for ever, and where there is a limit those that are silent for longer: stopped from outside, or stuck.
     /// The others are waited for, and that is reported.
     fn end_silence(&mut self, report: Report<'_>) {
         let source = self.ticks();

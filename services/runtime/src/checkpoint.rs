@@ -110,7 +110,7 @@ impl<C: Checkpoint> CheckpointSlots<C> {
         let commits = mapped.commits().load(Ordering::Acquire);
         let newest = (commits.saturating_sub(2)..commits).rev();
         let number = newest.into_iter().find(|number| may_resume_from(mapped.tick(*number).load(Ordering::Relaxed)));
-        // A commit from which nobody may go on is taken back: the next one takes its slot, not that of the checkpoint before.
+        // A commit from which no process may go on is taken back: the next one takes its slot, not that of the checkpoint before.
         mapped.commits().store(number.map_or(0, |number| number + 1), Ordering::Release);
         // SAFETY: a slot of the mapping whose writer is dead; every bit pattern is a checkpoint, for it is `Pod`.
         let previous = number.map(|number| unsafe { mapped.slot(number).read() });
@@ -131,7 +131,7 @@ impl<C: Checkpoint> CheckpointSlots<C> {
     pub fn slot(&mut self) -> &mut C {
         self.mapped.is_written.set(true);
         let commits = self.mapped.commits().load(Ordering::Relaxed);
-        // SAFETY: a slot of the mapping that nobody reads before it is committed; the borrow of `self` keeps it the only one.
+        // SAFETY: a slot of the mapping that is not read before it is committed; the borrow of `self` keeps it the only one.
         unsafe { &mut *self.mapped.slot(commits) }
     }
 }

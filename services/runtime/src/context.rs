@@ -180,7 +180,7 @@ impl Context {
         self.wait(0, None, describe, || Ok(self.control_page.has_begun(phase).then_some(())))
     }
 
-    /// The one wait: look, then sleep until somebody rings for one of `bits`, look again; never longer than the limit.
+    /// The one wait: look, then sleep until a process rings for one of `bits`, look again; never longer than the limit.
     #[inline]
     pub(crate) fn wait<T>(
         &self,
@@ -488,7 +488,7 @@ impl Context {
         match self.protocol().reports_to() {
             Report::Everybody => self.control_page.ring_all(),
             Report::Source(source) => self.control_page.process(source).doorbell().ring(PROGRESS),
-            Report::Nobody => {}
+            Report::Unneeded => {}
         }
     }
 }

@@ -115,8 +115,8 @@ pub fn unplanned_death(process: usize, at: u64, after_outputs: u32, rate_hz: u32
 /// To whom a process reports that it has closed a tick, beyond the readers of its messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Report {
-    /// Nobody waits for anything but messages.
-    Nobody,
+    /// No process waits for anything but messages.
+    Unneeded,
     /// The tick source waits for each process that it is too far ahead of.
     Source(usize),
     /// Everybody: readers of a dead writer wait for the beginning of a tick.
@@ -309,7 +309,7 @@ impl<'a, V: View> Protocol<'a, V> {
                 }
             }
             Some(source) if source != self.me && self.view.is_lockstep() => Report::Source(source),
-            _ => Report::Nobody,
+            _ => Report::Unneeded,
         }
     }
 }

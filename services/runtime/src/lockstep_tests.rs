@@ -75,7 +75,7 @@ fn an_unplanned_death_lasts_until_the_source_cannot_have_passed_its_end() {
 fn without_faults_the_source_waits_for_those_that_lag_and_for_no_other() {
     let follows = At7 { chain: u64::MAX };
     let source = Protocol::new(&follows, 0);
-    assert_eq!((source.reports_to(), source.returns_at(), source.downfall(7)), (Report::Nobody, 0, None));
+    assert_eq!((source.reports_to(), source.returns_at(), source.downfall(7)), (Report::Unneeded, 0, None));
     assert_eq!(Protocol::new(&follows, 1).reports_to(), Report::Source(0));
     assert_eq!((source.holds_back(7 + RECORDER_LAG), source.holds_back(8 + RECORDER_LAG)), (None, Some(2)));
     let follows = At7 { chain: 7 };

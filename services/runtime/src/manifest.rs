@@ -15,13 +15,13 @@ const FASTEST_HZ: u32 = 1_000_000;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Mode {
-    /// Tick by tick as fast as the machine allows; nothing is lost, nobody sleeps, the same bytes every time.
+    /// Tick by tick as fast as the machine allows; nothing is lost, no process sleeps, the same bytes every time.
     Lockstep,
     /// On absolute deadlines of a fixed grid; the newest message counts, what is late is counted.
     Realtime,
 }
 
-/// Deliberate trouble with the timing of one process, all of it seeded: in a sound lockstep run it changes no byte.
+/// Seeded disturbances of the timing of one process: in a sound lockstep run they change no byte.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Disturbance {
     /// A pause before the process joins the run.
@@ -44,7 +44,7 @@ pub struct Process {
     pub reads: Vec<String>,
     /// Topics that it writes; a topic has one writer.
     pub writes: Vec<String>,
-    /// It looks for messages by itself (the recorder): nobody wakes it, it is stopped after all others, and in lockstep the
+    /// It looks for messages by itself (the recorder): no process wakes it, it is stopped after all others, and in lockstep the
     /// source of ticks waits for it.
     pub polled: bool,
     /// It makes the ticks (the plant): while it stands still there are none.

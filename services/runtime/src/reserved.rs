@@ -1,4 +1,4 @@
-//! A file whose memory is taken before the run begins: a memory file system that somebody fills meanwhile does not cost its contents.
+//! A file whose memory is taken before the run begins: a memory file system that fills meanwhile does not cost its contents.
 
 use std::fs::{self, OpenOptions};
 use std::io::{self, Write};

@@ -25,7 +25,7 @@ pub const SHM: &str = "/dev/shm";
 /// Free shared memory without which no run begins; bytes. The default graph takes 38 MB.
 const LEAST_FREE: u64 = 40 << 20;
 
-/// How often a name is drawn that nobody has taken.
+/// How often a name is drawn that is free.
 const ATTEMPTS: u32 = 100;
 
 /// The directory of one run; its creator removes it, and everything of the run, when it drops it.
@@ -194,7 +194,7 @@ impl RunDir {
         Ok(())
     }
 
-    /// Takes the memory for all files of the run that are there, to their whole length: a memory file system that somebody fills later ends no
+    /// Takes the memory for all files of the run that are there, to their whole length: a memory file system that fills later ends no
     /// process of this run with SIGBUS.
     ///
     /// # Errors
@@ -365,7 +365,7 @@ mod tests {
     #[test]
     fn only_what_the_dead_left_is_removed() {
         let living = RunDir::create().unwrap();
-        // A process id beyond the kernel's maximum belongs to nobody.
+        // A process id beyond the kernel's maximum belongs to no process.
         let dead = format!("{}4194999-1f-0", own_prefix());
         fs::create_dir(Path::new(SHM).join(&dead)).unwrap();
         fs::write(Path::new(SHM).join(format!("{dead}.segment")), "x").unwrap();

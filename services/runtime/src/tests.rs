@@ -248,12 +248,12 @@ fn in_lockstep_the_source_waits_at_the_end_of_a_death_for_who_has_not_died_yet()
     let (plant, line) = (stage.shell("plant"), stage.control_page.process(1));
     let death = Fault { at_tick: Some(1), for_ticks: Some(2), ..Fault::new("estimator", Kind::Kill) }.schedule(&on(1), 1000, 0).unwrap();
     stage.control_page.fault_table().enter(&death, Origin::Planned).unwrap();
-    // It is through with tick 0 and nobody has given it a core since.
+    // It is through with tick 0 and it has had no core since.
     line.set_state(State::Running);
     line.set_ticks(1);
     let mut tick_source = plant.tick_source(0);
     for tick in 0..3 {
-        assert_eq!(tick_source.next().unwrap(), Some(tick), "nobody waits for the dead");
+        assert_eq!(tick_source.next().unwrap(), Some(tick), "no process waits for a dead one");
     }
     let error = tick_source.next().unwrap_err().to_string();
     assert!(error.contains("its turn to begin tick 3") && error.contains("is estimator alive?"), "{error}");

@@ -95,7 +95,7 @@ impl TickSource {
     }
 
     /// Waits until every process outside the loop has closed the ticks given out, so that none is stopped in the middle of them; in real time
-    /// nobody is waited for.
+    /// no process is waited for.
     ///
     /// # Errors
     /// When one of them closes nothing within the limit.

@@ -2,7 +2,7 @@
 //!
 //! iceoryx2 makes a segment in three steps: an empty file that may only be written, its length, its content; then the file may be read. A process
 //! that meets an unfinished one waits for its maker: where it has the right to open an empty one, as root has, without limit (iceoryx2-cal 0.10.0,
-//! `dynamic_storage/posix_shared_memory.rs`, `open_impl`). A maker keeps the file open until it is finished, so that one that nobody has open has
+//! `dynamic_storage/posix_shared_memory.rs`, `open_impl`). A maker keeps the file open until it is finished, so that one that no process has open has
 //! no maker any more. Once it is gone, the processes that wait for it make it anew.
 
 use std::collections::BTreeSet;

@@ -47,7 +47,7 @@ pub struct Steering {
 /// Postures in which a session begins where none is asked for, the first that the robot's description names.
 const STARTS: [&str; 3] = ["nominal", "bent", "ready"];
 
-/// Duration of a session whose end nobody knows, s.
+/// Duration of a session without a stated end, s.
 const OPEN_S: f64 = 3600.0;
 
 impl Steering {

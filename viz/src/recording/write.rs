@@ -145,7 +145,7 @@ impl Recording {
             _ => None,
         };
         let store = self.blueprint();
-        // Faults that nobody planned: the same views with a bar for them.
+        // Unplanned faults: the same views with a bar for them.
         let is_changed = !self.fault_states.is_empty() && !std::mem::replace(&mut self.subject.faults, true);
         blueprint::send_ending(&mut self.sink, &store, &self.subject, self.layout, &ending.unwrap_or(whole), is_changed);
     }

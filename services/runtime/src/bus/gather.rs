@@ -11,7 +11,7 @@ use crate::control_page::Count;
 use crate::memory::HandedOver;
 use crate::wait::Interrupted;
 
-/// How often the keeper's messages are asked for again where they lack one that has come by the usual way.
+/// How often the keeper's messages are asked for again where they lack one that has come by its topic.
 const ATTEMPTS: u32 = 5;
 
 /// Gathers everything of a topic; never waits.
@@ -51,7 +51,7 @@ impl Gathering {
 
     /// First the keeper's messages, then those received since; returns the number left to recall.
     ///
-    /// A writer sends to the keeper first. So a message that has come by the usual way is in the keeper too, with all that lies before it, and a
+    /// A writer sends to the keeper first. So a message that has come by its topic is in the keeper too, with all that lies before it, and a
     /// message that a writer sent without knowing of this reader is in the keeper alone.
     fn catch_up(&mut self, mut recall: Recall, take: &mut dyn FnMut(&[u8])) -> Result<Option<Recall>, Interrupted> {
         self.inlet.shared.await_hand_over(self.inlet.format().topic)?;

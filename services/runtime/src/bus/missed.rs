@@ -7,7 +7,7 @@ use crate::bus::format::header;
 use crate::context::Context;
 use crate::memory::HandedOver;
 
-/// One reader's view of the keeper of its topic, in lockstep; in real time nobody acts on the word of the dead.
+/// One reader's view of the keeper of its topic, in lockstep; in real time no process acts on the word of a dead one.
 pub(crate) struct Missed {
     writer: Option<usize>,
     topic: &'static str,

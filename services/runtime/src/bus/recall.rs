@@ -2,14 +2,14 @@
 
 use crate::memory::HandedOver;
 
-/// Takes the messages that the keeper of a topic has handed over, each once, until everything comes by the usual way again.
+/// Takes the messages that the keeper of a topic has handed over, each once, until everything comes by their topic again.
 pub(crate) struct Recall {
     handed_over: HandedOver,
     /// Number of the next one to take from the file.
     next: u64,
-    /// Below it all are known to have come by the usual way too.
+    /// Below it all are known to have come by their topic too.
     known: u64,
-    /// One that was taken from the file has come by the usual way too: from then on its writer is connected, and all that follows it comes.
+    /// One that was taken from the file has come by its topic too: from then on its writer is connected, and all that follows it comes.
     is_connected: bool,
 }
 
@@ -22,7 +22,7 @@ impl Recall {
         Self { handed_over, next, known: next, is_connected: false }
     }
 
-    /// The next one that nobody has taken.
+    /// The next one that has not been taken.
     pub(crate) fn take(&mut self) -> Option<Vec<u8>> {
         loop {
             // Messages overwritten meanwhile are lost, and the gap is counted.
@@ -51,7 +51,7 @@ impl Recall {
         range.find(|number| self.handed_over.get(*number).is_some_and(|one| one == message))
     }
 
-    /// Whether a message that has come by the usual way has been taken from the file before.
+    /// Whether a message that has come by its topic has been taken from the file before.
     pub(crate) fn knows(&mut self, message: &[u8]) -> bool {
         let place = self.place_of(message, self.known..self.next);
         self.known = place.map_or(self.known, |number| number + 1);
@@ -59,7 +59,7 @@ impl Recall {
         place.is_some()
     }
 
-    /// All that was taken from the file has come by the usual way too: from here on nothing can be missed.
+    /// All that was taken from the file has come by its topic too: from here on nothing can be missed.
     pub(crate) fn is_in_step(&self) -> bool {
         self.is_connected && self.known == self.next
     }

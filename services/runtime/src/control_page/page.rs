@@ -103,7 +103,7 @@ pub struct ControlPage {
     page: NonNull<Page>,
 }
 
-// SAFETY: everything behind the pointer is atomic, apart from `magic`, which nobody writes after the creation.
+// SAFETY: everything behind the pointer is atomic, apart from `magic`, which is not written after the creation.
 unsafe impl Send for ControlPage {}
 // SAFETY: as above.
 unsafe impl Sync for ControlPage {}

@@ -33,7 +33,7 @@ pub enum Origin {
     Planned = 0,
     /// By `armplane fault`, while the run went on.
     Live = 1,
-    /// Noticed by the launcher: a process ended, or fell silent, and nobody had planned it.
+    /// Noticed by the launcher: a process ended, or fell silent, and no plan had it.
     Detected = 2,
 }
 

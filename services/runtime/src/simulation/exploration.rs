@@ -34,7 +34,7 @@ type Ends = BTreeMap<Vec<(usize, u64, u32)>, (Vec<Outage>, BTreeSet<BTreeMap<Pla
 struct Explored {
     states: usize,
     ends: Ends,
-    /// The first state from which nobody can go on.
+    /// The first state from which no process can go on.
     stuck: Option<State>,
 }
 
@@ -71,7 +71,7 @@ fn check(graph: &Graph, kills: u32, defect: Defect) -> (usize, usize, Option<Str
     let (mut states, plans) = (live.states, live.ends.len());
     let mut found = live
         .stuck
-        .map(|state| format!("{:?}, or nobody can go on: {:?} at {:?} with {:?}", state.broken, state.at, state.tick, state.outages));
+        .map(|state| format!("{:?}, or no process can go on: {:?} at {:?} with {:?}", state.broken, state.at, state.tick, state.outages));
     for (plan, messages) in live.ends.values() {
         let planned = explore(graph, plan, 0, defect);
         states += planned.states;

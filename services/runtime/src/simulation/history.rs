@@ -98,7 +98,7 @@ impl History {
                 return Err(broken.to_owned());
             }
             if !has_moved {
-                return Err(format!("nobody can go on: {:?} at ticks {:?}", state.at, state.tick));
+                return Err(format!("no process can go on: {:?} at ticks {:?}", state.at, state.tick));
             }
         }
         Err("it does not end".to_owned())
