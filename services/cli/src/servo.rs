@@ -34,7 +34,7 @@ pub(crate) struct ServoArgs {
     #[arg(long, value_name = "NAME|DEG,DEG,…", allow_hyphen_values = true)]
     start: Option<String>,
     /// Longest duration in seconds; of random twists the duration [default there: 60].
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     duration: Option<f64>,
     /// Folder for the results [default: the next free runs/NAME-NNN].
     #[arg(long, value_name = "DIR")]
@@ -62,6 +62,13 @@ const LINES: &str = "-";
 
 /// Duration of random twists, s.
 const RANDOM_S: f64 = 60.0;
+
+/// A duration that a session can have.
+fn seconds(text: &str) -> Result<f64, String> {
+    let longest = 36_000.0;
+    let duration = text.parse().ok().filter(|duration: &f64| *duration > 0.0 && *duration <= longest);
+    duration.ok_or_else(|| format!("it must be a number of seconds, more than 0 and at most {longest}"))
+}
 
 pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let terminal = Terminal::default();

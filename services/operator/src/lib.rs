@@ -2,6 +2,7 @@
 
 mod cycle;
 
+use std::cell::Cell;
 use std::io;
 use std::os::unix::net::UnixDatagram;
 use std::time::{Duration, Instant};
@@ -51,7 +52,12 @@ struct Live {
     /// In lockstep: when tick 0 was, or would have been.
     began: Option<Instant>,
     is_paced: bool,
+    /// Lines that were no target.
+    complaints: Cell<u32>,
 }
+
+/// Lines that are no target, named one by one.
+const COMPLAINTS: u32 = 5;
 
 impl Live {
     fn open(shell: &Shell, rate_hz: u32) -> Result<Self, ProcessError> {
@@ -61,7 +67,7 @@ impl Live {
         let refused = |error: io::Error| ProcessError::setup(format_args!("{}: {error}", path.display()));
         let socket = UnixDatagram::bind(&path).map_err(refused)?;
         socket.set_nonblocking(true).map_err(refused)?;
-        Ok(Self { socket, rate_hz, began: None, is_paced: shell.mode() == Mode::Lockstep })
+        Ok(Self { socket, rate_hz, began: None, is_paced: shell.mode() == Mode::Lockstep, complaints: Cell::new(0) })
     }
 
     /// Waits for the time of a tick, where nothing else paces the run.
@@ -78,12 +84,27 @@ impl Live {
         }
     }
 
+    /// Names the first lines that are no target; the others are counted with the refused ones.
+    fn complain(&self, line: &str, defect: &str) {
+        let earlier = self.complaints.get();
+        self.complaints.set(earlier.saturating_add(1));
+        if earlier < COMPLAINTS {
+            let line: String = line.chars().take(60).collect();
+            let last = if earlier + 1 == COMPLAINTS { "; further lines that are no target are only counted" } else { "" };
+            tracing::warn!("no target: `{}`: {defect}{last}", line.escape_debug());
+        }
+    }
+
     /// Takes in all that has come; a line that is no target counts as one that cannot be read.
     fn receive(&self, tick: u64, cycle: &mut Cycle) {
         let mut line = [0; LINE];
         while let Ok(length) = self.socket.recv(&mut line) {
             let text = std::str::from_utf8(&line[..length]).unwrap_or_default();
-            cycle.feed(&content(text, 1.0, tick, self.rate_hz).unwrap_or_else(|_| unreadable(tick)));
+            let target = content(text, 1.0, tick, self.rate_hz).unwrap_or_else(|defect| {
+                self.complain(text, &defect);
+                unreadable(tick)
+            });
+            cycle.feed(&target);
         }
     }
 }

@@ -234,6 +234,10 @@ fn check_program(process: &Process) -> Result<(), Complaint> {
         };
         return Err(Complaint::new(key, message, remedy));
     };
+    if let Some(foreign) = process.writes.iter().find(|topic| !TOPICS.contains(&topic.as_str())) {
+        let message = format!("armplane's {} does not write `{foreign}`", program.name());
+        return Err(Complaint::new("writes", message, "take it out, or give the process that writes it a `command`"));
+    }
     for (key, topics, needed) in [
         ("reads", &process.reads, program.reads()),
         ("feedback", &process.feedback, program.feedback()),
@@ -324,6 +328,7 @@ mod tests {
         assert!(Graph::parse("e.toml", &right).is_ok());
         let cases = [
             ("extends = \"armplane\"", "extends = \"armplan\"", "there is no graph `armplan`", 1),
+            ("command = [\"./energy\"]\n", "program = \"analyzer\"\n", "armplane's analyzer does not write `energy`", 10),
             ("kinetic_j: f64", ": f64", "`` cannot be the name of a field", 5),
             ("kinetic_j: f64", "kinetic\\nj: f64", "cannot be the name of a field", 5),
             ("kinetic_j: f64", "kinetic_j: f32", "no type of a field", 5),
