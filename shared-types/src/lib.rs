@@ -31,6 +31,7 @@ pub mod random;
 pub mod scenario;
 pub mod summary;
 pub mod target_file;
+pub mod task_end;
 pub mod topics;
 pub mod wire;
 

@@ -43,7 +43,7 @@ struct Simulator {
 }
 
 impl Simulator {
-    /// What it makes in a folder for temporary files is in the desk's.
+    /// Its temporary files are in the desk's folder.
     fn start(desk: &Desk) -> Self {
         let port = TcpListener::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()).expect("a free port").port();
         let options = ["--no-gripper", "--enforce-motion-limits", "--enforce-comm-constraints", "--port", &port.to_string()];

@@ -42,7 +42,7 @@ pub trait Messages {
     fn at(&mut self, tick: u64, take: &mut dyn FnMut(&TickRow<'_>));
 }
 
-/// What is exported.
+/// The data of an export.
 pub struct Exported<'a> {
     /// The recording's files, in order.
     pub parts: &'a [PathBuf],

@@ -86,7 +86,7 @@ struct Stay {
     mode: u32,
 }
 
-/// What has been seen of a run: the words of a moment depend on it.
+/// The events of a run so far: the words of a moment depend on it.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct History {
     /// Present stays: first tick, and the ticks spent in each mode.

@@ -15,7 +15,7 @@ pub(crate) struct Command {
     run: Option<PathBuf>,
 }
 
-/// What this program does for a run.
+/// The part of this program in a run.
 #[derive(Clone, Copy)]
 enum Part {
     /// One of its own processes.

@@ -77,27 +77,27 @@ pub fn run(shell: &Shell, robot: &Robot, scenario: &Scenario) -> Result<(), Proc
     let mut torques = shell.writer::<TorqueCommand>()?;
     let mut checkpoint = shell.checkpoint::<ControllerCheckpoint>()?;
     checkpoint.previous().into_iter().for_each(|last| cycle.restore(last));
-    if scenario.servo.is_some() {
-        let (mut targets, mut servos) = (shell.reader::<Target>()?, shell.writer::<ServoState>()?);
-        while let Some(report) = reports.next()? {
-            let Some(estimate) = estimates.at(report.header.tick)? else { continue };
-            let tick = estimate.header.tick;
-            let target = targets.newest(tick)?;
-            let (mut state, mut torque) = (states.loan_as_is(tick)?, torques.loan_as_is(tick)?);
-            let mut servo = servos.loan_as_is(tick)?;
-            cycle.steer((estimate, report), target, &mut servo, &mut state, &mut torque);
-            cycle.save(checkpoint.slot());
-            servo.send()?;
-            state.send()?;
-            torque.send()?;
-        }
-        return Ok(());
-    }
+    let (mut targets, mut servos) = match scenario.servo {
+        Some(_) => (Some(shell.reader::<Target>()?), Some(shell.writer::<ServoState>()?)),
+        None => (None, None),
+    };
     while let Some(report) = reports.next()? {
         let Some(estimate) = estimates.at(report.header.tick)? else { continue };
-        let (mut state, mut torque) = (states.loan_as_is(estimate.header.tick)?, torques.loan_as_is(estimate.header.tick)?);
-        cycle.step(estimate, report, &mut state, &mut torque);
+        let tick = estimate.header.tick;
+        let target = match &mut targets {
+            Some(targets) => targets.newest(tick)?,
+            None => None,
+        };
+        let (mut state, mut torque) = (states.loan_as_is(tick)?, torques.loan_as_is(tick)?);
+        let mut servo = servos.as_mut().map(|servos| servos.loan_as_is(tick)).transpose()?;
+        match &mut servo {
+            Some(servo) => cycle.steer((estimate, report), target, servo, &mut state, &mut torque),
+            None => cycle.step(estimate, report, &mut state, &mut torque),
+        }
         cycle.save(checkpoint.slot());
+        if let Some(servo) = servo {
+            servo.send()?;
+        }
         state.send()?;
         torque.send()?;
     }

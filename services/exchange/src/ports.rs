@@ -128,7 +128,7 @@ pub(crate) fn open<E: End + ?Sized>(shell: &Shell, topic: &str, place: usize) ->
     opened.ok_or_else(|| ProcessError::setup(format!("an exchange page does not carry `{topic}`")))?
 }
 
-/// What a process does with a topic: how its end is made for a message type.
+/// A use of a topic: how its end is made for a message type.
 pub(crate) trait End {
     fn of<M: Topic>(shell: &Shell, place: usize) -> Result<Box<Self>, ProcessError>;
 }

@@ -4,20 +4,15 @@ use std::mem::offset_of;
 use std::time::Duration;
 
 use runtime::{CheckpointSlots, Shell};
-use shared_types::codes::{PHASE_DONE, PHASE_REFUSED, REQUEST_TICK, USE_FEEDBACK, USE_READS, USE_WRITES};
+use shared_types::codes::{REQUEST_TICK, USE_FEEDBACK, USE_READS, USE_WRITES};
 use shared_types::layout::MessageLayout;
+use shared_types::task_end::TaskEnd;
 use shared_types::{Message, TorqueCommand};
 
 use crate::checkpoint::ProgramCheckpoint;
 use crate::ended::Ended;
 use crate::ports::{self, End, Gathered, Input, Output};
 use crate::program::{Answer, Failure, Program};
-
-/// How long after the controller refused to go on the run lasts: time to come to rest; s.
-const REFUSED_S: u64 = 2;
-
-/// The governor may stretch a task to this many times its planned length.
-const LONGEST: u64 = 20;
 
 /// How often an observer looks for messages.
 const ROUND: Duration = Duration::from_millis(10);
@@ -56,8 +51,8 @@ pub(crate) fn world(shell: &Shell, topics: Topics<'_>, program: &mut Program<'_>
     let mut inputs = ends::<dyn Input>(shell, topics, USE_FEEDBACK)?;
     let mut outputs = ends::<dyn Output>(shell, topics, USE_WRITES)?;
     let torque = of_use(topics, USE_FEEDBACK).find(|(_, topic)| *topic == TorqueCommand::TOPIC).map(|(place, _)| place);
-    let (refused_limit, limit) = (REFUSED_S * u64::from(shell.manifest().rate_hz), LONGEST.saturating_mul(length));
-    let (mut source, mut refused) = (shell.tick_source(0), 0);
+    let mut end = TaskEnd::new(shell.manifest().rate_hz, u64::from(TaskEnd::LONGEST).saturating_mul(length));
+    let mut source = shell.tick_source(0);
     let mut answer = step(program, &mut outputs, 0)?;
     while answer != Answer::Stopped
         && let Some(tick) = source.next()?
@@ -68,9 +63,8 @@ pub(crate) fn world(shell: &Shell, topics: Topics<'_>, program: &mut Program<'_>
         for input in &mut inputs {
             input.arriving(&program.page, tick, source.deadline_ns())?;
         }
-        let phase = torque.map(|place| program.page.number(place, offset_of!(TorqueCommand, phase)));
-        refused = if phase == Some(PHASE_REFUSED) { refused + 1 } else { 0 };
-        if answer == Answer::Over || phase == Some(PHASE_DONE) || refused > refused_limit || tick + 1 >= limit {
+        end.take(torque.map(|place| program.page.number(place, offset_of!(TorqueCommand, phase))));
+        if answer == Answer::Over || end.is_over(tick + 1) {
             source.finish()?;
             break;
         }

@@ -15,3 +15,4 @@ mod cpu_load;
 mod folder;
 mod pool;
 mod prolonged;
+mod quantile;

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-/// What an address begins with.
+/// The beginning of an address.
 pub const SCHEME: &str = "fci://";
 
 /// `fci://HOST[:PORT]`; without a port the interface's own, 1337.

@@ -1,5 +1,6 @@
 //! To the start posture: one joint-space motion, before the first tick.
 
+use control::trajectory::quintic;
 use model::Model;
 use nalgebra::SVector;
 
@@ -44,10 +45,7 @@ impl Approach {
     ///
     /// τ = A(q)·(q̈_d + k_v(q̇_d − q̇) + k_p(q_d − q)) + C(q, q̇)q̇
     pub(crate) fn torque(&self, model: &Model<JOINTS>, t_s: f64, q: &Joints, qdot: &Joints) -> Joints {
-        let (u, by, T) = ((t_s / self.duration_s).clamp(0.0, 1.0), self.to - self.from, self.duration_s);
-        let place = u * u * u * (10.0 + u * (6.0 * u - 15.0));
-        let rate = 30.0 * u * u * (1.0 + u * (u - 2.0)) / T;
-        let change = 60.0 * u * (1.0 + u * (2.0 * u - 3.0)) / (T * T);
+        let (by, [place, rate, change]) = (self.to - self.from, quintic(t_s, self.duration_s));
         let (q_d, qdot_d) = (self.from + by * place, by * rate);
         let wanted = by * change + (qdot_d - qdot) * GAINS.1 + (q_d - q) * GAINS.0;
         model.mass_matrix(q) * wanted + model.bias(q, qdot) - model.gravity(q)

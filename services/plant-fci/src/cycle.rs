@@ -2,7 +2,8 @@
 
 use model::{Model, padded};
 use nalgebra::SVector;
-use shared_types::codes::{DRIVE_RATE, PHASE_DONE, PHASE_REFUSED, PHASE_RUNNING};
+use shared_types::codes::DRIVE_RATE;
+use shared_types::task_end::TaskEnd;
 use shared_types::{Header, PlantState, SensorSample, TorqueCommand};
 use sim::Drive;
 
@@ -14,13 +15,7 @@ type Joints = SVector<f64, JOINTS>;
 /// Largest change of the torque sent in a tick, N·m. The interface stops the arm beyond 1; the rest is for rounding on its side.
 const STEP: f64 = 0.999;
 
-/// How long after the controller refused to go on the run lasts: time to come to rest; ticks.
-const REFUSED_TICKS: u64 = 2 * RATE_HZ as u64;
-
-/// The governor may stretch a task to this many times its planned length, and no run is longer.
-const LONGEST: u64 = 20;
-
-/// What the robot measures at a tick.
+/// The robot's measurements at a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Measured {
     /// Joint positions; rad.
@@ -51,10 +46,8 @@ pub(crate) struct Cycle {
     held: Option<Joints>,
     flags: u32,
     saturation_mask: u32,
-    phase: u32,
-    refused_ticks: u64,
+    end: TaskEnd,
     ticks: u64,
-    limit: u64,
 }
 
 impl Cycle {
@@ -67,10 +60,8 @@ impl Cycle {
             held: None,
             flags: 0,
             saturation_mask: 0,
-            phase: PHASE_RUNNING,
-            refused_ticks: 0,
+            end: TaskEnd::new(RATE_HZ, u64::from(TaskEnd::LONGEST).saturating_mul(length)),
             ticks: 0,
-            limit: LONGEST.saturating_mul(length),
             model,
             drive,
         }
@@ -125,8 +116,7 @@ impl Cycle {
         (self.flags, self.saturation_mask) = (applied.flags, applied.saturation_mask);
         let sent = self.send_within_steps(now, &wanted);
         self.acted = self.sent + gravity;
-        self.phase = command.map_or(self.phase, |command| command.phase);
-        self.refused_ticks = if self.phase == PHASE_REFUSED { self.refused_ticks + 1 } else { 0 };
+        self.end.take(command.map(|command| command.phase));
         self.ticks += 1;
         sent
     }
@@ -153,7 +143,7 @@ impl Cycle {
 
     /// Whether the task is done, or has been refused and the arm has had 2 s to come to rest, or is 20 times as long as planned.
     pub(crate) fn is_over(&self) -> bool {
-        self.phase == PHASE_DONE || self.refused_ticks > REFUSED_TICKS || self.ticks >= self.limit
+        self.end.is_over(self.ticks)
     }
 
     /// The drives' state, one of `codes::DRIVES`.
@@ -172,7 +162,7 @@ mod tests {
     use super::*;
     use model::Robot;
     use shared_types::Message;
-    use shared_types::codes::{DRIVE_BRAKED, DRIVE_HOLDING, DRIVE_STOPPING};
+    use shared_types::codes::{DRIVE_BRAKED, DRIVE_HOLDING, DRIVE_STOPPING, PHASE_DONE};
     use shared_types::wire::Part;
 
     fn model() -> Model<JOINTS> {

@@ -37,7 +37,7 @@ pub enum RobotFailure {
         mode: String,
         /// Its errors.
         errors: String,
-        /// What helps.
+        /// The remedy.
         remedy: &'static str,
     },
     /// It stopped the motion by itself.
@@ -67,7 +67,7 @@ pub enum RobotFailure {
     Refused {
         /// Where.
         address: Address,
-        /// What was asked.
+        /// The request.
         action: &'static str,
         /// Its words.
         reason: String,

@@ -2,19 +2,14 @@
 
 use model::{Model, ModelError, Robot, StartError, embedded, padded};
 use nalgebra::SVector;
-use shared_types::codes::{DRIVE_DIVERGED, PHASE_DONE, PHASE_REFUSED, PHASE_RUNNING};
+use shared_types::codes::DRIVE_DIVERGED;
 use shared_types::fault::ScheduledFault;
 use shared_types::scenario::Scenario;
+use shared_types::task_end::TaskEnd;
 use shared_types::{Header, PlantState, SensorSample, TorqueCommand};
 use sim::{Drive, Encoders, Plant, PlantError};
 
 use crate::hardware_faults::HardwareFaults;
-
-/// How long after the controller refused to go on the run lasts: time to come to rest; s.
-const REFUSED_S: f64 = 2.0;
-
-/// The governor may stretch a task to this many times its planned length, and no run is longer.
-const LONGEST: f64 = 20.0;
 
 /// Why a scenario cannot be simulated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -39,13 +34,8 @@ pub struct Cycle<const N: usize> {
     encoders: Encoders<N>,
     /// The arm's own joints; what a command has beyond them is not read.
     dof: usize,
-    /// Where the task was, by the last command; one of `codes::PHASES`.
-    phase: u32,
-    /// Ticks since the controller refused to go on.
-    refused_ticks: u64,
+    end: TaskEnd,
     ticks: u64,
-    refused_limit: u64,
-    limit: u64,
     diverged: bool,
     hardware_faults: HardwareFaults<N>,
     /// Torque that acted on the joints over the last tick: what the drives applied, where none of them failed; N·m.
@@ -63,7 +53,7 @@ impl<const N: usize> Cycle<N> {
         // The drives' model is the description's, without the simulated deviation from it.
         let known = Model::new(robot, (!scenario.frame.is_empty()).then_some(scenario.frame.as_str()))?;
         let start = model::embedded(&start);
-        let ticks = |seconds: f64| (seconds * f64::from(scenario.rate_hz)).round() as u64;
+        let longest = (f64::from(TaskEnd::LONGEST) * scenario.duration_s() * f64::from(scenario.rate_hz)).round() as u64;
         let drive = Drive::new(known, scenario.rate_hz, options.hold_ticks, &start);
         Ok(Self {
             plant: Plant::new(robot, &scenario.frame, options, scenario.rate_hz, &start)?,
@@ -72,11 +62,8 @@ impl<const N: usize> Cycle<N> {
             hardware_faults: HardwareFaults::new(scenario.dt_s()),
             encoders: Encoders::new(robot, options.encoder_bits, options.encoder_noise_counts, scenario.seed),
             dof: robot.dof(),
-            phase: PHASE_RUNNING,
-            refused_ticks: 0,
+            end: TaskEnd::new(scenario.rate_hz, longest),
             ticks: 0,
-            refused_limit: ticks(REFUSED_S),
-            limit: ticks(LONGEST * scenario.duration_s()),
             diverged: false,
         })
     }
@@ -137,8 +124,7 @@ impl<const N: usize> Cycle<N> {
             self.plant.hold();
             self.diverged = true;
         }
-        self.phase = command.map_or(self.phase, |command| command.phase);
-        self.refused_ticks = if self.phase == PHASE_REFUSED { self.refused_ticks + 1 } else { 0 };
+        self.end.take(command.map(|command| command.phase));
         self.ticks += 1;
     }
 
@@ -146,14 +132,16 @@ impl<const N: usize> Cycle<N> {
     /// 2 s to come to rest; or the motion left the finite numbers; or the run is 20 times as long as planned.
     #[must_use]
     pub fn is_over(&self) -> bool {
-        self.phase == PHASE_DONE || self.refused_ticks > self.refused_limit || self.diverged || self.ticks >= self.limit
+        self.diverged || self.end.is_over(self.ticks)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::codes::{DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_HOLDING, DRIVE_REFUSED, DRIVE_STOPPING};
+    use shared_types::codes::{
+        DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_HOLDING, DRIVE_REFUSED, DRIVE_STOPPING, PHASE_DONE, PHASE_REFUSED, PHASE_RUNNING,
+    };
     use shared_types::scenario::{Segment, Start};
     use shared_types::wire::Part;
     use shared_types::{MAX_DOF, Message};
@@ -317,7 +305,7 @@ mod tests {
         assert_eq!(ticks(PHASE_DONE, 10), Some(1));
         assert_eq!(ticks(PHASE_REFUSED, 3000), Some(2001));
         let planned = scenario().duration_s();
-        assert_eq!(ticks(PHASE_RUNNING, 4000), Some((LONGEST * planned * 1000.0).round() as u64));
+        assert_eq!(ticks(PHASE_RUNNING, 4000), Some((f64::from(TaskEnd::LONGEST) * planned * 1000.0).round() as u64));
     }
 
     #[test]

@@ -36,7 +36,7 @@ pub(crate) fn check_mode(graph: &Graph, mode: Mode) -> Result<(), Failure> {
     }
 }
 
-/// What is to be run, as the robot of its graph needs it: the arm as the robot describes it, in real time. Without a robot nothing changes.
+/// The run as the robot of its graph needs it: the arm as the robot describes it, in real time. Without a robot nothing changes.
 ///
 /// # Errors
 /// [`Failure`] in words where the robot does not answer or is not ready, or where mode, rate, start or faults do not fit it.

@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 
 use model::Robot;
-use shared_types::scenario::Servo;
 use shared_types::target_file;
 use sim::scenarios;
 
@@ -36,7 +35,7 @@ pub struct Steering {
     pub start: Option<String>,
     /// Longest duration, s.
     pub duration_s: Option<f64>,
-    /// Values laid over the scenario's.
+    /// Values that override those of the scenario.
     pub settings: Vec<String>,
     /// Seed of every random number of the run.
     pub seed: Option<u64>,
@@ -63,24 +62,23 @@ impl Steering {
         let was_steered = scenario.servo.is_some() && is_scenario;
         let session = scenario.servo.get_or_insert_default();
         scenario.segment.clear();
-        match &self.targets {
-            Targets::Scenario if was_steered => {}
+        let targets = match &self.targets {
+            Targets::Scenario if was_steered => None,
             Targets::Scenario => {
                 let sentence =
                     format!("{} is not steered: it has no [servo]; give targets with --from FILE, or --random SEED", self.subject);
                 return Err(Failure::Input(sentence));
             }
-            Targets::File(file) => {
-                *session = Servo { targets: text(file, scenario.rate_hz)?, input: String::new(), live: false, ..session.clone() }
-            }
-            Targets::Text(text) => *session = Servo { targets: text.clone(), input: String::new(), live: false, ..session.clone() },
-            Targets::Live => {
-                *session = Servo { targets: String::new(), input: String::new(), live: true, duration_s: OPEN_S, ..session.clone() }
-            }
-            Targets::Process => {
-                let duration_s = if session.duration_s > 0.0 { session.duration_s } else { OPEN_S };
-                *session = Servo { targets: String::new(), input: String::new(), live: false, duration_s, ..session.clone() };
-            }
+            Targets::File(file) => Some(text(file, scenario.rate_hz)?),
+            Targets::Text(text) => Some(text.clone()),
+            Targets::Live | Targets::Process => Some(String::new()),
+        };
+        if let Some(targets) = targets {
+            (session.targets, session.input, session.live) = (targets, String::new(), matches!(self.targets, Targets::Live));
+        }
+        let has_end = session.duration_s > 0.0;
+        if matches!(self.targets, Targets::Live) || matches!(self.targets, Targets::Process) && !has_end {
+            session.duration_s = OPEN_S;
         }
         session.duration_s = self.duration_s.unwrap_or(session.duration_s);
         source.read_targets(&mut scenario)?;
@@ -117,11 +115,10 @@ impl Steering {
 }
 
 fn default_start(robot: &Robot) -> Result<String, Failure> {
-    let known = || robot.postures.keys().cloned().collect::<Vec<_>>().join(", ");
     let found = STARTS.iter().find(|name| robot.postures.contains_key(**name)).map(|name| (*name).to_owned());
-    found.or_else(|| robot.postures.keys().next().cloned()).ok_or_else(|| {
-        Failure::Input(format!("{} has no named posture to start in ({}): give joint positions, --start=0,30,-60,…", robot.name, known()))
-    })
+    found
+        .or_else(|| robot.postures.keys().next().cloned())
+        .ok_or_else(|| Failure::Input(format!("{} has no named posture to start in: give joint positions, --start=0,30,-60,…", robot.name)))
 }
 
 /// The text of a file of targets.

@@ -10,6 +10,7 @@ use session::{Failure, Observer, Progress, load};
 use viz::plot::digits;
 
 use crate::folder::scratch;
+use crate::quantile::quantile;
 
 /// Runs of one program.
 pub struct Speeds {
@@ -80,13 +81,6 @@ fn output(command: &mut Command) -> Result<Vec<u8>, Failure> {
     Err(Failure::Work(format!("{program} failed ({}): {}", output.status, words.lines().last().unwrap_or_default())))
 }
 
-/// The value that a share of the values does not exceed; `values` must not be empty.
-fn quantile(values: &[f64], share: f64) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted[((sorted.len() - 1) as f64 * share).round() as usize]
-}
-
 impl Lockstep {
     /// This program's speed over the other's, of each pair of neighbouring runs.
     fn ratios(&self) -> Option<Vec<f64>> {
@@ -106,12 +100,12 @@ impl fmt::Display for Lockstep {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut rows = table(&["ticks a second, recording on", "runs", "lower quartile", "median", "upper quartile"]);
         for speeds in [&self.own].into_iter().chain(&self.other) {
-            let quartiles = [0.25, 0.5, 0.75].map(|share| number(format!("{:.0}", quantile(&speeds.ticks_per_s, share))));
+            let quartiles = [0.25, 0.5, 0.75].map(|share| number(format!("{:.0}", quantile(speeds.ticks_per_s.iter().copied(), share))));
             rows.add_row([speeds.program.display().to_string().into(), number(speeds.ticks_per_s.len())].into_iter().chain(quartiles));
         }
         writeln!(f, "{rows}")?;
         let Some(ratios) = self.ratios() else { return Ok(()) };
-        let [low, median, high] = [0.25, 0.5, 0.75].map(|share| digits(quantile(&ratios, share)));
+        let [low, median, high] = [0.25, 0.5, 0.75].map(|share| digits(quantile(ratios.iter().copied(), share)));
         writeln!(f, "{}: this program makes {median} times the other's ticks (quartiles of the pairs: {low} to {high})", self.scenario)
     }
 }

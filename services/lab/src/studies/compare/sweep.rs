@@ -93,14 +93,6 @@ impl Sweep {
     }
 }
 
-/// The value that a share of the runs does not exceed.
-pub(super) fn quantile(scores: &[Score], share: f64, of: impl Fn(&Score) -> f64) -> f64 {
-    let mut values: Vec<f64> = scores.iter().map(of).collect();
-    values.sort_by(f64::total_cmp);
-    let place = (share * values.len() as f64).ceil() as usize;
-    values.get(place.saturating_sub(1)).copied().unwrap_or_default()
-}
-
 /// "along 12, torque 4": how many lines missed S2 by what, the most frequent first.
 pub fn missed(scores: &[Score]) -> String {
     let mut counts: Vec<(&str, usize)> = Vec::new();

@@ -7,9 +7,11 @@ use session::table::{fitted, number};
 use shared_types::scenario::Scenario;
 use viz::plot::digits;
 
+use crate::quantile::quantile;
+
 use super::scenarios::Compared;
 use super::score::Score;
-use super::sweep::{KINDS, SWEEP, Sweep, missed, quantile};
+use super::sweep::{KINDS, SWEEP, Sweep, missed};
 use super::verdict::{failures, margin, verdicts};
 
 /// A table of the laws, the verdict, and its terms.
@@ -72,8 +74,8 @@ fn sweep_text(f: &mut fmt::Formatter<'_>, sweep: &Sweep) -> fmt::Result {
         row.extend(KINDS.map(|kind| number(share(Some(kind), &|score| score.s2))));
         row.extend([
             number(share(None, &Score::ended)),
-            number(digits(quantile(scores, 0.95, |score| score.orthogonal_max_mm))),
-            number(format!("× {:.2}", quantile(scores, 0.9, |score| score.time_stretch))),
+            number(digits(quantile(scores.iter().map(|score| score.orthogonal_max_mm), 0.95))),
+            number(format!("× {:.2}", quantile(scores.iter().map(|score| score.time_stretch), 0.9))),
             missed(scores).into(),
         ]);
         rows.add_row(row);

@@ -1,0 +1,38 @@
+//! The end of a task, as the process that makes the ticks sees it: by what the controller says, or by its length. PURE.
+
+use crate::codes::{PHASE_DONE, PHASE_REFUSED, PHASE_RUNNING};
+
+/// How long after the controller refused to go on the run lasts: time to come to rest; s.
+const REFUSED_S: u64 = 2;
+
+/// Done; refused, and the arm has had 2 s to come to rest; or 20 times as long as planned.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TaskEnd {
+    phase: u32,
+    refused_ticks: u64,
+    refused_limit: u64,
+    limit: u64,
+}
+
+impl TaskEnd {
+    /// The governor may stretch a task to this many times its planned length, and no run is longer.
+    pub const LONGEST: u32 = 20;
+
+    /// Before the first command of a run of `rate_hz` ticks per second and at most `limit` ticks.
+    #[must_use]
+    pub fn new(rate_hz: u32, limit: u64) -> Self {
+        Self { phase: PHASE_RUNNING, refused_ticks: 0, refused_limit: REFUSED_S * u64::from(rate_hz), limit }
+    }
+
+    /// Takes in the phase of a tick's command, one of `codes::PHASES`; `None`: none came, and the one before goes on.
+    pub fn take(&mut self, phase: Option<u32>) {
+        self.phase = phase.unwrap_or(self.phase);
+        self.refused_ticks = if self.phase == PHASE_REFUSED { self.refused_ticks + 1 } else { 0 };
+    }
+
+    /// Whether the run is over after so many ticks.
+    #[must_use]
+    pub fn is_over(&self, ticks: u64) -> bool {
+        self.phase == PHASE_DONE || self.refused_ticks > self.refused_limit || ticks >= self.limit
+    }
+}
