@@ -32,6 +32,8 @@ mod scene;
 mod signals;
 mod sink;
 mod solid;
+mod storage;
+mod stream;
 #[cfg(test)]
 mod synthetic;
 mod tint;
@@ -41,5 +43,6 @@ pub use read::{About, Damage, Piece, ReadError, Rows, Solid, read};
 pub use recording::{Level, MergeError, Options, Recording, RunInfo, Written, complete, merge, part_name, parts_in, save_blueprint};
 pub use report::{ReportError, report};
 pub use signals::{ChainHops, HOP_NAMES, Signal, TickRow, chain_hops};
-pub use sink::{FileInfo, RecordError, Storage};
+pub use sink::FileInfo;
+pub use storage::{RecordError, Storage};
 pub use tint::singularity_ink;

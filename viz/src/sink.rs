@@ -4,80 +4,12 @@
 //! comes. This one writes where it is called: the first error is kept, the stream is cut back to its last whole message, and every
 //! later call returns at once.
 
-use std::fs::File;
-use std::io::{self, Seek, SeekFrom, Write};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
-
 use re_chunk::{Chunk, ChunkResult};
-use re_log_encoding::{CrateVersion, EncodeError, Encoder, EncodingOptions};
 use re_log_types::external::re_tuid::Tuid;
 use re_log_types::{BlueprintActivationCommand, LogMsg, SetStoreInfo, StoreId, StoreInfo, StoreSource};
 
-/// Where a recording goes: bytes that can be cut back.
-pub trait Storage: Write + Send {
-    /// Cuts to `bytes` and continues there.
-    ///
-    /// # Errors
-    /// The medium's own errors.
-    fn cut(&mut self, bytes: u64) -> io::Result<()>;
-
-    /// Makes everything written durable.
-    ///
-    /// # Errors
-    /// The medium's own errors.
-    fn sync(&mut self) -> io::Result<()>;
-}
-
-impl Storage for File {
-    fn cut(&mut self, bytes: u64) -> io::Result<()> {
-        self.set_len(bytes)?;
-        self.seek(SeekFrom::Start(bytes)).map(drop)
-    }
-
-    fn sync(&mut self) -> io::Result<()> {
-        self.sync_data()
-    }
-}
-
-/// Why a recording could not be made, or ended before its run; a file that exists is readable up to its last byte.
-#[derive(Debug, thiserror::Error)]
-pub enum RecordError {
-    /// The file could not be made.
-    #[error("cannot create the recording {path}: {source}; choose another folder with --out, or run with --no-record")]
-    Create {
-        /// The file.
-        path: String,
-        /// The system's error.
-        source: io::Error,
-    },
-    /// The arm cannot be drawn: its model does not fit.
-    #[error("cannot record the robot {robot}: {reason}")]
-    Arm {
-        /// The robot's name.
-        robot: String,
-        /// The model's error.
-        reason: String,
-    },
-    /// The volume refused a write.
-    #[error(
-        "the recording ends after {bytes} bytes: {source}; what came before is kept and readable. Free space there, choose another folder with --out, or run with --no-record"
-    )]
-    Write {
-        /// Bytes kept.
-        bytes: u64,
-        /// The system's error.
-        source: io::Error,
-    },
-    /// A chunk could not be built or encoded: a defect of ours.
-    #[error("the recording ends after {bytes} bytes because a chunk could not be encoded: {reason}; please report this")]
-    Encode {
-        /// Bytes kept.
-        bytes: u64,
-        /// The defect.
-        reason: String,
-    },
-}
+use crate::storage::{RecordError, Storage};
+use crate::stream::Stream;
 
 /// A finished recording.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -92,35 +24,12 @@ pub struct FileInfo {
     pub parts: u32,
 }
 
-/// Writes a whole message or, where the storage refuses, nothing. Rerun's encoder hands over one message per call.
-struct Whole {
-    storage: Box<dyn Storage>,
-    /// Bytes of whole messages.
-    bytes: Arc<AtomicU64>,
-}
-
-impl Write for Whole {
-    fn write(&mut self, message: &[u8]) -> io::Result<usize> {
-        let before = self.bytes.load(Ordering::Relaxed);
-        if let Err(error) = self.storage.write_all(message) {
-            // The first error is the one to report, not the error of the cut.
-            let _ = self.storage.cut(before);
-            return Err(error);
-        }
-        self.bytes.store(before + message.len() as u64, Ordering::Relaxed);
-        Ok(message.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.storage.flush()
-    }
-}
-
 /// A stream of stores' messages.
 pub(crate) struct Sink {
     /// `None` once closed.
-    encoder: Option<Encoder<Whole>>,
-    bytes: Arc<AtomicU64>,
+    stream: Option<Stream>,
+    /// Bytes of whole messages.
+    bytes: u64,
     chunks: u64,
     /// The error that closed it, until it is answered.
     error: Option<RecordError>,
@@ -129,43 +38,43 @@ pub(crate) struct Sink {
 impl Sink {
     /// Starts a stream.
     pub(crate) fn new(storage: Box<dyn Storage>) -> Result<Self, RecordError> {
-        let bytes = Arc::new(AtomicU64::new(0));
-        let whole = Whole { storage, bytes: Arc::clone(&bytes) };
-        let encoder =
-            Encoder::new_eager(CrateVersion::LOCAL, EncodingOptions::PROTOBUF_COMPRESSED, whole).map_err(|error| describe(error, 0))?;
-        Ok(Self { encoder: Some(encoder), bytes, chunks: 0, error: None })
+        let stream = Stream::begin(storage)?;
+        Ok(Self { bytes: stream.bytes(), stream: Some(stream), chunks: 0, error: None })
     }
 
     /// Announces a store, before its first chunk.
     pub(crate) fn announce(&mut self, store: &StoreId) {
         let source = StoreSource::Other(concat!("armplane ", env!("CARGO_PKG_VERSION")).into());
-        self.send(&LogMsg::SetStoreInfo(SetStoreInfo { row_id: Tuid::new(), info: StoreInfo::new(store.clone(), source) }));
+        let message = LogMsg::SetStoreInfo(SetStoreInfo { row_id: Tuid::new(), info: StoreInfo::new(store.clone(), source) });
+        self.write(|stream| stream.message(&message));
     }
 
     /// Appends a chunk of a store.
     pub(crate) fn chunk(&mut self, store: &StoreId, chunk: ChunkResult<Chunk>) {
-        match chunk.and_then(|chunk| chunk.to_arrow_msg()) {
-            Ok(message) => {
+        match chunk {
+            Ok(chunk) => {
                 self.chunks += 1;
-                self.send(&LogMsg::ArrowMsg(store.clone(), message));
+                self.write(|stream| stream.chunk(store, &chunk));
             }
-            Err(error) => self.fail(RecordError::Encode { bytes: self.bytes(), reason: error.to_string() }),
+            Err(error) => self.fail(RecordError::Encode { bytes: self.bytes, reason: error.to_string() }),
         }
     }
 
     /// Says that a blueprint is complete and shall be shown.
     pub(crate) fn activate(&mut self, blueprint: &StoreId) {
-        self.send(&LogMsg::BlueprintActivationCommand(BlueprintActivationCommand {
+        let message = LogMsg::BlueprintActivationCommand(BlueprintActivationCommand {
             blueprint_id: blueprint.clone(),
             make_active: true,
             make_default: true,
-        }));
+        });
+        self.write(|stream| stream.message(&message));
     }
 
-    fn send(&mut self, message: &LogMsg) {
-        let Some(encoder) = &mut self.encoder else { return };
-        if let Err(error) = encoder.append(message) {
-            let error = describe(error, self.bytes());
+    fn write(&mut self, write: impl FnOnce(&mut Stream) -> Result<(), RecordError>) {
+        let Some(stream) = &mut self.stream else { return };
+        let written = write(stream);
+        self.bytes = stream.bytes();
+        if let Err(error) = written {
             self.fail(error);
         }
     }
@@ -178,7 +87,7 @@ impl Sink {
 
     /// Size so far; bytes.
     pub(crate) fn bytes(&self) -> u64 {
-        self.bytes.load(Ordering::Relaxed)
+        self.bytes
     }
 
     /// Chunks so far.
@@ -188,7 +97,7 @@ impl Sink {
 
     /// Whether the stream has ended.
     pub(crate) fn is_closed(&self) -> bool {
-        self.encoder.is_none()
+        self.stream.is_none()
     }
 
     /// The error that closed the stream, once.
@@ -205,27 +114,13 @@ impl Sink {
     pub(crate) fn finish(mut self) -> Result<u64, RecordError> {
         let closed = self.close();
         self.check().and(closed)?;
-        Ok(self.bytes())
+        Ok(self.bytes)
     }
 
-    /// Footer and sync; where the footer does not fit, the stream ends without one, after its last whole message.
     fn close(&mut self) -> Result<(), RecordError> {
-        let Some(mut encoder) = self.encoder.take() else { return Ok(()) };
-        let data = self.bytes();
-        let footer = encoder.finish().map_err(|error| describe(error, data));
-        let mut storage = encoder.into_inner().map_err(|error| describe(error, data))?.storage;
-        if footer.is_err() {
-            // A footer is three writes: half of one is worse than none.
-            let _ = storage.cut(data);
-            self.bytes.store(data, Ordering::Relaxed);
-        }
-        footer.and(storage.sync().map_err(|source| RecordError::Write { bytes: data, source }))
-    }
-}
-
-fn describe(error: EncodeError, bytes: u64) -> RecordError {
-    match error {
-        EncodeError::Write(source) => RecordError::Write { bytes, source },
-        other => RecordError::Encode { bytes, reason: other.to_string() },
+        let Some(stream) = self.stream.take() else { return Ok(()) };
+        let (bytes, ended) = stream.end();
+        self.bytes = bytes;
+        ended
     }
 }

@@ -162,11 +162,17 @@ impl Packer {
         planes.clear();
         planes.resize(*words, 0);
         let mut column = [0_u64; BLOCK];
+        let mut bytes = [[0_u8; BLOCK]; size_of::<u64>()];
         for (word, any) in any.iter().enumerate().filter(|(_, any)| **any != 0) {
             column.iter_mut().zip(folded[word..].iter().step_by(*words)).for_each(|(to, from)| *to = *from);
-            for byte in any.to_le_bytes().into_iter().enumerate().filter_map(|(byte, part)| (part != 0).then_some(byte)) {
+            for (group, rows) in column.as_chunks::<8>().0.iter().enumerate() {
+                for (plane, eight) in bytes.iter_mut().zip(transposed(*rows)) {
+                    plane[8 * group..][..8].copy_from_slice(&eight.to_le_bytes());
+                }
+            }
+            for (byte, plane) in bytes.iter().enumerate().filter(|(byte, _)| any >> (8 * byte) & 0xff != 0) {
                 planes[word] |= 1 << byte;
-                planes.extend(column[..n].iter().map(|value| (value >> (8 * byte)) as u8));
+                planes.extend_from_slice(&plane[..n]);
             }
         }
         folded.clear();
@@ -179,6 +185,18 @@ impl Packer {
         packed[4..BLOCK_HEAD].copy_from_slice(&(size as u32).to_le_bytes());
         &packed[..BLOCK_HEAD + size]
     }
+}
+
+/// Eight words as a square of bytes, its rows as columns: word *b* holds byte *b* of each. Halves, quarters and eighths are swapped in turn.
+fn transposed(mut words: [u64; 8]) -> [u64; 8] {
+    for (step, mask) in [(4, 0x0000_0000_ffff_ffff_u64), (2, 0x0000_ffff_0000_ffff), (1, 0x00ff_00ff_00ff_00ff)] {
+        for i in (0..8).filter(|i| i & step == 0) {
+            let swapped = (words[i] >> (8 * step) ^ words[i + step]) & mask;
+            words[i + step] ^= swapped;
+            words[i] ^= swapped << (8 * step);
+        }
+    }
+    words
 }
 
 /// The inverse of [`Packer::pack`], of what follows a block's head: rows of as many words, one after the other.

@@ -1,6 +1,7 @@
 //! The recorder's checkpoint: the progress of its predecessor and its gathered results.
 
 use std::convert::Infallible;
+use std::fmt;
 use std::fs::{File, OpenOptions};
 use std::io;
 use std::os::unix::fs::{FileExt, OpenOptionsExt};
@@ -9,7 +10,8 @@ use std::time::{Duration, Instant};
 
 use bytemuck::{bytes_of, bytes_of_mut, try_pod_read_unaligned};
 use message_log::TopicHash;
-use serde::{Deserialize, Serialize};
+use serde::de::Visitor;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use shared_types::summary::RecorderSummary;
 use shared_types::topics::{self, Build, ByTopic, COUNT, Each, Received, Topic};
 use viz::Written;
@@ -56,7 +58,7 @@ pub(crate) struct Progress {
     pub(crate) last: Option<u64>,
     pub(crate) lost: u64,
     /// The last message, where there is one.
-    pub(crate) message: Option<Vec<u8>>,
+    pub(crate) message: Option<Bytes>,
     /// Bytes in the file of kept messages, which are all of them until now.
     pub(crate) kept_bytes: u64,
     /// Why no more of them are kept.
@@ -65,28 +67,57 @@ pub(crate) struct Progress {
 
 /// A row that is still waiting for messages: a tick, and the bytes of the messages that have come.
 #[derive(Debug, Serialize, Deserialize)]
-pub(crate) struct StoredRow(u64, [Option<Vec<u8>>; COUNT]);
+pub(crate) struct StoredRow(u64, [Option<Bytes>; COUNT]);
+
+/// Bytes that are stored as one string of them, not number by number.
+#[derive(Clone, Debug)]
+pub(crate) struct Bytes(pub(crate) Vec<u8>);
+
+impl Serialize for Bytes {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_bytes(&self.0)
+    }
+}
+
+impl<'de> Deserialize<'de> for Bytes {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Whole;
+        impl Visitor<'_> for Whole {
+            type Value = Bytes;
+            fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+                formatter.write_str("bytes")
+            }
+            fn visit_byte_buf<E>(self, bytes: Vec<u8>) -> Result<Bytes, E> {
+                Ok(Bytes(bytes))
+            }
+            fn visit_bytes<E>(self, bytes: &[u8]) -> Result<Bytes, E> {
+                Ok(Bytes(bytes.to_vec()))
+            }
+        }
+        deserializer.deserialize_byte_buf(Whole)
+    }
+}
 
 impl From<&Row> for StoredRow {
     fn from(row: &Row) -> Self {
-        struct Bytes<'a>(&'a ByTopic<Received>);
-        impl Each for Bytes<'_> {
-            type Output = Option<Vec<u8>>;
+        struct Stored<'a>(&'a ByTopic<Received>);
+        impl Each for Stored<'_> {
+            type Output = Option<Bytes>;
             fn each<M: Topic>(&mut self) -> Self::Output {
-                M::of(self.0).as_ref().map(|message| bytes_of(message).to_vec())
+                M::of(self.0).as_ref().map(|message| Bytes(bytes_of(message).to_vec()))
             }
         }
-        Self(row.tick, topics::each(&mut Bytes(row.messages())))
+        Self(row.tick, topics::each(&mut Stored(row.messages())))
     }
 }
 
 impl From<StoredRow> for Row {
     fn from(StoredRow(tick, bytes): StoredRow) -> Self {
-        struct Messages([Option<Vec<u8>>; COUNT]);
+        struct Messages([Option<Bytes>; COUNT]);
         impl Build<Received> for Messages {
             type Error = Infallible;
             fn build<M: Topic>(&mut self) -> Result<Option<M>, Infallible> {
-                Ok(self.0[M::INDEX].as_deref().and_then(|bytes| try_pod_read_unaligned(bytes).ok()))
+                Ok(self.0[M::INDEX].as_ref().and_then(|bytes| try_pod_read_unaligned(&bytes.0).ok()))
             }
         }
         Self::new(tick, ByTopic::build(&mut Messages(bytes)))

@@ -7,7 +7,7 @@ use runtime::{ForeignCollector, ProcessError, Shell};
 use shared_types::layout::MessageLayout;
 use shared_types::wire::Stamps;
 
-use crate::checkpoint::Progress;
+use crate::checkpoint::{Bytes, Progress};
 use crate::kept::Kept;
 
 /// The end of one such topic: its fingerprint, and the file that keeps its messages where that is wanted.
@@ -40,7 +40,7 @@ impl ForeignTap {
             return Ok(Self { topic, collector, hash: TopicHash::default(), last: None, keep, kept: Kept::default() });
         }
         collector.resume(past.last, past.lost);
-        let (mut hash, mut last) = (past.hash, past.message.clone());
+        let (mut hash, mut last) = (past.hash, past.message.clone().map(|bytes| bytes.0));
         let mut kept = Kept { bytes: past.kept_bytes, error: past.kept_error.clone() };
         let resumed = messages.filter(|_| kept.error.is_empty()).map(|folder| {
             RowWriter::resume(folder, &shape, past.kept_bytes, |row| {
@@ -98,7 +98,7 @@ impl ForeignTap {
             hash: self.hash,
             last: self.collector.last(),
             lost: self.collector.lost(),
-            message: self.last.clone(),
+            message: self.last.clone().map(Bytes),
             kept_bytes: self.keep.as_ref().map_or(self.kept.bytes, RowWriter::bytes),
             kept_error: self.kept.error.clone(),
         }

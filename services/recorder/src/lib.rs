@@ -26,7 +26,7 @@ use shared_types::summary::{RecorderSummary, Summary, TopicSummary};
 use shared_types::topics::{self, Build, ByTopic, COUNT, Each, Family, Topic};
 use viz::Level;
 
-use checkpoint::{Checkpoint, Memory, Past, Progress, StoredRow};
+use checkpoint::{Bytes, Checkpoint, Memory, Past, Progress, StoredRow};
 use fault_reporter::FaultReporter;
 use foreign::ForeignTap;
 use kept::Kept;
@@ -203,7 +203,7 @@ impl<M: Topic> Tap<M> {
         }
         drain.resume(past.last, past.lost);
         let mut hash = past.hash;
-        let mut last: Option<M> = past.message.as_deref().and_then(|bytes| try_pod_read_unaligned(bytes).ok());
+        let mut last: Option<M> = past.message.as_ref().and_then(|bytes| try_pod_read_unaligned(&bytes.0).ok());
         let mut kept = Kept { bytes: past.kept_bytes, error: past.kept_error.clone() };
         let resumed = messages.filter(|_| kept.error.is_empty()).map(|folder| {
             LogWriter::resume(folder, past.kept_bytes, |message: M| {
@@ -256,7 +256,7 @@ impl<M: Topic> Tap<M> {
             hash: self.hash,
             last: self.drain.last(),
             lost: self.drain.lost(),
-            message: self.last.as_ref().map(|message| bytes_of(message).to_vec()),
+            message: self.last.as_ref().map(|message| Bytes(bytes_of(message).to_vec())),
             kept_bytes: self.keep.as_ref().map_or(self.kept.bytes, LogWriter::bytes),
             kept_error: self.kept.error.clone(),
         }

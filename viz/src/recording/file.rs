@@ -18,7 +18,8 @@ use crate::blueprint::Subject;
 use crate::narration::History;
 use crate::scene::NullMotion;
 use crate::signals::{Drawn, Limits, TickRow, draw, sample};
-use crate::sink::{FileInfo, RecordError, Sink, Storage};
+use crate::sink::{FileInfo, Sink};
+use crate::storage::{RecordError, Storage};
 use crate::{blueprint, entity};
 
 impl Recording {

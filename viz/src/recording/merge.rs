@@ -13,7 +13,8 @@ use re_log_types::{StoreId, StoreKind};
 use super::parts::create;
 use crate::frames::Frames;
 use crate::read::{Damage, ReadError};
-use crate::sink::{RecordError, Sink};
+use crate::sink::Sink;
+use crate::storage::RecordError;
 
 /// Why recordings cannot be merged.
 #[derive(Debug, thiserror::Error)]

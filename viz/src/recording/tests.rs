@@ -12,7 +12,7 @@ use super::*;
 use crate::arm::Figure;
 use crate::entity;
 use crate::signals::{Limits, Signal, TickRow, sample};
-use crate::sink::RecordError;
+use crate::storage::RecordError;
 use crate::synthetic::{Messages, Run, SCENARIO};
 use model::{Model, Robot};
 use nalgebra::SVector;

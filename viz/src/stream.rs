@@ -1,0 +1,163 @@
+//! The bytes of an `.rrd` stream: header, messages, table of contents.
+//!
+//! Rerun's `Encoder` writes the same bytes at more than twice the cost: it parses every batch again, twice, for what the chunk says itself, and enters
+//! the chunks of a blueprint, half of those of a short run and with a column for each of their components, into the table of contents. A
+//! blueprint is read from its first message to its last, never sought in, so this table lists the recording's chunks only.
+
+use std::collections::HashMap;
+use std::fmt::Display;
+
+use re_chunk::external::arrow::ipc::writer::StreamWriter;
+use re_chunk::{Chunk, Span};
+use re_log_encoding::external::lz4_flex::block::compress;
+use re_log_encoding::{
+    Compression, CrateVersion, Encodable, EncodingOptions, MessageHeader, MessageKind, RRD_FOURCC, RrdFooter, RrdManifestBuilder,
+    StreamFooter, StreamHeader, ToTransport,
+};
+use re_log_types::{LogMsg, StoreId, StoreKind};
+use re_protos::common::v1alpha1::Compression as Packing;
+use re_protos::external::prost::Message;
+use re_protos::log_msg::v1alpha1::{ArrowMsg, Encoding, log_msg::Msg};
+
+use crate::storage::{RecordError, Storage};
+
+/// A stream in the making: each message is written whole or, where the storage refuses, not at all.
+pub(crate) struct Stream {
+    storage: Box<dyn Storage>,
+    /// Bytes of whole messages.
+    bytes: u64,
+    /// The table of contents of each recording.
+    contents: HashMap<StoreId, RrdManifestBuilder>,
+    /// A chunk as Arrow writes it, and the message that carries it: kept, so that their memory is.
+    table: Vec<u8>,
+    message: Vec<u8>,
+}
+
+impl Stream {
+    /// Begins a stream with its header.
+    pub(crate) fn begin(storage: Box<dyn Storage>) -> Result<Self, RecordError> {
+        let mut stream = Self { storage, bytes: 0, contents: HashMap::new(), table: Vec::new(), message: Vec::new() };
+        let options = EncodingOptions::PROTOBUF_COMPRESSED;
+        stream.append(&StreamHeader { fourcc: RRD_FOURCC, version: CrateVersion::LOCAL.to_bytes(), options })?;
+        Ok(stream)
+    }
+
+    /// Size so far; bytes.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// Appends a message that is no chunk.
+    pub(crate) fn message(&mut self, message: &LogMsg) -> Result<(), RecordError> {
+        let message = message.to_transport(Compression::LZ4).map_err(|error| self.defect(&error))?;
+        self.append(&message)
+    }
+
+    /// Appends a chunk of a store.
+    pub(crate) fn chunk(&mut self, store: &StoreId, chunk: &Chunk) -> Result<(), RecordError> {
+        let batch = chunk.to_chunk_batch().map_err(|error| self.defect(&error))?;
+        self.table.clear();
+        StreamWriter::try_new(&mut self.table, batch.schema_ref())
+            .and_then(|mut writer| writer.write(&batch).and_then(|()| writer.finish()))
+            .map_err(|error| self.defect(&error))?;
+        let (begin, size) = (self.bytes, self.table.len() as u64);
+        self.append(&Msg::ArrowMsg(ArrowMsg {
+            store_id: Some(store.clone().into()),
+            chunk_id: Some(chunk.id().as_tuid().into()),
+            compression: Packing::Lz4 as i32,
+            uncompressed_size: size,
+            encoding: Encoding::ArrowIpc as i32,
+            payload: compress(&self.table).into(),
+            is_static: Some(chunk.is_static()),
+        }))?;
+        if store.kind() == StoreKind::Recording {
+            let header = MessageHeader::ENCODED_SIZE_BYTES as u64;
+            let place = Span { start: begin + header, len: self.bytes - begin - header };
+            let entered = self.contents.entry(store.clone()).or_default().append(&batch, place, size);
+            entered.map_err(|error| self.defect(&error))?;
+        }
+        Ok(())
+    }
+
+    /// Ends the stream with its footer and makes it durable; where the footer does not fit, the stream ends without one, after its last whole
+    /// message. Returns the size, too.
+    pub(crate) fn end(mut self) -> (u64, Result<(), RecordError>) {
+        let footer = self.footer().and_then(|()| self.write());
+        let bytes = self.bytes;
+        (bytes, footer.and(self.storage.sync().map_err(|source| RecordError::Write { bytes, source })))
+    }
+
+    /// Table of contents and the place of it, in the buffer of a message.
+    fn footer(&mut self) -> Result<(), RecordError> {
+        let contents = std::mem::take(&mut self.contents).into_iter().map(|(store, builder)| Ok((store.clone(), builder.build(store)?)));
+        let footer = contents
+            .collect::<Result<_, _>>()
+            .and_then(|manifests| RrdFooter { manifests }.to_transport(()))
+            .map_err(|error| self.defect(&error))?
+            .encode_to_vec();
+        self.message.clear();
+        let out = &mut self.message;
+        let header = MessageHeader { kind: MessageKind::End, len: footer.len() as u64 }.to_rrd_bytes(out);
+        let place = self.bytes + out.len() as u64;
+        out.extend_from_slice(&footer);
+        let ended = header.and_then(|_| StreamFooter::from_rrd_footer_bytes(place, &footer).to_rrd_bytes(out));
+        ended.map(drop).map_err(|error| self.defect(&error))
+    }
+
+    fn append(&mut self, message: &impl Encodable) -> Result<(), RecordError> {
+        self.message.clear();
+        message.to_rrd_bytes(&mut self.message).map_err(|error| self.defect(&error))?;
+        self.write()
+    }
+
+    /// Writes the message in the buffer.
+    fn write(&mut self) -> Result<(), RecordError> {
+        if let Err(source) = self.storage.write_all(&self.message).and_then(|()| self.storage.flush()) {
+            // The first error is the one to report, not the error of the cut.
+            let _ = self.storage.cut(self.bytes);
+            return Err(RecordError::Write { bytes: self.bytes, source });
+        }
+        self.bytes += self.message.len() as u64;
+        Ok(())
+    }
+
+    fn defect(&self, reason: &impl Display) -> RecordError {
+        RecordError::Encode { bytes: self.bytes, reason: reason.to_string() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use re_chunk::{RowId, TimePoint};
+    use re_log_encoding::RawRrdManifest;
+    use re_sdk_types::archetypes::TextLog;
+
+    #[test]
+    fn the_table_of_contents_leads_to_the_chunks_of_the_recording() {
+        let file = tempfile::NamedTempFile::new().expect("a file");
+        let mut stream = Stream::begin(Box::new(file.reopen().expect("the file"))).expect("a stream");
+        let store = |kind| StoreId::new(kind, "armplane-test", "run");
+        let mut chunks = Vec::new();
+        for (path, kind) in [("/a", StoreKind::Recording), ("/view", StoreKind::Blueprint), ("/b", StoreKind::Recording)] {
+            let chunk =
+                Chunk::builder(path).with_archetype(RowId::new(), TimePoint::default(), &TextLog::new(path)).build().expect("a chunk");
+            stream.chunk(&store(kind), &chunk).expect("written");
+            if kind == StoreKind::Recording {
+                chunks.push(chunk.id().as_tuid());
+            }
+        }
+        let (size, ended) = stream.end();
+        ended.expect("ended");
+        let bytes = std::fs::read(file.path()).expect("the file");
+        assert_eq!(bytes.len() as u64, size);
+        let contents = RawRrdManifest::from_rrd_bytes(&bytes).expect("a footer");
+        assert_eq!(contents.iter().map(|table| table.store_id.kind()).collect::<Vec<_>>(), [StoreKind::Recording]);
+        let column = |values: re_log_encoding::CodecResult<&re_chunk::external::arrow::array::UInt64Array>| {
+            values.expect("a column").values().to_vec()
+        };
+        let places = column(contents[0].col_chunk_byte_offset_raw()).into_iter().zip(column(contents[0].col_chunk_byte_size_raw()));
+        let found = places.map(|(from, size)| ArrowMsg::decode(&bytes[from as usize..(from + size) as usize]).expect("a message").chunk_id);
+        assert_eq!(found.collect::<Vec<_>>(), chunks.into_iter().map(|id| Some(id.into())).collect::<Vec<_>>());
+    }
+}
