@@ -108,15 +108,24 @@ pub(crate) const PROCESSES: [&str; Program::ALL.len()] = Program::NAMES;
 /// The other lanes that are no singularity's.
 const LANES: [&str; 3] = ["drive", "phase", "fault"];
 
-/// A lane of the state timeline. The viewer names a lane by its path, so that is as short as can be: `/wrist` for `mode/wrist`, `/plant` for
-/// `process/plant`.
+/// A lane of the state timeline. The viewer names a lane by its path and orders lanes by it, so it is as short as can be, with a number where lanes
+/// have an order: `/wrist` for `mode/wrist`; `/0.fault`, `/1.plant` and so on in the order of the data, `/6.drive`.
 pub(crate) fn state(lane: &str) -> String {
-    format!("/{}", lane.rsplit('/').next().unwrap_or(lane))
+    let name = lane.rsplit('/').next().unwrap_or(lane);
+    let place = match lane {
+        "fault" => Some(0),
+        "drive" => Some(PROCESSES.len() + 1),
+        lane if lane.starts_with("process/") => PROCESSES.iter().position(|process| *process == name).map(|place| place + 1),
+        _ => None,
+    };
+    place.map_or_else(|| format!("/{name}"), |place| format!("/{place}.{name}"))
 }
 
 /// The lane at a path.
 pub(crate) fn lane(path: &str) -> String {
-    let name = path.trim_start_matches('/');
+    let path = path.trim_start_matches('/');
+    // Without its number; older recordings have none.
+    let name = path.split_once('.').filter(|(place, _)| place.bytes().all(|byte| byte.is_ascii_digit())).map_or(path, |(_, name)| name);
     match name {
         name if PROCESSES.contains(&name) => format!("process/{name}"),
         name if LANES.contains(&name) => name.to_owned(),
@@ -133,5 +142,8 @@ mod tests {
         for name in ["mode/wrist", "mode/s1", "process/plant", "process/recorder", "drive", "phase", "fault"] {
             assert_eq!(lane(&state(name)), name);
         }
+        assert_eq!((lane("/plant"), lane("/fault")), ("process/plant".to_owned(), "fault".to_owned()), "as in older recordings");
+        let order = ["fault", "process/plant", "process/estimator", "process/recorder", "drive"].map(state);
+        assert!(order.is_sorted(), "{order:?}");
     }
 }

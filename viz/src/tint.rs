@@ -17,6 +17,17 @@ pub(crate) fn on_paper([r, g, b, a]: Rgba) -> Rgba {
     [r, g, b, a]
 }
 
+/// The least luminance of words in the viewer's 3-D views. Their ground is dark or, in the viewer's light theme, of a middle grey.
+const PALEST: f32 = 0.7;
+
+/// A colour for words that read in both themes of the viewer: with as much white as that takes.
+pub(crate) fn of_words([r, g, b, _]: Rgba) -> Rgba {
+    let luminance = 0.2126 * linear(r) + 0.7152 * linear(g) + 0.0722 * linear(b);
+    let white = ((PALEST - luminance) / (1.0 - luminance).max(1e-6)).clamp(0.0, 1.0);
+    let [r, g, b] = [r, g, b].map(|byte| (255.0 * (linear(byte) + white * (1.0 - linear(byte))).powf(1.0 / 2.2)).round() as u8);
+    [r, g, b, 255]
+}
+
 /// Darker by a factor.
 pub(crate) fn shaded([r, g, b, a]: Rgba, light: f32) -> Rgba {
     let [r, g, b] = [r, g, b].map(|byte| (f32::from(byte) * light).round().clamp(0.0, 255.0) as u8);
@@ -49,6 +60,11 @@ mod tests {
         let [r, g, b, _] = on_paper([250, 214, 60, 255]);
         assert!(r > g && g > b && g < 160, "still yellow: {r} {g} {b}");
         assert_eq!(on_paper([40, 60, 120, 255]), [40, 60, 120, 255]);
+        let luminance = |[r, g, b, _]: Rgba| 0.2126 * linear(r) + 0.7152 * linear(g) + 0.0722 * linear(b);
+        for colour in [[240, 60, 210, 90], [255, 128, 0, 255], [90, 220, 120, 255], [0, 0, 0, 255], [255, 255, 255, 0]] {
+            let words = of_words(colour);
+            assert!(luminance(words) > 0.69 && words[3] == 255, "{colour:?} gives {words:?}");
+        }
         assert_eq!(hex([1, 171, 255, 0]), "#01abff");
     }
 }

@@ -21,6 +21,14 @@ pub(super) const fn close_up_name(subject: &Subject) -> &'static str {
 const ERRORS: Option<[f64; 2]> = Some([-4.3, 2.3]);
 const LATENCIES: Option<[f64; 2]> = Some([-0.6, 4.3]);
 
+/// Joints that a plot's legend names.
+#[derive(Clone, Copy)]
+enum Named {
+    All,
+    First,
+    Last,
+}
+
 /// The panes of one layout.
 pub(super) struct Desk<'a> {
     sheet: &'a mut Sheet,
@@ -73,12 +81,17 @@ impl<'a> Desk<'a> {
         }
     }
 
-    fn joint_names(&self) -> Vec<String> {
-        (1..=self.subject.joints).map(|i| format!("q{i}")).collect()
-    }
-
-    fn per_joint(&self, drawn: Drawn) -> Vec<Lines> {
-        vec![Lines::drawn(drawn, self.joint_names(), JOINTS)]
+    /// A line per joint. A legend has room for three or four names: of two plots side by side the one names the first joints, the other the last.
+    fn per_joint(&self, drawn: Drawn, named: Named) -> Vec<Lines> {
+        let first = self.subject.joints.div_ceil(2);
+        let is_named = |i: usize| match named {
+            Named::All => true,
+            Named::First => i < first,
+            Named::Last => i >= first,
+        };
+        // The others share an entry, which comes last.
+        let names = (0..self.subject.joints).map(|i| if is_named(i) { format!("q{}", i + 1) } else { "…".to_owned() });
+        vec![Lines::drawn(drawn, names.collect(), JOINTS)]
     }
 
     fn singularity_names(&self, prefix: &str) -> Vec<String> {
@@ -160,23 +173,24 @@ impl<'a> Desk<'a> {
 
     fn torques(&mut self) -> EntityPath {
         let of = self.torque_unit();
-        let hand = self.per_joint(Drawn::Hand);
+        let hand = self.per_joint(Drawn::Hand, Named::First);
         let hand = self.sheet.plot(&format!("Hand torque, no gravity{of}"), hand, None, Some(Corner2D::LeftBottom));
-        let null = self.sheet.plot(&format!("Null-space torque{of}"), self.per_joint(Drawn::Null), None, None);
+        let null = self.per_joint(Drawn::Null, Named::Last);
+        let null = self.sheet.plot(&format!("Null-space torque{of}"), null, None, Some(Corner2D::LeftBottom));
         self.sheet.row("Torques", vec![(1.0, hand), (1.0, null)])
     }
 
     fn gravity(&mut self) -> EntityPath {
         let name = format!("Gravity torque{}", self.torque_unit());
-        self.sheet.plot(&name, self.per_joint(Drawn::Gravity), None, Some(Corner2D::LeftBottom))
+        self.sheet.plot(&name, self.per_joint(Drawn::Gravity, Named::All), None, Some(Corner2D::LeftBottom))
     }
 
     fn joints(&mut self) -> EntityPath {
-        let range = self.per_joint(Drawn::InRange);
+        let range = self.per_joint(Drawn::InRange, Named::First);
         let range = self.sheet.plot("Joints between limits ±1", range, LIMITS, Some(Corner2D::LeftBottom));
         let of = if self.subject.unlimited_speed { ", rad/s" } else { " / limit" };
-        let speed = self.per_joint(Drawn::Speed);
-        let speed = self.sheet.plot(&format!("Joint speeds{of}"), speed, None, None);
+        let speed = self.per_joint(Drawn::Speed, Named::Last);
+        let speed = self.sheet.plot(&format!("Joint speeds{of}"), speed, None, Some(Corner2D::LeftBottom));
         self.sheet.row("Joints", vec![(1.0, range), (1.0, speed)])
     }
 

@@ -6,11 +6,12 @@ use re_sdk_types::components::{Color, Radius};
 use shared_types::codes::MODE_REORIENT;
 use shared_types::messages::SingularityState;
 
-use super::pieces::{ghost3d, mesh3d, tinted};
+use super::pieces::{ghost3d, lettered, mesh3d, tinted};
 use super::state::{Recording, Swept};
 use crate::scene::{Mark, Presence, dashed, glyph};
 use crate::signals::TickRow;
 use crate::solid::{Placement, Rgba};
+use crate::tint::of_words;
 use crate::{entity, narration, scene};
 
 /// A size that cannot be seen. Nothing else hides a mesh that is to come back: none would be its own size, and a cleared one had to be
@@ -79,7 +80,7 @@ impl Recording {
         if is_inside {
             let frame = Arrows3D::from_vectors([[0.0, 0.5 * unit, 0.0], [0.0, 0.0, 0.5 * unit]]);
             self.log(tick, axes, &frame.with_colors([0xc8d0dcff_u32]).with_radii([0.012 * unit]));
-            let point = Points3D::new([[0.0; 3]]).with_radii([Radius::new_ui_points(0.5)]).with_colors([Color::from_rgb(r, g, b)]);
+            let point = Points3D::new([[0.0; 3]]).with_radii([Radius::new_ui_points(0.5)]).with_colors([colour(of_words([r, g, b, 255]))]);
             self.log(tick, label, &point.with_labels([words]).with_show_labels(true));
         } else {
             self.log(tick, axes, &Clear::flat());
@@ -137,15 +138,16 @@ impl Recording {
         let Some((first, last)) = swept.directions.first().copied().zip(swept.directions.last().copied()) else { return };
         let [r, g, b, _] = tint;
         let old = |colour_of: Rgba, words: String| {
-            let mut strips = dashed(centre - 1.15 * unit * first, centre + 1.15 * unit * first, 15, 0);
+            let dashes = dashed(centre - 1.15 * unit * first, centre + 1.15 * unit * first, 15, 0);
+            let mut strips: Vec<Vec<[f32; 3]>> = dashes.iter().map(|dash| dash.to_vec()).collect();
             // The words at the end of the line.
             let up = if first.z < 0.0 { -first } else { first };
             let tip = centre + 1.2 * unit * up;
-            strips.push([tip.to_array(), (tip + 0.02 * unit * up).to_array()]);
+            strips.push(vec![tip.to_array(), (tip + 0.02 * unit * up).to_array()]);
             let mut labels = vec![String::new(); strips.len() - 1];
             labels.push(words);
-            let lines = LineStrips3D::new(strips).with_colors([colour(colour_of)]).with_radii([0.004 * self.figure.reach]);
-            lines.with_labels(labels).with_show_labels(true)
+            let colours = vec![colour_of; strips.len()];
+            lettered(strips, colours, labels, 0.004 * self.figure.reach)
         };
         if !is_inside && swept.freed.is_none() {
             // It left as it came.
@@ -170,8 +172,8 @@ impl Recording {
             let first_picture = swept.directions.len() == 3;
             let dashes = old([r, g, b, 200], String::new());
             self.log(tick, &*sector, &ghost3d(&mesh, [r, g, b, 90]));
-            let arc = LineStrips3D::new([arc]).with_colors([colour(tint)]).with_radii([0.004 * self.figure.reach]);
-            self.log(tick, &*words, &arc.with_labels([format!("ζ turned {turned:.0}°{of}")]).with_show_labels(true));
+            let arc = lettered(vec![arc], vec![tint], vec![format!("ζ turned {turned:.0}°{of}")], 0.004 * self.figure.reach);
+            self.log(tick, &*words, &arc);
             if first_picture {
                 self.log(tick, &*entry, &dashes);
             }

@@ -9,7 +9,7 @@ use shared_types::MAX_DOF;
 
 use super::columns::{MarkTracks, Track};
 use super::marks::UNSEEN;
-use super::pieces::{ghost3d, quaternion};
+use super::pieces::{ghost3d, lettered, quaternion};
 use super::state::Recording;
 use crate::arm::placement;
 use crate::scene::differs;
@@ -69,7 +69,7 @@ impl Recording {
             let ring = ring.as_ref().filter(|_| angle.abs() > 0.06)?;
             // Words at those that move most.
             let words = if angle.abs() > 0.6 * most { format!("q{} {:+.0}°", i + 1, angle.to_degrees()) } else { String::new() };
-            Some((scene::turning(ring, X_BL, *angle as f32), Color::from_rgb(r, g, b), words))
+            Some((scene::turning(ring, X_BL, *angle as f32), [r, g, b, 255], words))
         });
         let (mut strips, mut colours, mut words) = (Vec::new(), Vec::new(), Vec::new());
         for (strip, colour, word) in arcs {
@@ -78,8 +78,7 @@ impl Recording {
             words.push(word);
         }
         let radius = 0.004 * self.figure.reach;
-        let arcs = LineStrips3D::new(strips).with_colors(colours).with_radii([radius]).with_labels(words).with_show_labels(true);
-        self.log(tick, entity::TURNED, &arcs);
+        self.log(tick, entity::TURNED, &lettered(strips, colours, words, radius));
     }
 
     pub(super) fn write_picture(&mut self) {

@@ -4,13 +4,14 @@ use glam::Vec3;
 use model::Robot;
 use re_log_types::ApplicationId;
 use re_sdk_types::ComponentDescriptor;
-use re_sdk_types::archetypes::Mesh3D;
+use re_sdk_types::archetypes::{LineStrips3D, Mesh3D};
 use re_sdk_types::components::{AlbedoFactor, Color};
 use re_sdk_types::datatypes::Quaternion;
 
 use crate::blueprint::{Eye, Subject};
 use crate::scene::rotation;
 use crate::solid::{Mesh, Placement, Rgba};
+use crate::tint::of_words;
 
 /// Recordings of one robot share their blueprint.
 pub(super) fn application(robot: &Robot) -> ApplicationId {
@@ -42,6 +43,21 @@ pub(super) fn mesh3d(mesh: &Mesh, tint: Option<Rgba>) -> Mesh3D {
         Some(tint) => made.with_albedo_factor(albedo(tint)),
         None => made,
     }
+}
+
+/// Lines of one width, some with words at their middle. Words have the colour of their line, which the viewer's light theme hides, so each
+/// belongs to a line of its own, too short to be seen.
+pub(super) fn lettered(mut strips: Vec<Vec<[f32; 3]>>, mut colours: Vec<Rgba>, words: Vec<String>, radius: f32) -> LineStrips3D {
+    let (mut radii, mut labels) = (vec![radius; strips.len()], vec![String::new(); strips.len()]);
+    for (i, word) in words.into_iter().enumerate().filter(|(_, word)| !word.is_empty()) {
+        let middle = strips[i].iter().map(|p| Vec3::from(*p)).sum::<Vec3>() / strips[i].len().max(1) as f32;
+        strips.push(vec![middle.to_array(), (middle + Vec3::splat(1e-4)).to_array()]);
+        colours.push(of_words(colours[i]));
+        radii.push(1e-5);
+        labels.push(word);
+    }
+    let colours = colours.into_iter().map(|[r, g, b, a]| Color::from_unmultiplied_rgba(r, g, b, a));
+    LineStrips3D::new(strips).with_colors(colours).with_radii(radii).with_labels(labels).with_show_labels(true)
 }
 
 /// A mesh of one colour that lets through what is behind it.
