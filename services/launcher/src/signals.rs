@@ -8,6 +8,10 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 /// In real time whoever mends a death comes before ordinary work: the launcher, and a process until it has a priority of its own. Children
 /// inherit it.
+///
+/// Several launchers, their threads and the processes that they start may share one core. Under `SCHED_FIFO` one that waits in the kernel for a lock by
+/// spinning, as a writer of an address space's lock does, would keep its equal that holds the lock from running: both stand still for ever, and no
+/// signal ends them. So equals take turns.
 pub(crate) struct Urgency {
     is_raised: bool,
 }
@@ -18,7 +22,7 @@ impl Urgency {
 
     /// For this thread, where the machine allows.
     pub(crate) fn begin() -> Self {
-        let raised = runtime::realtime::set_fifo_priority(Self::PRIORITY);
+        let raised = runtime::realtime::set_round_robin_priority(Self::PRIORITY);
         let is_raised = raised.inspect_err(|missing| tracing::info!("the launcher runs without {missing}")).is_ok();
         Self { is_raised }
     }

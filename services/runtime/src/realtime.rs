@@ -72,6 +72,15 @@ pub fn set_fifo_priority(priority: u8) -> Result<(), Missing> {
     schedule(libc::SCHED_FIFO, priority).map_err(|error| Missing::Fifo { priority, reason: error.to_string() })
 }
 
+/// Takes a `SCHED_RR` priority for this thread, and for whoever it starts from now on: as `SCHED_FIFO`, but equals take turns, so that one of them
+/// that does not sleep cannot keep the others from a core for ever.
+///
+/// # Errors
+/// [`Missing::Fifo`] where the kernel does not grant it.
+pub fn set_round_robin_priority(priority: u8) -> Result<(), Missing> {
+    schedule(libc::SCHED_RR, priority).map_err(|error| Missing::Fifo { priority, reason: error.to_string() })
+}
+
 /// Back to ordinary scheduling, which is always allowed.
 pub fn set_ordinary_scheduling() {
     let _ = schedule(libc::SCHED_OTHER, 0);
