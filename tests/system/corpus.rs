@@ -77,6 +77,7 @@ fn every_fuzz_target_has_something_to_begin_with() -> Done {
         seed("controller", name, &[&[place, 0, 0], &inputs[..]].concat())?;
         seed("drive", name, &[&[place], &each(|tick| bytes_of(&tick.torque).to_vec())[..]].concat())?;
     }
+    seed("target_file", "targets", crate::hostile::TARGETS.as_bytes())?;
     seed("graph", "graph", include_bytes!("../../services/graph.toml"))?;
     let robots = Path::new(env!("CARGO_MANIFEST_DIR")).join("services/model/robots");
     for entry in std::fs::read_dir(robots)?.flatten().filter(|entry| entry.path().extension().is_some_and(|is| is == "urdf")) {

@@ -42,6 +42,15 @@ fn files(folder: &str, extension: &str) -> Vec<String> {
     paths.map(|path| std::fs::read_to_string(path).unwrap()).collect()
 }
 
+/// A file of targets with a line of each kind.
+pub(crate) const TARGETS: &str = "# armplane targets 1, length mm
+0, twist, hand, 0.2, 5 0 0 0 0 0.1
+0.1, pose, base, 1, 500 0 700 0 1 0 0, keep, 0.05
+0.2, posture, joints, 1, 0.1 0.2 0.3 0.4 0.5 0.6, positive
+0.3, twist, 7, 1, NaN 0 0 0 0 1e308
+1, end
+";
+
 /// Numbers that make trouble, and numbers that do not.
 fn number() -> impl Strategy<Value = f64> {
     prop_oneof![
@@ -63,8 +72,13 @@ fn bytes(words: usize) -> impl Strategy<Value = Vec<u8>> {
     prop_oneof![plausible, spoiled, prop::collection::vec(any::<u8>(), 0..8 * words)]
 }
 
+/// Random inputs of each property; `PROPTEST_CASES` for a longer search.
+fn cases() -> u32 {
+    std::env::var("PROPTEST_CASES").ok().and_then(|cases| cases.parse().ok()).unwrap_or(200)
+}
+
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 200, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: cases(), failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn scenarios_are_valid_or_refused(text in broken(files("sim/scenarios", "toml"))) {
@@ -79,6 +93,11 @@ proptest! {
     #[test]
     fn robots_are_valid_or_refused(text in broken(files("services/model/robots", "urdf"))) {
         properties::urdf(&text);
+    }
+
+    #[test]
+    fn target_files_are_read_or_refused(text in broken(vec![TARGETS.to_owned()])) {
+        properties::target_file(&text);
     }
 
     #[test]
@@ -157,6 +176,38 @@ fn a_runs_memory_is_its_users_alone() {
     // SAFETY: a plain signal to a child of ours.
     unsafe { libc::kill(run.id().cast_signed(), libc::SIGINT) };
     assert_nothing_left(finish(run).launcher);
+}
+
+/// Does something with all that it starts on one core.
+fn on_one_core<T>(act: impl FnOnce() -> T) -> T {
+    let all = runtime::realtime::allowed_cores();
+    runtime::realtime::pin(all[0]).unwrap();
+    let done = act();
+    // SAFETY: a set of cores is plain numbers, and the calls read it.
+    unsafe {
+        let mut set: libc::cpu_set_t = std::mem::zeroed();
+        all.iter().for_each(|core| libc::CPU_SET(*core, &mut set));
+        assert_eq!(libc::sched_setaffinity(0, size_of::<libc::cpu_set_t>(), &raw const set), 0);
+    }
+    done
+}
+
+#[test]
+fn two_graphs_that_compete_for_one_core_come_to_their_ends() {
+    let desk = Desk::new();
+    let verify = |scenario: &str| desk.start(&["verify", scenario, "--runs", "2", "--json"]);
+    for said in on_one_core(|| ["fig5-wrist-rotation", "fig1-pseudo-inverse"].map(verify)).map(finish) {
+        let json: Value = serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
+        assert_eq!((said.code, &json["identical"]), (0, &true.into()), "{json}");
+        assert_nothing_left(said.launcher);
+    }
+    let pace = |out: &str| desk.start(&["run", "--mode", "realtime", "--json", "--no-record", "--out", out]);
+    for said in on_one_core(|| ["a", "b"].map(pace)).map(finish) {
+        let summary: Value = serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
+        let held = summary["joints"]["torque_max_ratio"].as_f64().is_some_and(|ratio| ratio <= 1.0);
+        assert!(held && summary["outcome"] != "failed", "{}: {}", summary["reason"], said.err);
+        assert_nothing_left(said.launcher);
+    }
 }
 
 #[test]

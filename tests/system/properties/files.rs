@@ -5,6 +5,8 @@ use shared_types::graph::Graph;
 use shared_types::job::Job;
 use shared_types::scenario::Scenario;
 use shared_types::summary::Summary;
+use shared_types::target_file;
+use shared_types::wire::Part;
 
 /// A scenario is refused with a sentence, or it is valid: written out and read again it is the same.
 pub fn scenario(text: &str) {
@@ -32,6 +34,17 @@ pub fn urdf(text: &str) {
     match Robot::from_source(&source) {
         Ok(robot) => assert!(robot.joints.iter().all(|joint| joint.lower <= joint.upper && joint.effort >= 0.0), "{robot:?}"),
         Err(error) => assert!(!error.to_string().is_empty()),
+    }
+}
+
+/// A file of targets is refused with a sentence that names a line, or read again as it is written.
+pub fn target_file(text: &str) {
+    match target_file::parse(text, 1000) {
+        Ok(rows) => {
+            assert!(rows.iter().all(|row| row.target.is_finite()), "{rows:?}");
+            assert_eq!(target_file::parse(&target_file::write(&rows, 1000), 1000), Ok(rows));
+        }
+        Err(error) => assert!(error.line > 0 && !error.message.is_empty(), "{error}"),
     }
 }
 

@@ -8,6 +8,6 @@ mod messages;
 mod run_folder;
 
 pub use chain_of_steps::{controller, drive, fingers};
-pub use files::{graph, job, results, scenario, urdf};
+pub use files::{graph, job, results, scenario, target_file, urdf};
 pub use messages::validation;
 pub use run_folder::{MANIFEST, control_page, manifest, message_log};
