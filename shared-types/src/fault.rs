@@ -29,7 +29,7 @@ use crate::process::Role;
 use crate::wire::{Field, Message};
 use crate::{ControlState, PlantState};
 
-use kind::{DELAY_TICKS, Rule, SLOW_MS};
+use kind::{DELAY_TICKS, LONGEST_MS, Rule};
 
 pub use kind::{Kind, MOST_DELAY_TICKS, Way};
 pub use scheduled::ScheduledFault;
@@ -69,10 +69,13 @@ pub struct Fault {
     /// `corrupt`: which field of the message, as `tau[2]`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub field: Option<String>,
+    /// `cut`: which of the topics that the process reads; by default the first.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub topic: Option<String>,
     /// `sensor`, `drive`: which joint, from 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joint: Option<u32>,
-    /// By how much; the unit is the way's.
+    /// By how much; the unit is the way's, or ms where the kind has one way.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub amount: Option<f64>,
     /// `kill`: the process ends after so many of its messages of the first tick have left, not before the first of them; at most all but the last.
@@ -94,13 +97,15 @@ pub struct Target {
     pub is_exchanged: bool,
     /// The fields of the message that a corruption concerns: the first that faults shape.
     pub fields: Vec<Field>,
+    /// The topics that it reads, in the order of the graph.
+    pub reads: Vec<String>,
 }
 
 impl Target {
     /// The process at a place of the manifest that sends messages of type `M`.
     #[must_use]
     pub fn sending<M: Message>(index: u32, role: Role) -> Self {
-        Self { index, role, is_exchanged: false, fields: M::FIELDS.to_vec() }
+        Self { index, role, is_exchanged: false, fields: M::FIELDS.to_vec(), reads: Vec::new() }
     }
 }
 
@@ -117,14 +122,14 @@ pub fn shaped_topic(topic: &str) -> bool {
 }
 
 impl ScheduledFault {
-    /// The fault that repeats it, for the process of that name, whose corrupted message has these fields.
+    /// The fault that repeats it, for the process of that name.
     #[must_use]
-    pub fn fault(&self, process: &str, fields: &[Field]) -> Option<Fault> {
+    pub fn fault(&self, process: &str, on: &Target) -> Option<Fault> {
         let kind = self.kind()?;
         let rule = kind.rule();
         let way = self.way().filter(|_| !rule.ways.is_empty());
         let at = self.target as usize;
-        let field = fields.iter().find(|field| (field.offset..field.offset + field.size).contains(&at));
+        let field = on.fields.iter().find(|field| (field.offset..field.offset + field.size).contains(&at));
         let field = field.map(|field| format!("{}[{}]", field.name, (at - field.offset) / size_of::<f64>()));
         Some(Fault {
             process: process.to_owned(),
@@ -138,6 +143,7 @@ impl ScheduledFault {
             delay_ticks: (kind == Kind::Delay).then_some(self.amount as u64),
             jitter_ticks: (kind == Kind::Delay && self.jitter > 0).then_some(self.jitter),
             field: field.filter(|_| kind == Kind::Corrupt),
+            topic: on.reads.get(at).filter(|_| kind == Kind::Cut).cloned(),
             joint: matches!(kind, Kind::Sensor | Kind::Drive).then_some(self.target + 1),
             amount: (!matches!(kind, Kind::Delay) && self.amount != 0.0).then_some(self.amount),
             after_outputs: (self.after_outputs() > 0).then_some(self.after_outputs()),
@@ -170,6 +176,7 @@ impl Fault {
             delay_ticks: None,
             jitter_ticks: None,
             field: None,
+            topic: None,
             joint: None,
             amount: None,
             after_outputs: None,
@@ -207,6 +214,7 @@ impl Fault {
         }
         let target = match kind {
             Kind::Corrupt => self.corrupted_place(&on.fields)?,
+            Kind::Cut => self.cut_topic(&on.reads)?,
             Kind::Kill => self.after_outputs.unwrap_or(0),
             _ => self.joint.map_or(Ok(0), |joint| {
                 joint.checked_sub(1).ok_or_else(|| Complaint::new("joint", "there is no joint 0", "joints count from 1"))
@@ -233,10 +241,10 @@ impl Fault {
         let usual = rule.ways.iter().find(|(one, _)| Some(*one) == way).map_or(0.0, |(_, amount)| *amount);
         let amount = match kind {
             Kind::Delay => self.delay_ticks.unwrap_or(DELAY_TICKS) as f64,
-            Kind::SlowDisk => self.amount.unwrap_or(SLOW_MS),
+            _ if rule.usual_ms > 0.0 => self.amount.unwrap_or(rule.usual_ms),
             _ => self.amount.unwrap_or(usual),
         };
-        if !amount.is_finite() || amount.abs() > 1e12 || (kind == Kind::SlowDisk && !(0.0..=1e3).contains(&amount)) {
+        if !amount.is_finite() || amount.abs() > 1e12 || (rule.usual_ms > 0.0 && !(0.0..=LONGEST_MS).contains(&amount)) {
             return Err(Complaint::new(
                 "amount",
                 format!("an amount of {amount}"),
@@ -278,6 +286,9 @@ impl Fault {
         if self.field.is_some() && kind != Kind::Corrupt {
             return stray("field");
         }
+        if self.topic.is_some() && kind != Kind::Cut {
+            return stray("topic");
+        }
         if self.joint.is_some() && !matches!(kind, Kind::Sensor | Kind::Drive) {
             return stray("joint");
         }
@@ -290,10 +301,19 @@ impl Fault {
         if self.after_outputs.is_some() && kind != Kind::Kill {
             return stray("after_outputs");
         }
-        if self.amount.is_some() && kind != Kind::SlowDisk && rule.ways.iter().all(|(_, amount)| *amount == 0.0) {
+        if self.amount.is_some() && rule.usual_ms == 0.0 && rule.ways.iter().all(|(_, amount)| *amount == 0.0) {
             return stray("amount");
         }
         Ok(())
+    }
+
+    /// The place among the topics that a process reads of the one that is cut.
+    fn cut_topic(&self, reads: &[String]) -> Result<u32, Complaint> {
+        let place = self.topic.as_ref().map_or(Some(0), |topic| reads.iter().position(|read| read == topic));
+        place.map(|place| place as u32).ok_or_else(|| {
+            let message = format!("the {} does not read `{}`", self.process, self.topic.as_deref().unwrap_or_default());
+            Complaint::new("topic", message, format!("it reads {}", reads.join(", ")))
+        })
     }
 
     /// Where the number lies that it corrupts, in bytes; by default the first number of the message.
@@ -346,8 +366,8 @@ impl std::fmt::Display for Fault {
         if let Some(joint) = self.joint {
             write!(f, ", joint {joint}")?;
         }
-        if let Some(field) = &self.field {
-            write!(f, ", {field}")?;
+        for part in self.field.iter().chain(&self.topic) {
+            write!(f, ", {part}")?;
         }
         if let Some(delay) = self.delay_ticks {
             write!(f, " by {delay}")?;
@@ -408,7 +428,7 @@ mod tests {
                 for way in if ways.is_empty() { vec![None] } else { ways } {
                     let fault = Fault { way, at_tick: Some(70), ..Fault::new(process, kind) };
                     let scheduled = fault.schedule(&target, 1000, 99).unwrap();
-                    let again = scheduled.fault(process, &target.fields).unwrap();
+                    let again = scheduled.fault(process, &target).unwrap();
                     assert_eq!(
                         again.schedule(&target, 1000, 0).unwrap(),
                         ScheduledFault { seed: again.seed.unwrap_or(0), ..scheduled },
@@ -432,7 +452,7 @@ mod tests {
         message.tau[2] = 4.25;
         let place = scheduled.target as usize;
         assert_eq!(bytemuck::bytes_of(&message)[place..place + 8], 4.25_f64.to_ne_bytes());
-        assert_eq!(scheduled.fault("controller", &target.fields).unwrap().field.unwrap(), "tau[2]");
+        assert_eq!(scheduled.fault("controller", &target).unwrap().field.unwrap(), "tau[2]");
     }
 
     #[test]
@@ -468,6 +488,8 @@ mod tests {
         assert!(refused("process='plant'\nkind='drop'\nat_s=1.0\nat_tick=3").contains("both given"));
         assert!(refused("process='analyzer'\nkind='corrupt'\nfield='zeta'").contains("it sends sigma"));
         assert!(refused("process='analyzer'\nkind='corrupt'\nfield='sigma[6]'").contains("0 to 5"));
+        assert!(refused("process='analyzer'\nkind='cut'\ntopic='torque'").contains("it reads estimate"));
+        assert!(refused("process='analyzer'\nkind='slow'\namount=2e3").contains("an amount of 2000"));
         assert!(refused("process='analyzer'\nkind='delay'\ndelay_ticks=40\njitter_ticks=11").contains("at most 50"));
     }
 
@@ -477,7 +499,12 @@ mod tests {
         assert_eq!(fault.to_string(), "drop of the controller, 25 % of the messages, at tick 9, for 5 ticks");
         let fault = parse("process='controller'\nkind='kill'\nat_tick=9\nafter_outputs=1\nfor_ticks=5");
         assert_eq!(fault.to_string(), "kill of the controller, at tick 9 after 1 of its messages, for 5 ticks");
-        let scheduled = fault.schedule(&graph().target("controller").unwrap(), 1000, 0).unwrap();
-        assert_eq!((scheduled.after_outputs(), scheduled.fault("controller", &[])), (1, Some(fault)));
+        let target = graph().target("controller").unwrap();
+        let scheduled = fault.schedule(&target, 1000, 0).unwrap();
+        assert_eq!((scheduled.after_outputs(), scheduled.fault("controller", &target)), (1, Some(fault)));
+        let fault = parse("process='controller'\nkind='cut'\ntopic='estimate'\nat_tick=9\nfor_ticks=5");
+        assert_eq!(fault.to_string(), "cut of the controller, estimate, at tick 9, for 5 ticks");
+        let again = fault.schedule(&target, 1000, 0).unwrap().fault("controller", &target).unwrap();
+        assert_eq!(again.topic.as_deref(), Some("estimate"));
     }
 }

@@ -27,6 +27,7 @@ fn planned_deaths_and_lost_messages_give_the_same_bytes_every_time_and_the_goal_
         fault("controller", "kill", ""),
         fault("estimator", "crash", "for_ticks = 20"),
         fault("analyzer", "hang", "as = \"for-ever\""),
+        fault("analyzer", "crash", "as = \"bus-error\""),
         fault("recorder", "kill", ""),
         fault("estimator", "delay", "delay_ticks = 1\njitter_ticks = 1"),
         fault("plant", "drop", "probability = 0.3"),
@@ -157,7 +158,7 @@ fn a_budget_that_is_spent_ends_the_run_with_a_sentence() {
 fn drill_judges_a_cell_and_takes_only_cells_that_exist() {
     let desk = Desk::new();
     desk.file("s.toml", &scenario(""));
-    for cell in ["controller:kill", "plant:kill", "recorder:disk-full", "plant:delay"] {
+    for cell in ["controller:kill", "plant:kill", "recorder:disk-full", "plant:delay", "controller:zombie"] {
         let said = desk.armplane(&["drill", "s.toml", "--only", cell, "--json"]);
         assert_eq!(said.code, 0, "{}\n{}", said.out, said.err);
         let drill: Value = serde_json::from_str(&said.out).unwrap();
@@ -171,9 +172,11 @@ fn drill_judges_a_cell_and_takes_only_cells_that_exist() {
     let said = desk.armplane(&["drill", "s.toml", "--only", "controller:kill", "--set", "plant.hold_ticks=200"]);
     assert!(said.code == 1 && said.out.contains("a torque was in force for"), "{}\n{}", said.out, said.err);
     // Nor does it pass without what it tests.
-    for (without, cell, broken) in
-        [("hold", "controller:kill", "a torque was in force for"), ("torque-check", "controller:corrupt:huge", "of its limit at tick")]
-    {
+    for (without, cell, broken) in [
+        ("hold", "controller:kill", "a torque was in force for"),
+        ("torque-check", "controller:corrupt:huge", "of its limit at tick"),
+        ("fencing", "controller:zombie", "messages of a dead incarnation have changed the run"),
+    ] {
         let said = desk.armplane(&["drill", "s.toml", "--only", cell, "--without", without]);
         assert!(said.code == 1 && said.out.contains(broken), "{}\n{}", said.out, said.err);
     }
@@ -181,6 +184,34 @@ fn drill_judges_a_cell_and_takes_only_cells_that_exist() {
     assert!(said.code == 1 && said.err.contains("without a fault does not reach its goal"), "{}\n{}", said.out, said.err);
     let said = desk.armplane(&["drill", "--only", "recorder:drop"]);
     assert!(said.code == 2 && said.err.contains("can happen to plant"), "{}", said.err);
+}
+
+#[test]
+fn a_cut_edge_keeps_messages_from_one_reader_alone() {
+    let desk = Desk::new();
+    desk.file("s.toml", &scenario(&fault("controller", "cut", "topic = \"estimate\"\nfor_ticks = 2")));
+    let summary = desk.run(&["s.toml", "--no-record"]);
+    let count = |topic: &str| summary["topics"][topic]["count"].as_u64().unwrap();
+    assert_eq!((count("estimate"), count("singularity")), (count("plant_state"), count("plant_state")), "the others have them");
+    assert_eq!(count("torque") + 2, count("estimate"), "and it has nothing to answer");
+    assert_eq!(summary["outcome"], "goal reached", "{}", summary["reason"]);
+    let fault = &summary["faults"][0];
+    assert!(fault["injected"] == true && fault["detected_ms"].is_number() && summary["processes"][3]["restarts"] == 0, "{fault}");
+}
+
+#[test]
+fn slow_processes_and_pages_that_are_gone_change_no_byte_in_lockstep() {
+    let desk = Desk::new();
+    let everywhere =
+        |kind: &str, processes: &[&str]| processes.iter().map(|process| fault(process, kind, "for_ticks = 20")).collect::<String>();
+    let stages = ["plant", "estimator", "analyzer", "controller"];
+    let faults = everywhere("slow", &stages) + &everywhere("page-out", &[&stages[..], &["recorder"]].concat());
+    desk.file("calm.toml", &scenario(""));
+    desk.file("slow.toml", &scenario(&faults));
+    let (calm, slow) = (desk.run(&["calm.toml", "--out", "a"]), desk.run(&["slow.toml", "--out", "b"]));
+    assert_eq!(topics(&calm), topics(&slow));
+    let injected = slow["faults"].as_array().unwrap().iter().filter(|fault| fault["injected"] == true).count();
+    assert_eq!(injected, 9, "{}", slow["faults"]);
 }
 
 #[test]

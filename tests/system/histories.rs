@@ -43,6 +43,24 @@ fn a_death_between_two_outputs_of_a_tick_is_planned_and_repeats() {
 }
 
 #[test]
+fn deaths_during_start_up_repeat_themselves() {
+    let desk = Desk::new();
+    desk.file("s.toml", SHORT);
+    let run = desk.start(&["run", "s.toml", "--json", "--out", "a"]);
+    for (process, name) in [("estimator", "KILL"), ("analyzer", "BUS"), ("recorder", "TERM"), ("controller", "KILL")] {
+        let pid = || children_of_run(run.id()).into_iter().find(|(name, _)| name == process).map(|(_, pid)| pid);
+        until("the process", || pid().is_some());
+        signal(pid().unwrap(), name);
+    }
+    let said = finish(run);
+    let one: Value = serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
+    assert_eq!((said.code, &one["outcome"]), (0, &"goal reached".into()), "{}", said.err);
+    assert!(one["processes"].as_array().unwrap().iter().any(|process| process["restarts"] == 1), "{}", one["processes"]);
+    assert_nothing_left(said.launcher);
+    assert_eq!(one["topics"], desk.run(&["a/scenario.toml", "--out", "b"])["topics"]);
+}
+
+#[test]
 fn a_process_killed_while_it_makes_a_connection_holds_nobody_up() {
     let desk = Desk::new();
     let run = desk.start(&["run", "--set", "segment.1.duration_s=5", "--json", "--no-record", "--out", "r"]);

@@ -41,6 +41,7 @@ pub(crate) struct DrillArgs {
 enum Protection {
     Hold,
     TorqueCheck,
+    Fencing,
 }
 
 pub(crate) fn drill(args: &DrillArgs, as_json: bool) -> Result<ExitCode, Failure> {
@@ -54,6 +55,7 @@ pub(crate) fn drill(args: &DrillArgs, as_json: bool) -> Result<ExitCode, Failure
         without: args.without.map(|protection| match protection {
             Protection::Hold => Without::Hold,
             Protection::TorqueCheck => Without::TorqueCheck,
+            Protection::Fencing => Without::Fencing,
         }),
         out: args.out.as_deref(),
     };

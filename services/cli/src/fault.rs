@@ -61,10 +61,13 @@ pub(crate) struct FaultArgs {
     /// Which field of the message is corrupted, as tau[2].
     #[arg(long, value_name = "FIELD")]
     field: Option<String>,
+    /// Which of the topics that it reads is cut [default: the first].
+    #[arg(long, value_name = "TOPIC")]
+    topic: Option<String>,
     /// Which joint, from 1.
     #[arg(long, value_name = "N")]
     joint: Option<u32>,
-    /// By how much, in the way's unit.
+    /// By how much, in the way's unit, or in ms.
     #[arg(long, value_name = "X", allow_negative_numbers = true)]
     amount: Option<f64>,
     /// The run's name, where several are alive or it was started from another folder (see `armplane doctor --json`).
@@ -90,6 +93,7 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure
         delay_ticks: args.delay,
         jitter_ticks: args.jitter,
         field: args.field.clone(),
+        topic: args.topic.clone(),
         joint: args.joint,
         amount: args.amount,
         ..Fault::new(process, kind)
@@ -125,6 +129,7 @@ fn list(as_json: bool) -> Result<(), Failure> {
                 json!({
                     "kind": kind.name(), "about": kind.about(), "roles": kind.roles().iter().map(|role| role.name()).collect::<Vec<_>>(),
                     "length_s": length_s.is_finite().then_some(length_s),
+                    "amount_ms": (kind.usual_ms() > 0.0).then(|| kind.usual_ms()),
                     "ways": kind.ways().map(|way| json!({
                         "as": way.name(), "about": way.about(), "amount": kind.usual_amount(way), "unit": unit(kind, way)
                     })).collect::<Vec<_>>(),
@@ -142,6 +147,7 @@ fn list(as_json: bool) -> Result<(), Failure> {
                 0.0 => way.name().to_owned(),
                 amount => format!("{} ({amount} {})", way.name(), unit(kind, way)),
             })
+            .chain((kind.usual_ms() > 0.0).then(|| format!("({} ms)", kind.usual_ms())))
             .collect();
         let processes = match kind.roles() {
             all if all.len() == Role::ALL.len() => "any process".to_owned(),

@@ -41,8 +41,7 @@ impl FaultReporter {
                 continue;
             }
             let process = shell.manifest().processes.get(scheduled.process as usize).map_or("?", |process| process.name.as_str());
-            let fields = graph.target(process).map(|target| target.fields).unwrap_or_default();
-            let Some(fault) = scheduled.fault(process, &fields) else { continue };
+            let Some(fault) = graph.target(process).and_then(|target| scheduled.fault(process, &target)) else { continue };
             let since_ms = |ns: u64| ns.saturating_sub(injected_ns) as f64 * 1e-6;
             // A process that is gone has recovered when it works again; what happens to messages, sensors and drives ends with its ticks.
             let is_over = match fault.kind {

@@ -14,15 +14,16 @@ use crate::checkpoint::Commit;
 use crate::clock::now_ns;
 use crate::control_page::{ControlPage, PROGRESS, Phase, ProcessEntry, State, Stop};
 use crate::disturbance::Pauses;
-use crate::fault::clock;
-use crate::fault::process::{CpuLoad, kill_self, stop_self};
+use crate::fault::process::{CpuLoad, bus_error, kill_self, stop_self};
 use crate::fault::table::KnownFaults;
+use crate::fault::{burden, clock};
 use crate::lockstep::{Protocol, Report};
 use crate::manifest::{Manifest, Mode};
 use crate::run_dir::RunDir;
 use crate::stamping::Stamping;
 use crate::wait::{Interrupted, Wait, Waited};
 
+mod cut;
 mod view;
 mod volume;
 
@@ -114,6 +115,12 @@ impl Context {
     #[inline]
     pub(crate) fn is_lockstep(&self) -> bool {
         self.manifest.mode == Mode::Lockstep
+    }
+
+    /// Whether this process deliberately takes in messages of dead incarnations.
+    #[inline]
+    pub(crate) fn is_unfenced(&self) -> bool {
+        self.manifest.processes[self.me].disturbance.unfenced
     }
 
     /// Whether this process is deliberately content with a message of the tick before.
@@ -348,9 +355,16 @@ impl Context {
         if self.is_unharmed() { tick } else { self.apply_known_faults(tick) }
     }
 
+    /// Applies the faults of this process at a tick that cost it time.
+    pub(crate) fn burden(&self, tick: u64) {
+        let (known, mut load) = (self.faults.known.borrow(), self.faults.cpu_load.borrow_mut());
+        let injected = |place| self.control_page.fault_table().mark_injected(place, now_ns());
+        burden::burden(known.of(self.me, tick), &mut load, self.manifest.processes[self.me].core, injected);
+    }
+
     #[cold]
     fn apply_known_faults(&self, tick: u64) -> u64 {
-        self.load_core(tick);
+        self.burden(tick);
         let Some(outage) = self.protocol().downfall(tick) else { return tick };
         self.control_page.fault_table().mark_injected(outage.place, now_ns());
         let Some((fault, kind)) = self.fault(outage.place) else { return tick };
@@ -361,6 +375,9 @@ impl Context {
             }
             Kind::Crash => {
                 self.leave(State::Gone);
+                if fault.way() == Some(Way::BusError) {
+                    bus_error();
+                }
                 panic!("{} crashes at tick {tick}, as the fault plan says", self.name());
             }
             _ => self.stand_still(&fault),
@@ -426,21 +443,6 @@ impl Context {
     pub(crate) fn skip_to(&self, tick: u64) {
         if let Some(ticks) = self.protocol().skips_to(tick) {
             self.entry().set_ticks(ticks);
-        }
-    }
-
-    /// Loads the process's core for the duration of a fault.
-    pub(crate) fn load_core(&self, tick: u64) {
-        let known = self.faults.known.borrow();
-        let starving = known.of(self.me, tick).find(|(_, _, kind)| *kind == Kind::Starve).map(|(place, ..)| place);
-        let mut load = self.faults.cpu_load.borrow_mut();
-        match (starving, load.as_ref().map(|load| load.place)) {
-            (Some(place), was) if was != Some(place) => {
-                self.control_page.fault_table().mark_injected(place, now_ns());
-                *load = Some(CpuLoad::start(place, self.manifest.processes[self.me].core));
-            }
-            (None, Some(_)) => *load = None,
-            _ => {}
         }
     }
 

@@ -33,6 +33,9 @@ pub struct Disturbance {
     /// It is content with the message of the tick before where the right one has not come yet. That breaks lockstep: what it computes
     /// depends on who was quicker. It is here to show that such a process is caught.
     pub unordered: bool,
+    /// It takes in messages of dead incarnations. It is here to show that the drill catches it.
+    #[serde(default)]
+    pub unfenced: bool,
 }
 
 /// One process of the graph, as the others see it.

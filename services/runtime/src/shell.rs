@@ -318,7 +318,7 @@ impl Shell {
         // Read before the round: everything of these ticks is in the buffers now.
         let last = shared.is_stopping();
         shared.apply_volume_faults(shared.entry().ticks(), last);
-        shared.load_core(shared.entry().ticks());
+        shared.burden(shared.entry().ticks());
         self.round.set(if last { Round::Last } else { Round::From(self.ticks_made()) });
         Ok(true)
     }

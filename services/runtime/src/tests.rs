@@ -15,6 +15,8 @@ use crate::{
     RunDir, SendError, Shell, State, Stop, now_ns,
 };
 
+mod hoarder;
+
 /// A run without a launcher: its phases are through, so that shells of one thread need not wait for each other.
 struct Stage {
     run: RunDir,

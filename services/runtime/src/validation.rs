@@ -8,9 +8,16 @@ use shared_types::wire::{Field, Header};
 /// A SIGKILLed writer's undelivered messages come first, before its replacement's. In real time the control page says which incarnation
 /// lives. In lockstep the last messages of the dead one belong to the run (whether they are read before or after the launcher detects the
 /// death must not matter), so there only an incarnation older than one already heard is refused.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct Fence {
     newest_heard: u32,
+}
+
+impl Default for Fence {
+    fn default() -> Self {
+        // The first start of a process has the number 1.
+        Self { newest_heard: 1 }
+    }
 }
 
 impl Fence {
@@ -58,6 +65,7 @@ mod tests {
         assert!(!fence.admits(&of(1), Some(2)), "the launcher has begun incarnation 2");
         assert!(fence.admits(&of(2), Some(2)));
         let mut fence = Fence::default();
+        assert!(!fence.admits(&of(0), None), "no process has been this one");
         assert!(fence.admits(&of(1), None) && fence.admits(&of(2), None));
         assert!(!fence.admits(&of(1), None), "2 has spoken");
     }

@@ -42,6 +42,7 @@ pub fn inject(wanted: Option<&str>, fault: &Fault) -> Result<(String, Fault), Fa
         role: Role::Stage,
         is_exchanged: false,
         fields: Vec::new(),
+        reads: Vec::new(),
     });
     let scheduled = fault.schedule(&target, manifest.rate_hz, seed).map_err(|complaint| Failure::Input(complaint.to_string()))?;
     let Some(place) = control_page.fault_table().request(&scheduled) else {
@@ -56,7 +57,7 @@ pub fn inject(wanted: Option<&str>, fault: &Fault) -> Result<(String, Fault), Fa
         }
         std::thread::sleep(Duration::from_micros(200));
     }
-    let in_force = control_page.fault_table().record(place).and_then(|account| account.scheduled.fault(&fault.process, &target.fields));
+    let in_force = control_page.fault_table().record(place).and_then(|account| account.scheduled.fault(&fault.process, &target));
     let Some(in_force) = in_force else { return Err(Failure::Work(format!("the run {name} does not know this fault"))) };
     Ok((name, in_force))
 }

@@ -76,8 +76,7 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
 /// A fault and its outcome.
 pub(crate) fn fault_summary(job: &Job, account: &FaultRecord) -> FaultSummary {
     let process = job.graph.process.get(account.scheduled.process as usize).map(|process| process.name.clone()).unwrap_or_default();
-    let fields = job.graph.target(&process).map(|target| target.fields).unwrap_or_default();
-    let fault = account.scheduled.fault(&process, &fields);
+    let fault = job.graph.target(&process).and_then(|target| account.scheduled.fault(&process, &target));
     let since_ms = |ns: u64| (account.injected_ns != 0 && ns != 0).then(|| ns.saturating_sub(account.injected_ns) as f64 * 1e-6);
     let (kind, detail) = match (account.exit, &fault) {
         (Some(exit), _) => {

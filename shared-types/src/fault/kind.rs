@@ -53,7 +53,7 @@ words! {
     Kind {
         /// The process ends itself by SIGKILL at the tick; its replacement answers after `for`.
         Kill "kill",
-        /// It panics at the tick.
+        /// It ends itself at the tick by an error of its own; its replacement answers after `for`.
         Crash "crash",
         /// It is stopped (SIGSTOP) at the tick.
         Hang "hang",
@@ -69,6 +69,10 @@ words! {
         Stale "stale",
         /// A field of its messages is corrupted on the way.
         Corrupt "corrupt",
+        /// Behind each of its messages one of a dead incarnation leaves: old numbers under the next tick.
+        Zombie "zombie",
+        /// The messages of one of its topics do not reach it; all other readers have them.
+        Cut "cut",
         /// An encoder reads wrong values.
         Sensor "sensor",
         /// A joint's drive does not follow its command.
@@ -77,6 +81,10 @@ words! {
         Clock "clock",
         /// Another load runs on its core.
         Starve "starve",
+        /// Each of its ticks takes it `amount` ms longer.
+        Slow "slow",
+        /// The kernel takes the pages of its program away at each tick, as it does where memory is short.
+        PageOut "page-out",
         /// The volume it writes to is full.
         DiskFull "disk-full",
         /// The volume it writes to is slow.
@@ -87,6 +95,10 @@ words! {
 words! {
     /// In which way a value is wrong, for the kinds that have several.
     Way {
+        /// crash: a panic.
+        Panic "panic",
+        /// crash: SIGBUS, by a read beyond the end of a mapped file.
+        BusError "bus-error",
         /// hang: continued (SIGCONT) after `for`.
         Paused "paused",
         /// hang: until the launcher detects the silence and replaces it; the replacement answers after `for`.
@@ -127,6 +139,8 @@ pub(super) struct Rule {
     pub(super) kind: Kind,
     /// In which ways it comes; the first is the default.
     pub(super) ways: &'static [(Way, f64)],
+    /// By how much unless said otherwise, ms, for a kind of one way; 0: it has no amount.
+    pub(super) usual_ms: f64,
     pub(super) roles: &'static [Role],
     /// How long it lasts unless said otherwise; s. Infinite: to the end of the run.
     pub(super) lasts_s: f64,
@@ -138,15 +152,15 @@ const WORLD: &[Role] = &[Role::World];
 const OBSERVERS: &[Role] = &[Role::Observer];
 
 const fn rule(kind: Kind, roles: &'static [Role], lasts_s: f64) -> Rule {
-    Rule { kind, ways: &[], roles, lasts_s, has_probability: false }
+    Rule { kind, ways: &[], usual_ms: 0.0, roles, lasts_s, has_probability: false }
 }
 
 /// The factor of a corruption `as = "huge"` without `amount`.
 const HUGE: f64 = 1e3;
 
-const RULES: [Rule; 15] = [
+const RULES: [Rule; 19] = [
     rule(Kind::Kill, &Role::ALL, 0.1),
-    rule(Kind::Crash, &Role::ALL, 0.1),
+    Rule { ways: &[(Way::Panic, 0.0), (Way::BusError, 0.0)], ..rule(Kind::Crash, &Role::ALL, 0.1) },
     Rule { ways: &[(Way::Paused, 0.0), (Way::ForEver, 0.0)], ..rule(Kind::Hang, &Role::ALL, 0.1) },
     rule(Kind::Delay, SENDERS, 0.1),
     Rule { has_probability: true, ..rule(Kind::Drop, SENDERS, 0.1) },
@@ -158,6 +172,8 @@ const RULES: [Rule; 15] = [
         ways: &[(Way::Nan, 0.0), (Way::Inf, 0.0), (Way::Flip, 0.0), (Way::Huge, HUGE)],
         ..rule(Kind::Corrupt, SENDERS, 0.1)
     },
+    Rule { has_probability: true, ..rule(Kind::Zombie, SENDERS, 0.1) },
+    Rule { has_probability: true, ..rule(Kind::Cut, SENDERS, 0.1) },
     Rule {
         ways: &[(Way::Bias, 0.01), (Way::Drift, 0.05), (Way::Noise, 0.001), (Way::Quantise, 0.005), (Way::Stuck, 0.0)],
         ..rule(Kind::Sensor, WORLD, 0.5)
@@ -165,8 +181,10 @@ const RULES: [Rule; 15] = [
     Rule { ways: &[(Way::Lost, 0.0), (Way::Stuck, 0.0), (Way::Saturated, 0.1), (Way::Friction, 0.05)], ..rule(Kind::Drive, WORLD, 0.5) },
     Rule { ways: &[(Way::Jump, 5.0), (Way::Skew, 0.01)], ..rule(Kind::Clock, SENDERS, 0.5) },
     rule(Kind::Starve, &Role::ALL, 0.2),
+    Rule { usual_ms: 2.0, ..rule(Kind::Slow, SENDERS, 0.1) },
+    rule(Kind::PageOut, &Role::ALL, 0.1),
     rule(Kind::DiskFull, OBSERVERS, f64::INFINITY),
-    rule(Kind::SlowDisk, OBSERVERS, 0.5),
+    Rule { usual_ms: 20.0, ..rule(Kind::SlowDisk, OBSERVERS, 0.5) },
 ];
 
 /// Delay of a message unless said otherwise; ticks.
@@ -175,8 +193,8 @@ pub(super) const DELAY_TICKS: u64 = 2;
 /// Longest delay with jitter: what the chain's buffers hold; ticks.
 pub const MOST_DELAY_TICKS: u64 = 50;
 
-/// Pause of a slow volume in each round unless said otherwise; ms.
-pub(super) const SLOW_MS: f64 = 20.0;
+/// Longest pause of a slow process or volume; ms.
+pub(super) const LONGEST_MS: f64 = 1e3;
 
 impl Kind {
     pub(super) fn rule(self) -> &'static Rule {
@@ -194,6 +212,12 @@ impl Kind {
     #[must_use]
     pub fn usual_amount(self, way: Way) -> f64 {
         self.rule().ways.iter().find(|(one, _)| *one == way).map_or(0.0, |(_, amount)| *amount)
+    }
+
+    /// By how much it comes unless said otherwise, ms, where it has one way; 0 where there is no amount.
+    #[must_use]
+    pub fn usual_ms(self) -> f64 {
+        self.rule().usual_ms
     }
 
     /// How long it lasts unless said otherwise, s; infinite: to the end of the run.
@@ -241,6 +265,6 @@ impl Kind {
     /// Whether several messages, or none, may leave in one tick.
     #[must_use]
     pub fn shapes_messages(self) -> bool {
-        matches!(self, Self::Delay | Self::Drop | Self::Duplicate | Self::Reorder | Self::Stale | Self::Corrupt)
+        matches!(self, Self::Delay | Self::Drop | Self::Duplicate | Self::Reorder | Self::Stale | Self::Corrupt | Self::Zombie)
     }
 }

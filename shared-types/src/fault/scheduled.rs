@@ -14,7 +14,8 @@ pub struct ScheduledFault {
     pub kind: u32,
     /// Number of its [`Way`].
     pub way: u32,
-    /// The joint from 0, or the place of the corrupted number in the message, in bytes; for `kill` the messages of the first tick that leave before it.
+    /// The joint from 0; the place of the corrupted number in the message, in bytes; for `cut` the place of the topic among those that the process
+    /// reads; for `kill` the messages of the first tick that leave before it.
     pub target: u32,
     /// First tick.
     pub at: u64,

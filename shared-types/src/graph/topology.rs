@@ -82,6 +82,7 @@ impl Graph {
             role: process.role(),
             is_exchanged: process.is_exchanged() || !process.robot.is_empty(),
             fields: fields.unwrap_or_default(),
+            reads: process.reads.iter().chain(&process.feedback).cloned().collect(),
         })
     }
 

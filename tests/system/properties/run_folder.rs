@@ -121,7 +121,7 @@ pub fn control_page(bytes: &[u8]) {
         for (_, account) in accounts {
             for process in &graph.process {
                 let target = graph.target(&process.name).expect("a process of the graph");
-                if let Some(fault) = account.scheduled.fault(&process.name, &target.fields) {
+                if let Some(fault) = account.scheduled.fault(&process.name, &target) {
                     let _ = (fault.to_string(), fault.schedule(&target, 1000, 1));
                 }
             }

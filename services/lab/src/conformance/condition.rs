@@ -87,6 +87,7 @@ impl Condition {
                 nice: if self.nice { (draw(1) % 16) as i32 } else { 0 },
                 pauses: self.pauses.then(|| draw(2)),
                 unordered: unordered && child.ends_run,
+                unfenced: false,
             };
         }
     }

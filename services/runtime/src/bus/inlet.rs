@@ -102,7 +102,7 @@ impl Inlet {
         }
     }
 
-    /// Whether a message counts; one that does not is counted as what it is.
+    /// Whether a message counts; one that does not is counted as what it is, but for one that a fault keeps from this reader alone.
     #[inline]
     pub(crate) fn admits(&mut self, message: &[u8]) -> bool {
         let living = match (self.shared.is_lockstep() || self.admission == Admission::InOrder, self.writer) {
@@ -110,9 +110,12 @@ impl Inlet {
             _ => None,
         };
         let format = self.receiver.format();
+        if message.len() == format.bytes && self.shared.is_cut(format.topic, header(message).tick) {
+            return false;
+        }
         let refused = if message.len() != format.bytes {
             Count::Refused
-        } else if !self.fence.admits(&header(message), living) {
+        } else if !self.fence.admits(&header(message), living) && !self.shared.is_unfenced() {
             Count::Fenced
         } else if !(format.is_finite)(message) {
             Count::Refused

@@ -7,6 +7,7 @@ use std::rc::Rc;
 
 use shared_types::Message;
 use shared_types::fault::{MOST_DELAY_TICKS, corrupted_topic, shaped_topic};
+use shared_types::wire::Header;
 
 use crate::bus::error::TopicError;
 use crate::bus::port::{Outgoing, Sender};
@@ -69,7 +70,7 @@ struct Sending<M: Message> {
     last_made: LastMade<M>,
     /// Messages that faults hold back, with the tick at which they leave.
     held: RefCell<VecDeque<(u64, M)>>,
-    /// The message that a fault repeats, if there is one; the room for it is taken before the first tick.
+    /// The message that a fault repeats, or that a dead incarnation goes on sending, if there is one; the room for it is taken before the first tick.
     stale: RefCell<Vec<M>>,
 }
 
@@ -278,7 +279,7 @@ impl<M: Message> Sending<M> {
         let (shared, tick) = (&self.shared, self.shared.tick.get());
         let (mut message, label) = (*message, message.header().tick);
         let injected = |place| shared.control_page.fault_table().mark_injected(place, now_ns());
-        let Shape { due, copies, is_stale } =
+        let Shape { due, copies, is_stale, has_zombie } =
             shape(&mut message, tick, self.is_corruptible, shared.faults.known.borrow().of(shared.me, tick), injected);
         if is_stale {
             // Its own old header with it: whoever reads ticks knows it again.
@@ -286,9 +287,19 @@ impl<M: Message> Sending<M> {
             let old = repeated.or_else(|| self.before(label)).unwrap_or(message);
             self.stale.borrow_mut().push(old);
             message = old;
-        } else {
+        } else if !has_zombie {
             self.stale.borrow_mut().clear();
         }
+        // Its numbers are those of when the fault began, its tick is that of the message that will be due next.
+        let zombie = has_zombie.then(|| {
+            let mut kept = self.stale.borrow_mut();
+            if kept.is_empty() {
+                kept.push(message);
+            }
+            let (mut zombie, header) = (kept[0], *message.header());
+            *zombie.header_mut() = Header { tick: label + 1, incarnation: header.incarnation.saturating_sub(1), ..header };
+            zombie
+        });
         for _ in 0..copies {
             if due == tick {
                 self.deliver_copy(&message)?;
@@ -296,7 +307,7 @@ impl<M: Message> Sending<M> {
                 self.held.borrow_mut().push_back((due, message));
             }
         }
-        Ok(())
+        zombie.iter().try_for_each(|zombie| self.deliver_copy(zombie))
     }
 }
 

@@ -14,6 +14,8 @@ pub(crate) struct Shape {
     pub(crate) copies: u32,
     /// An older message leaves instead.
     pub(crate) is_stale: bool,
+    /// A message of a dead incarnation leaves behind it.
+    pub(crate) has_zombie: bool,
 }
 
 /// Applies the faults that concern a process at `tick` to a message, in the order of the fault table: its fields in place, whether and when it leaves
@@ -26,7 +28,7 @@ pub(crate) fn shape<'a, M: Message>(
     mut injected: impl FnMut(usize),
 ) -> Shape {
     let label = message.header().tick;
-    let mut shape = Shape { due: tick, copies: 1, is_stale: false };
+    let mut shape = Shape { due: tick, copies: 1, is_stale: false, has_zombie: false };
     for (place, fault, kind) in faults {
         if !kind.shapes_messages() || !happens(fault, label) {
             continue;
@@ -40,6 +42,7 @@ pub(crate) fn shape<'a, M: Message>(
             Kind::Delay => shape.due += fault.amount as u64 + random(fault.seed, label) % (fault.jitter + 1),
             Kind::Corrupt if is_corruptible => corrupt(message, fault),
             Kind::Corrupt => {}
+            Kind::Zombie => shape.has_zombie = true,
             _ => shape.is_stale = true,
         }
     }
@@ -100,10 +103,11 @@ mod tests {
 
     #[test]
     fn faults_of_one_message_add_up() {
-        assert_eq!(shaped(&[Kind::Kill, Kind::Sensor]).0, Shape { due: 7, copies: 1, is_stale: false });
+        assert_eq!(shaped(&[Kind::Kill, Kind::Sensor]).0, Shape { due: 7, copies: 1, is_stale: false, has_zombie: false });
         let (shape, _, places) = shaped(&[Kind::Duplicate, Kind::Kill, Kind::Duplicate, Kind::Reorder]);
-        assert_eq!((shape, places), (Shape { due: 8, copies: 4, is_stale: false }, vec![0, 2, 3]));
+        assert_eq!((shape, places), (Shape { due: 8, copies: 4, is_stale: false, has_zombie: false }, vec![0, 2, 3]));
         assert_eq!(shaped(&[Kind::Duplicate, Kind::Drop]).0.copies, 0);
+        assert!(shaped(&[Kind::Zombie]).0.has_zombie);
         assert!(shaped(&[Kind::Stale]).0.is_stale && shaped(&[Kind::Delay]).0.due > 7);
     }
 }

@@ -3,6 +3,8 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use rustix::fs::{MemfdFlags, ftruncate, memfd_create};
+use rustix::mm::{Advice, MapFlags, ProtFlags, madvise, mmap};
 use rustix::process::{Resource, Rlimit, Signal, getpid, getrlimit, kill_process, setrlimit};
 
 use crate::clock::now_ns;
@@ -55,6 +57,42 @@ impl Drop for CpuLoad {
 pub(crate) fn kill_self() {
     // It does not return; if it could fail, the next wait would find the process down at every tick of the fault.
     let _ = kill_process(getpid(), Signal::KILL);
+}
+
+/// Ends this process by SIGBUS, as a file does that is cut short while it is mapped.
+pub(crate) fn bus_error() {
+    const BYTES: usize = 4096;
+    let read = || -> rustix::io::Result<()> {
+        let file = memfd_create("bus-error", MemfdFlags::CLOEXEC)?;
+        ftruncate(&file, BYTES as u64)?;
+        // SAFETY: a fresh mapping that no reference of this process concerns; the read beyond the end of its file is meant to end the process.
+        unsafe {
+            let start = mmap(std::ptr::null_mut(), BYTES, ProtFlags::READ, MapFlags::SHARED, &file, 0)?;
+            ftruncate(&file, 0)?;
+            start.cast::<u8>().read_volatile();
+        }
+        Ok(())
+    };
+    // Where no such file can be made, the signal alone.
+    let _ = read();
+    let _ = kill_process(getpid(), Signal::BUS);
+}
+
+/// Gives the pages of this process's program and libraries back to the kernel, which reads them in again as they are needed. Pages that are locked,
+/// as those of a process in real time with the right to it, stay.
+pub(crate) fn give_up_pages() {
+    for line in std::fs::read_to_string("/proc/self/maps").unwrap_or_default().lines() {
+        let mut fields = line.split_ascii_whitespace();
+        let (Some(range), Some(rights), Some(path)) = (fields.next(), fields.next(), fields.nth(3)) else { continue };
+        // Of what can be written nothing may be lost, and shared memory is not the program's.
+        if !rights.starts_with('r') || rights.contains('w') || rights.contains('s') || !path.starts_with('/') {
+            continue;
+        }
+        let address = |text: &str| usize::from_str_radix(text, 16).ok();
+        let Some((Some(from), Some(to))) = range.split_once('-').map(|(from, to)| (address(from), address(to))) else { continue };
+        // SAFETY: pages of a private mapping of a file that this process cannot write: they are read in again with the same bytes.
+        let _ = unsafe { madvise(std::ptr::with_exposed_provenance_mut(from), to - from, Advice::LinuxPageOut) };
+    }
 }
 
 /// Stops this process (SIGSTOP) until it is continued.

@@ -118,6 +118,7 @@ pub fn drill(request: &Request<'_>, observer: Observer<'_>) -> Result<Drilled, F
 struct Drill<'a> {
     job: Job,
     robot: &'a Robot,
+    without: Option<Without>,
     /// Ticks of the task, in the middle of which faults are injected.
     span: u64,
     folder: &'a Path,
@@ -130,7 +131,7 @@ impl<'a> Drill<'a> {
         let scenario = Scenario { fault: Vec::new(), settle_s: scenario.settle_s.max(TIME_TO_RECOVER_S), ..scenario.clone() };
         let mut job = load::job(robot, scenario, load::graph(None)?, Mode::Lockstep, folder.join("run"));
         without.iter().for_each(|without| without.leave_out(&mut job));
-        Ok(Self { job, robot, span, folder })
+        Ok(Self { job, robot, without, span, folder })
     }
 
     fn scheduled(&self, fault: &Fault, seed: u64) -> Result<ScheduledFault, Failure> {
@@ -164,7 +165,9 @@ impl<'a> Drill<'a> {
                 false => Ok(()),
             }
         };
-        let (outcome, account) = session::launch_watched(&job, session::plan(&job)?, &mut begin, &mut |_| {})?;
+        let mut processes = session::plan(&job)?;
+        self.without.iter().for_each(|without| without.leave_out_of(&mut processes));
+        let (outcome, account) = session::launch_watched(&job, processes, &mut begin, &mut |_| {})?;
         if let End::Interrupted { signal } = &outcome.end {
             return Err(Failure::Work(format!("stopped by {signal}")));
         }
@@ -229,6 +232,9 @@ impl<'a> Drill<'a> {
                 cell.invariants_broken.push(what);
             }
         };
+        // Nothing of a dead incarnation is taken in: it leaves no trace in any message.
+        let is_zombie = plan.iter().all(|fault| fault.kind == Kind::Zombie);
+        broken(is_zombie && !is_base, "messages of a dead incarnation have changed the run".to_owned());
         let (goal_reached, safe_stop) = (cell.goal_reached, cell.safe_stop);
         broken(!goal_reached && !safe_stop && !ends_world, "neither the goal nor rest at the end".to_owned());
         broken(ends_world && !matches!(ran.end, End::Failed(_)), "the end of the plant did not end the run".to_owned());

@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use launcher::Plan;
 use shared_types::job::Job;
 
 /// The protection that a drill leaves out of its runs. It still judges by the robot and the bounds as they are.
@@ -11,18 +12,26 @@ pub enum Without {
     Hold,
     /// The drives' check of torques against their limits: they allow [`EXCESS`] times as much.
     TorqueCheck,
+    /// The fence of every reader: messages of dead incarnations count.
+    Fencing,
 }
 
 /// The factor of the limits that drives without a check have.
 const EXCESS: f64 = 10.0;
 
 impl Without {
-    /// Takes the protection out of a job.
+    /// Takes the protection out of a job, where it is in that.
     pub(super) fn leave_out(self, job: &mut Job) {
         match self {
             Self::Hold => job.scenario.plant.hold_ticks = u32::MAX,
             Self::TorqueCheck => job.robot.urdf = with_efforts(&job.robot.urdf, EXCESS),
+            Self::Fencing => {}
         }
+    }
+
+    /// Takes the protection out of the processes, where it is in them.
+    pub(super) fn leave_out_of(self, plan: &mut Plan) {
+        plan.children.iter_mut().for_each(|child| child.process.disturbance.unfenced = self == Self::Fencing);
     }
 }
 

@@ -65,6 +65,11 @@ impl Act {
         }
     }
 
+    /// In which way, for a fault that has several.
+    pub(super) fn way(&self) -> Option<Way> {
+        if let Self::Fault(fault) = self { fault.way } else { None }
+    }
+
     /// Its row in the table.
     pub(super) fn name(&self) -> String {
         match self {
@@ -226,14 +231,14 @@ impl Dealer {
     }
 
     fn detailed_fault(&mut self, fault: Fault) -> Fault {
-        let fields = self.graph.target(&fault.process).map(|target| target.fields).unwrap_or_default();
+        let (fields, reads) = self.graph.target(&fault.process).map(|target| (target.fields, target.reads)).unwrap_or_default();
         let (kind, dice) = (fault.kind, &mut self.dice);
         let usual_s = kind.usual_length_s();
         let ticks = |s: f64| (s * self.rate_hz).round().max(1.0) as u64;
         let for_ticks = usual_s.is_finite().then(|| ticks(dice.scaled(usual_s, 5.0)));
         let usual = fault.way.map_or(0.0, |way| kind.usual_amount(way));
         let amount = match (kind, fault.way) {
-            (Kind::SlowDisk, _) => Some(dice.scaled(20.0, 3.0)),
+            _ if kind.usual_ms() > 0.0 => Some(dice.scaled(kind.usual_ms(), 3.0)),
             (Kind::Clock, _) => Some(dice.scaled(usual, 10.0) * dice.sign()),
             (_, Some(Way::Bias | Way::Drift)) => Some(dice.scaled(usual, 3.0) * dice.sign()),
             _ if usual > 0.0 => Some(dice.scaled(usual, 3.0)),
@@ -245,7 +250,9 @@ impl Dealer {
             let field = fields[dice.below(fields.len() as u64) as usize];
             format!("{}[{}]", field.name, dice.below((field.size / size_of::<f64>()) as u64))
         });
+        let topic = (kind == Kind::Cut).then(|| reads[dice.below(reads.len() as u64) as usize].clone());
         Fault {
+            topic,
             for_ticks,
             amount,
             probability,

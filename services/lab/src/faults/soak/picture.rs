@@ -107,7 +107,7 @@ fn class_of(kind: &str) -> usize {
         "hang" if kind.ends_with("paused") => 1,
         "kill" | "crash" | "hang" | "SIGKILL" | "SIGSTOP" => 0,
         "sensor" | "drive" => 3,
-        "clock" | "starve" | "disk-full" | "slow-disk" => 4,
+        "clock" | "starve" | "slow" | "page-out" | "disk-full" | "slow-disk" => 4,
         _ => 2,
     }
 }
@@ -123,5 +123,6 @@ mod tests {
         assert_eq!(["hang paused", "SIGSTOP, SIGCONT"].map(of), ["standing still"; 2]);
         assert_eq!(["drop", "corrupt nan"].map(of), ["messages"; 2]);
         assert_eq!((of("drive lost"), of("clock jump")), ("sensors and drives", "clock, core, volume"));
+        assert_eq!((of("zombie"), of("page-out")), ("messages", "clock, core, volume"));
     }
 }

@@ -10,7 +10,7 @@ use recorder::MESSAGES;
 use runtime::{ControlPage, FaultRecord, RunDir, now_ns};
 use serde::Serialize;
 use session::{Failure, load};
-use shared_types::fault::Kind;
+use shared_types::fault::{Kind, Way};
 use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
 use shared_types::process::Program;
@@ -32,6 +32,12 @@ const LONGEST_MORE_S: f64 = 10.0;
 
 /// A stop is put down to the latest fault that was in force, or had been so shortly before; s.
 const AFTERMATH_S: f64 = 0.15;
+
+/// Number of the signal of a read beyond the end of a mapped file.
+const SIGBUS: i32 = 7;
+
+/// Exit code of a panic.
+const PANIC: i32 = 101;
 
 /// A fault or signal, and what came of it.
 #[derive(Clone, Debug, Serialize)]
@@ -337,8 +343,7 @@ impl Seen {
             (_, Done::LeftOut(_)) => return None,
             (Act::Fault(_), _) => {
                 let account = self.account(executed).filter(|account| account.injected_ns > 0)?;
-                let fields = self.graph.target(act.process())?.fields;
-                let fault = account.scheduled.fault(act.process(), &fields)?;
+                let fault = account.scheduled.fault(act.process(), &self.graph.target(act.process())?)?;
                 let length_s = fault.for_ticks.map_or(0.0, |ticks| ticks as f64 / f64::from(rate_hz));
                 let FaultRecord { injected_ns, detected_ns, recovered_ns, .. } = *account;
                 (fault.to_string(), account.scheduled.at, length_s, since_ms(injected_ns, detected_ns), since_ms(injected_ns, recovered_ns))
@@ -428,8 +433,9 @@ impl Seen {
         for (process, exit, _) in &self.events.ended {
             let so_far = |exits: &dyn Fn(Exit) -> bool| ended.iter().filter(|one| one.process == *process && exits(one.exit)).count();
             let injected = || self.executed.iter().filter(|one| one.planned.act.process() == process && self.has_injected(one));
-            let crashes = injected().filter(|one| matches!(&one.planned.act, Act::Fault(fault) if fault.kind == Kind::Crash)).count();
-            let kills: usize = injected().map(|one| one.planned.act.deaths() as usize).sum::<usize>() - crashes;
+            let by = |way: Way| injected().filter(|one| one.planned.act.way() == Some(way)).count();
+            let (panics, bus_errors) = (by(Way::Panic), by(Way::BusError));
+            let kills: usize = injected().map(|one| one.planned.act.deaths() as usize).sum::<usize>() - panics - bus_errors;
             // A stop that lasts too long ends with a kill; a stopped process killed by a second planned dies once.
             let silenced = self.events.silenced.iter().filter(|one| *one == process).count();
             // Numbers far out of range may end in one that is not finite; then a process stops rather than send it.
@@ -437,8 +443,8 @@ impl Seen {
             let refused = if is_corrupted { self.events.refused.iter().filter(|one| *one == process).count() } else { 0 };
             let is_ours = match exit {
                 Exit::Signal(9) => so_far(&|exit| exit == Exit::Signal(9)) < kills + silenced,
-                // A panic.
-                Exit::Code(101) => so_far(&|exit| exit == Exit::Code(101)) < crashes,
+                Exit::Signal(SIGBUS) => so_far(&|exit| exit == Exit::Signal(SIGBUS)) < bus_errors,
+                Exit::Code(PANIC) => so_far(&|exit| exit == Exit::Code(PANIC)) < panics,
                 Exit::Code(1) => so_far(&|exit| exit == Exit::Code(1)) < refused,
                 _ => false,
             };

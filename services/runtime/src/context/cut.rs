@@ -1,0 +1,27 @@
+//! Faults of one edge of the graph: a reader that does not get what all others get.
+
+use shared_types::fault::Kind;
+
+use super::Context;
+use crate::clock::now_ns;
+use crate::fault::message::happens;
+
+impl Context {
+    /// Whether a fault keeps the message of a tick on one of this process's topics from it.
+    #[inline]
+    pub(crate) fn is_cut(&self, topic: &str, tick: u64) -> bool {
+        !self.is_unharmed() && self.is_cut_by_fault(topic, tick)
+    }
+
+    #[cold]
+    fn is_cut_by_fault(&self, topic: &str, tick: u64) -> bool {
+        let read = self.manifest.processes[self.me].reads.iter().position(|read| read == topic);
+        let known = self.faults.known.borrow();
+        let mut cuts = known.of(self.me, tick).filter(|(_, fault, kind)| {
+            *kind == Kind::Cut && read.is_some_and(|read| fault.target as usize == read) && happens(fault, tick)
+        });
+        let cut = cuts.next().map(|(place, ..)| place);
+        cut.into_iter().for_each(|place| self.control_page.fault_table().mark_injected(place, now_ns()));
+        cut.is_some()
+    }
+}
