@@ -40,6 +40,7 @@ pub(super) enum Signal {
 
 /// One thing that goes wrong.
 #[derive(Clone, Debug, PartialEq)]
+#[allow(clippy::large_enum_variant, reason = "a few dozen of them, drawn once a round")]
 pub(super) enum Act {
     /// As `armplane fault` requests it.
     Fault(Fault),
