@@ -1,6 +1,6 @@
 //! `armplane compare`: every control law on the same plant, seed and task, side by side.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Args;
@@ -9,11 +9,9 @@ use serde_json::json;
 use session::{Failure, load};
 use shared_types::scenario::Strategy;
 
-use crate::compare_arm;
 use crate::out::{say, show};
 use crate::progress::Terminal;
 use session::table::{number, table};
-use viz::plot::digits;
 
 /// How many of the best settings are shown.
 const SHOWN: usize = 5;
@@ -80,7 +78,7 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
             pairs: args.pairs,
             speed: args.speed,
         };
-        return compare_arm::compare_arm(&sweep, args.out.as_deref(), as_json);
+        return lines_of_an_arm(&sweep, args.out.as_deref(), as_json);
     }
     if args.tune {
         return tune(args, &laws, as_json);
@@ -108,6 +106,20 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
     Ok(ExitCode::SUCCESS)
 }
 
+/// Lines through exactly singular postures of one arm.
+fn lines_of_an_arm(sweep: &ArmSweep<'_>, out: Option<&Path>, as_json: bool) -> Result<ExitCode, Failure> {
+    let terminal = Terminal::default();
+    let lines = sweep.run(&|progress| terminal.show(progress))?;
+    let folder = lines.save(out)?;
+    if as_json {
+        say!("{}", lines.json());
+    } else {
+        show(&lines);
+        say!("{}\n  compare.json, and a scenario for each line that did not reach its goal", folder.display());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
 /// Two laws in one recording.
 fn race(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let ([scenario], [] | [_]) = (&args.scenarios[..], &args.law[..]) else {
@@ -126,17 +138,8 @@ fn race(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Failure> {
         say!("{}", serde_json::to_string_pretty(&race).map_err(Failure::work)?);
         return Ok(ExitCode::SUCCESS);
     }
-    say!("{}: the same plant, seed {} and task under two laws", race.scenario, race.seed);
-    let mut rows = table(&["law", "hand off its reference, mm", "°", "joint speed"]);
-    for (law, racer) in [&race.law, &race.rival] {
-        rows.add_row([
-            law.clone().into(),
-            number(digits(racer.position_max_mm)),
-            number(digits(racer.orientation_max_deg)),
-            number(percent(racer.speed_max_ratio)),
-        ]);
-    }
-    say!("{rows}\n{}\n  run.rrd  both arms; open it with: armplane view {}", race.folder.display(), race.folder.display());
+    show(&race);
+    say!("{}\n  run.rrd  both arms; open it with: armplane view {}", race.folder.display(), race.folder.display());
     Ok(ExitCode::SUCCESS)
 }
 
@@ -171,12 +174,4 @@ fn tune(args: &CompareArgs, laws: &[Strategy], as_json: bool) -> Result<ExitCode
         say!("{}", json!({"lines": lines, "seed": seed, "speed_m_s": args.speed, "laws": searched}));
     }
     Ok(ExitCode::SUCCESS)
-}
-
-/// A share of a limit; an arm without limits has none.
-fn percent(ratio: f64) -> String {
-    if ratio == 0.0 {
-        return "–".to_owned();
-    }
-    format!("{:.0} %", ratio * 100.0)
 }

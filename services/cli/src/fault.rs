@@ -4,12 +4,10 @@ use std::process::ExitCode;
 
 use clap::Args;
 use serde_json::json;
-use session::{Failure, inject};
+use session::{Failure, FaultKinds, inject};
 use shared_types::fault::{Fault, Kind, Way};
-use shared_types::graph::Role;
 
-use crate::out::say;
-use session::table::fitted;
+use crate::out::{say, show};
 
 /// A stretch of time as people write it: `100ms`, `0.5s`, or a bare number of ticks.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -78,7 +76,10 @@ pub(crate) struct FaultArgs {
 pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let (Some(process), Some(kind)) = (&args.process, args.kind) else {
         if args.list {
-            list(as_json)?;
+            match as_json {
+                true => say!("{}", serde_json::to_string_pretty(&FaultKinds.json()).map_err(Failure::work)?),
+                false => show(&FaultKinds),
+            }
             return Ok(ExitCode::SUCCESS);
         }
         return Err(Failure::Input(
@@ -105,61 +106,6 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure
         say!("{in_force} ({name})");
     }
     Ok(ExitCode::SUCCESS)
-}
-
-/// The unit of a way's amount.
-fn unit(kind: Kind, way: Way) -> &'static str {
-    match (kind, way) {
-        (Kind::Sensor, Way::Drift) => "rad/s",
-        (Kind::Sensor, Way::Bias | Way::Noise | Way::Quantise) => "rad",
-        (Kind::Drive, Way::Saturated | Way::Friction) => "of the limit",
-        (Kind::Clock, Way::Jump) => "ms",
-        (Kind::Clock, _) => "of its rate",
-        (Kind::Corrupt, Way::Huge) => "times",
-        _ => "",
-    }
-}
-
-fn list(as_json: bool) -> Result<(), Failure> {
-    if as_json {
-        let kinds: Vec<_> = Kind::ALL
-            .iter()
-            .map(|&kind| {
-                let length_s = kind.usual_length_s();
-                json!({
-                    "kind": kind.name(), "about": kind.about(), "roles": kind.roles().iter().map(|role| role.name()).collect::<Vec<_>>(),
-                    "length_s": length_s.is_finite().then_some(length_s),
-                    "amount_ms": (kind.usual_ms() > 0.0).then(|| kind.usual_ms()),
-                    "ways": kind.ways().map(|way| json!({
-                        "as": way.name(), "about": way.about(), "amount": kind.usual_amount(way), "unit": unit(kind, way)
-                    })).collect::<Vec<_>>(),
-                })
-            })
-            .collect();
-        say!("{}", serde_json::to_string_pretty(&kinds).map_err(Failure::work)?);
-        return Ok(());
-    }
-    let mut rows = fitted(&["kind", "what happens", "to", "usually for", "as (usual amount)"]);
-    for &kind in Kind::ALL {
-        let ways: Vec<_> = kind
-            .ways()
-            .map(|way| match kind.usual_amount(way) {
-                0.0 => way.name().to_owned(),
-                amount => format!("{} ({amount} {})", way.name(), unit(kind, way)),
-            })
-            .chain((kind.usual_ms() > 0.0).then(|| format!("({} ms)", kind.usual_ms())))
-            .collect();
-        let processes = match kind.roles() {
-            all if all.len() == Role::ALL.len() => "any process".to_owned(),
-            roles => roles.iter().map(|role| role.about()).collect::<Vec<_>>().join(" and "),
-        };
-        let length_s = kind.usual_length_s();
-        let length = if length_s.is_finite() { format!("{length_s} s") } else { "ever".to_owned() };
-        rows.add_row([kind.name().to_owned(), kind.about().to_owned(), processes, length, ways.join(", ")]);
-    }
-    say!("{rows}");
-    say!("The same words in a scenario, under [[fault]], with at_tick or at_s: they take effect at that tick of every run.");
-    Ok(())
 }
 
 #[cfg(test)]

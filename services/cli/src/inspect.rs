@@ -3,16 +3,13 @@
 use std::process::ExitCode;
 
 use clap::Args;
-use lab::studies::posture::{Posture, evaluate};
+use lab::studies::posture::evaluate;
+use lab::studies::posture_text::PostureText;
 use model::Robot;
-use nalgebra::DMatrix;
 use session::{Failure, load};
-use shared_types::codes;
 use shared_types::scenario::Start;
 
-use crate::out::say;
-use session::table::{number, table};
-use viz::plot::digits;
+use crate::out::{say, show};
 
 #[derive(Args)]
 pub(crate) struct InspectArgs {
@@ -51,7 +48,7 @@ pub(crate) fn inspect(args: &InspectArgs, as_json: bool) -> Result<ExitCode, Fai
     if as_json {
         say!("{}", evaluated.json(&robot));
     } else {
-        print(&evaluated, &robot);
+        show(&PostureText { posture: &evaluated, robot: &robot });
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -67,65 +64,4 @@ fn posture(args: &InspectArgs, robot: &Robot) -> Result<Vec<f64>, Failure> {
         (None, None) => Start { q_rad: Some(robot.middle()), ..Start::default() },
     };
     robot.start_posture(&start).map_err(Failure::input)
-}
-
-fn print(posture: &Posture, robot: &Robot) {
-    say!("{} at frame {}, base axes, SI units\n", robot.name, posture.frame);
-    let mut joints = table(&["joint", "q rad", "q °", "lower °", "upper °", "gravity N·m", "bias N·m", "torque limit"]);
-    for (i, joint) in robot.joints.iter().enumerate() {
-        let degrees = |radians: f64| if radians.is_finite() { format!("{:.2}", radians.to_degrees()) } else { "–".to_owned() };
-        joints.add_row([
-            joint.name.clone().into(),
-            number(format!("{:.6}", posture.q[i])),
-            number(degrees(posture.q[i])),
-            number(degrees(joint.lower)),
-            number(degrees(joint.upper)),
-            number(digits(posture.gravity[i])),
-            number(digits(posture.bias[i])),
-            number(digits(joint.effort)),
-        ]);
-    }
-    say!("{joints}");
-    print_matrix("pose X_BE", &DMatrix::from_fn(4, 4, |row, column| posture.pose[row][column]));
-    print_matrix("J, rows [v; ω]", &posture.J);
-    print_matrix("A, kg·m²", &posture.A);
-    let list = |values: &[f64]| values.iter().map(|value| digits(*value)).collect::<Vec<_>>().join("  ");
-    if let Some(det) = posture.det {
-        say!("det J            {}", digits(det));
-    }
-    say!("singular values  {}", list(&posture.singular_values));
-    say!("unit-scaled      {}  (lengths / {} m, at the wrist centre)", list(&posture.report.sigma), posture.report.length_m);
-    say!(
-        "rank {}, condition {}, manipulability {}\n",
-        posture.report.rank,
-        digits(posture.report.condition),
-        digits(posture.report.manipulability)
-    );
-    let mut found = table(&["singularity", "s", "η in/out", "inside", "type", "κ₁", "κ₂", "ζ (base axes)"]);
-    for (name, s) in posture.singularities() {
-        let half = if s.angular != 0 { &s.zeta_B[3..] } else { &s.zeta_B[..3] };
-        let kind = if s.angular != 0 { "rotation" } else { "translation" };
-        found.add_row([
-            name.into(),
-            number(digits(s.s)),
-            number(format!("{} / {}", s.eta_in, s.eta_out)),
-            if s.inside != 0 { "inside".into() } else { "".into() },
-            codes::name_of(codes::TYPES, s.class).into(),
-            number(digits(s.kappa_1)),
-            number(digits(s.kappa_2)),
-            format!("{kind} [{:.3}, {:.3}, {:.3}]", half[0], half[1], half[2]).into(),
-        ]);
-    }
-    say!("{found}");
-    for note in &robot.notes {
-        say!("note: {note}");
-    }
-}
-
-fn print_matrix(title: &str, matrix: &DMatrix<f64>) {
-    say!("{title}");
-    for row in matrix.row_iter() {
-        say!("  {}", row.iter().map(|value| format!("{value:>10.5}")).collect::<Vec<_>>().join(" "));
-    }
-    say!();
 }

@@ -4,7 +4,6 @@
 mod bench;
 mod clean;
 mod compare;
-mod compare_arm;
 mod doctor;
 mod drill;
 mod export;

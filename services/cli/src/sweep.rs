@@ -1,17 +1,16 @@
 //! `armplane sweep`: a scenario under many settings, into Parquet; its shards put together; its report.
 
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Args, Subcommand};
-use lab::sweeps::{self, Done, Merged, Report, ReportRequest, Request, Shard};
-use serde_json::json;
+use lab::sweeps::{self, ReportRequest, Request, Shard};
+use serde::Serialize;
 use session::Failure;
 
-use crate::out::say;
+use crate::out::{say, show};
 use crate::progress::Terminal;
-use session::table::{number, table};
-use viz::plot::digits;
 
 #[derive(Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
@@ -68,49 +67,25 @@ pub(crate) fn sweep(args: &SweepArgs, as_json: bool) -> Result<ExitCode, Failure
     let observer = |progress: session::Progress<'_>| terminal.show(progress);
     let Some(file) = &args.file else {
         let merged = sweeps::merge(&args.merge, args.out.as_deref(), &observer)?;
-        print_merged(&merged, as_json);
-        return Ok(ExitCode::SUCCESS);
+        return print(&merged, &merged.folder, true, as_json);
     };
     let done = sweeps::run(&Request { file, out: args.out.as_deref(), shard: args.shard }, &observer)?;
-    print_done(&done, args.shard, as_json);
-    Ok(ExitCode::SUCCESS)
+    print(&done, &done.folder, args.shard.is_none(), as_json)
 }
 
-fn print_done(done: &Done, shard: Option<Shard>, as_json: bool) {
-    let Done { name, folder, runs, found, simulated_s, wall_s, cores } = done;
+/// A folder of results, and how to go on with it.
+fn print(done: &(impl Display + Serialize), folder: &Path, is_whole: bool, as_json: bool) -> Result<ExitCode, Failure> {
     if as_json {
-        let whole = json!({"sweep": name, "folder": folder, "runs": runs, "found": found, "simulated_s": simulated_s, "wall_s": wall_s, "cores": cores,
-            "shard": shard.map(|shard| shard.to_string())});
-        return say!("{whole}");
+        say!("{}", serde_json::to_string(done).map_err(Failure::work)?);
+        return Ok(ExitCode::SUCCESS);
     }
-    let of_shard = shard.map(|shard| format!(", shard {shard}")).unwrap_or_default();
-    let computed = runs - found;
-    let before = if *found > 0 { format!(", {found} of them before") } else { String::new() };
-    say!("{name}{of_shard}: {runs} runs{before}");
-    if computed > 0 {
-        say!(
-            "time       {computed} runs in {wall_s:.1} s on {cores} cores: {:.1} runs/s, {:.0} × real time",
-            computed as f64 / wall_s,
-            simulated_s / wall_s
-        );
-    }
-    print_folder(folder, shard.is_none());
-}
-
-fn print_merged(Merged { name, folder, runs }: &Merged, as_json: bool) {
-    if as_json {
-        return say!("{}", json!({"sweep": name, "folder": folder, "runs": runs}));
-    }
-    say!("{name}: {runs} runs, whole");
-    print_folder(folder, true);
-}
-
-fn print_folder(folder: &Path, is_whole: bool) {
+    show(done);
     say!("\n{}", folder.display());
     say!("  runs/*.parquet  a row a run: duckdb -c \"FROM '{}/runs/*.parquet'\"", folder.display());
     if is_whole {
         say!("  look at it with: armplane sweep report {}", folder.display());
     }
+    Ok(ExitCode::SUCCESS)
 }
 
 fn report(args: &ReportArgs, as_json: bool) -> Result<ExitCode, Failure> {
@@ -119,36 +94,7 @@ fn report(args: &ReportArgs, as_json: bool) -> Result<ExitCode, Failure> {
     if as_json {
         say!("{}", report.json());
     } else {
-        print_report(&report);
+        show(&report);
     }
     Ok(ExitCode::SUCCESS)
-}
-
-fn print_report(report: &Report) {
-    let [runs, of] = report.runs;
-    let outcomes: Vec<String> = report.outcomes.iter().map(|(outcome, count)| format!("{outcome} {count}")).collect();
-    let counted = if runs == of { format!("{runs} runs") } else { format!("{runs} of {of} runs, those of complete partitions") };
-    say!("{}: {counted}; {}", report.name, outcomes.join(", "));
-    if let Some(reason) = &report.refused {
-        say!("refused    for example: {reason}");
-    }
-    let mut rows = table(&["", "runs", "smallest", "median", "90 %", "99 %", "largest"]);
-    for spread in &report.spreads {
-        let values = spread.values.map(|value| number(digits(value)));
-        rows.add_row([spread.column.clone().into(), number(spread.runs)].into_iter().chain(values).collect::<Vec<_>>());
-    }
-    say!("{rows}");
-    if !report.worst.is_empty() {
-        say!("The worst by {}, each with the command that repeats it as a recording:", report.by);
-    }
-    for worst in &report.worst {
-        let settings: Vec<String> = worst.settings.iter().map(|(key, value)| format!("{key} = {value}")).collect();
-        say!("run {}: {}, {}; {}", worst.run, digits(worst.value), worst.outcome, settings.join(", "));
-        say!("  {}", worst.command);
-    }
-    if !report.remark.is_empty() {
-        say!("{}", report.remark);
-    }
-    say!("\n{}", report.folder.display());
-    say!("  report.svg, report.png  distributions and map\n  report.json             all of this for machines");
 }

@@ -8,8 +8,11 @@ pub mod observation;
 pub mod schema;
 pub mod table;
 
+mod catalogue;
 mod export;
 mod failure;
+mod fault_kinds;
+mod graph_text;
 mod injection;
 mod launch;
 mod layout;
@@ -27,8 +30,11 @@ mod summary;
 mod text;
 mod viewer;
 
+pub use catalogue::Catalogue;
 pub use export::{ExportFormat, WHOLE, export};
 pub use failure::Failure;
+pub use fault_kinds::FaultKinds;
+pub use graph_text::{GraphText, Topics};
 pub use injection::inject;
 pub use launch::{Begin, EXCHANGE, GUARD, ROBOT, interrupts, launch, launch_begun, launch_watched};
 pub use layout::save_blueprint;

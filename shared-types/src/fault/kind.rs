@@ -220,6 +220,20 @@ impl Kind {
         self.rule().usual_ms
     }
 
+    /// The unit of the amount in a way; empty where there is none.
+    #[must_use]
+    pub fn unit(self, way: Way) -> &'static str {
+        match (self, way) {
+            (Self::Sensor, Way::Drift) => "rad/s",
+            (Self::Sensor, Way::Bias | Way::Noise | Way::Quantise) => "rad",
+            (Self::Drive, Way::Saturated | Way::Friction) => "of the limit",
+            (Self::Clock, Way::Jump) => "ms",
+            (Self::Clock, _) => "of its rate",
+            (Self::Corrupt, Way::Huge) => "times",
+            _ => "",
+        }
+    }
+
     /// How long it lasts unless said otherwise, s; infinite: to the end of the run.
     #[must_use]
     pub fn usual_length_s(self) -> f64 {

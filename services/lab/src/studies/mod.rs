@@ -3,6 +3,7 @@
 pub mod compare;
 pub mod figures;
 pub mod posture;
+pub mod posture_text;
 pub mod steered;
 
 pub(crate) mod lines;

@@ -11,9 +11,10 @@ use super::manifest::{Manifest, Shard, open, rows_file, rows_folder};
 const NAMED: usize = 5;
 
 /// Shards that have become one sweep.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Merged {
     /// The sweep's name.
+    #[serde(rename = "sweep")]
     pub name: String,
     /// The folder of the whole sweep.
     pub folder: PathBuf,

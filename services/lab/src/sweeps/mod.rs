@@ -16,6 +16,7 @@ mod row;
 mod space;
 mod spec;
 mod table;
+mod text;
 mod work;
 
 pub use manifest::Shard;

@@ -7,6 +7,7 @@ use std::sync::{Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use serde::Serialize;
 use session::{Failure, Observer, Progress, RUNS, Results};
 
 use super::cell::Cell;
@@ -28,10 +29,14 @@ pub struct Request<'a> {
 }
 
 /// A sweep whose runs are all in the folder.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Done {
     /// The sweep's name.
+    #[serde(rename = "sweep")]
     pub name: String,
+    /// The part that was computed; `None`: all of it.
+    #[serde(serialize_with = "in_words")]
+    pub shard: Option<Shard>,
     /// The results folder.
     pub folder: PathBuf,
     /// Runs in the folder.
@@ -44,6 +49,11 @@ pub struct Done {
     pub wall_s: f64,
     /// Cores that worked.
     pub cores: usize,
+}
+
+/// As in `--shard`: `3/16`.
+fn in_words<S: serde::Serializer>(shard: &Option<Shard>, serializer: S) -> Result<S::Ok, S::Error> {
+    shard.map(|shard| shard.to_string()).serialize(serializer)
 }
 
 /// Computes every run that is not in the results folder yet.
@@ -94,7 +104,7 @@ pub fn run(request: &Request<'_>, observer: Observer<'_>) -> Result<Done, Failur
     board.failure.into_inner().unwrap_or_else(PoisonError::into_inner).map_or(Ok(()), Err)?;
     std::fs::remove_dir(journals_folder(&folder)).map_err(cannot)?;
     let name = manifest.name.clone();
-    Ok(Done { name, folder, runs, found: runs - pending, simulated_s, wall_s: began.elapsed().as_secs_f64(), cores })
+    Ok(Done { name, shard: request.shard, folder, runs, found: runs - pending, simulated_s, wall_s: began.elapsed().as_secs_f64(), cores })
 }
 
 /// The runs to compute, and those that are finished in partitions that are not.

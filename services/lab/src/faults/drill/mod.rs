@@ -5,6 +5,7 @@ mod limits;
 mod matrix;
 mod picture;
 mod plan;
+mod text;
 mod without;
 
 pub use cell::Cell;

@@ -1,9 +1,11 @@
 //! Lines through exactly singular postures of any arm, under one law: which reach their goal, which are refused in words, which fail in silence.
 
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use serde::Serialize;
-use session::{Failure, Observer, load};
+use serde_json::{Value, json};
+use session::{Failure, Observer, Results, load};
 use shared_types::codes::singularity_name;
 use shared_types::scenario::{Scenario, Strategy};
 
@@ -96,6 +98,25 @@ impl ArmLines {
     pub fn count(&self, outcome: Outcome) -> usize {
         self.lines.iter().filter(|line| line.outcome == outcome).count()
     }
+
+    /// As one JSON object.
+    #[must_use]
+    pub fn json(&self) -> Value {
+        json!({"version": env!("CARGO_PKG_VERSION"), "sweep": self})
+    }
+
+    /// Saves the lines as compare.json, and a scenario for each that did not reach its goal; returns the folder.
+    ///
+    /// # Errors
+    /// [`Failure`] where the folder exists or a file cannot be written.
+    pub fn save(&self, out: Option<&Path>) -> Result<PathBuf, Failure> {
+        let results = Results::create(out, "compare")?;
+        results.save("compare.json", &self.json())?;
+        for (i, line) in self.lines.iter().enumerate().filter(|(_, line)| line.outcome != Outcome::Reached) {
+            std::fs::write(results.folder.join(format!("line-{}.toml", i + 1)), line.scenario_text()?).map_err(Failure::work)?;
+        }
+        Ok(results.folder.clone())
+    }
 }
 
 impl ArmSweep<'_> {
@@ -107,7 +128,7 @@ impl ArmSweep<'_> {
         let robot = load::robot(self.robot, None, None)?;
         let text = format!("name = \"sweep\"\nrobot = \"{}\"\n[start]\nposture = \"none\"\n[[segment]]\nduration_s = 2.0\n", self.robot);
         let mut template = Scenario::parse("sweep.toml", &text, self.settings)?;
-        if let Ok(path) = std::path::Path::new(self.robot).canonicalize() {
+        if let Ok(path) = Path::new(self.robot).canonicalize() {
             // The lines' scenarios lie elsewhere.
             template.robot = path.display().to_string();
         }

@@ -1,6 +1,7 @@
 //! Control laws compared: on scenarios, on many lines, and at the best of their parameters.
 
 mod arm_sweep;
+mod arm_text;
 mod law;
 mod picture;
 mod race;

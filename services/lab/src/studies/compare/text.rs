@@ -9,6 +9,7 @@ use viz::plot::digits;
 
 use crate::quantile::quantile;
 
+use super::race::Race;
 use super::scenarios::Compared;
 use super::score::Score;
 use super::sweep::{KINDS, SWEEP, Sweep, missed};
@@ -81,4 +82,23 @@ fn sweep_text(f: &mut fmt::Formatter<'_>, sweep: &Sweep) -> fmt::Result {
         rows.add_row(row);
     }
     writeln!(f, "{rows}\nelbow, wrist, overhead: S2 % of the lines near that lock")
+}
+
+/// A row for each of the two laws.
+impl fmt::Display for Race {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}: the same plant, seed {} and task under two laws", self.scenario, self.seed)?;
+        let mut rows = fitted(&["law", "hand off its reference, mm", "°", "joint speed"]);
+        for (law, racer) in [&self.law, &self.rival] {
+            // An arm without limits has no share of them.
+            let speed = if racer.speed_max_ratio == 0.0 { "–".to_owned() } else { format!("{:.0} %", racer.speed_max_ratio * 100.0) };
+            rows.add_row([
+                law.clone().into(),
+                number(digits(racer.position_max_mm)),
+                number(digits(racer.orientation_max_deg)),
+                number(speed),
+            ]);
+        }
+        writeln!(f, "{rows}")
+    }
 }

@@ -1,0 +1,72 @@
+//! The drill's cells as text for people.
+
+use std::fmt;
+
+use session::table::{number, table};
+use viz::plot::digits;
+
+use super::matrix::Drilled;
+
+/// A row a cell, how many ended how, and whether a guarantee does not hold.
+impl fmt::Display for Drilled {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let headings = [
+            "process",
+            "fault",
+            "detected, ms",
+            "stale",
+            "torque",
+            "speed",
+            "step",
+            "off path, mrad",
+            "mm",
+            "recovered after, ms",
+            "end",
+            "restarts",
+            "lost",
+            "repeated",
+            "",
+        ];
+        let mut rows = table(&headings);
+        for cell in &self.cells {
+            let name =
+                if cell.way.trim_matches([' ', '+']).is_empty() { cell.kind.clone() } else { format!("{} ({})", cell.kind, cell.way) };
+            let end = match (cell.goal_reached, cell.safe_stop) {
+                (true, _) => "goal",
+                (false, true) => "rest",
+                (false, false) => "ended",
+            };
+            let optional = |value: Option<f64>| value.map_or(String::from("–"), digits);
+            rows.add_row([
+                cell.process.clone().into(),
+                name.into(),
+                number(optional(cell.detected_ms)),
+                number(cell.stale_ticks),
+                number(format!("{:.0} %", cell.torque_max_ratio * 100.0)),
+                number(format!("{:.0} %", cell.speed_max_ratio * 100.0)),
+                number(format!("{:.1} %", cell.torque_step_max_ratio * 100.0)),
+                number(digits(cell.excursion_max_rad * 1e3)),
+                number(digits(cell.excursion_max_mm)),
+                number(optional(cell.settled_ms)),
+                end.into(),
+                number(cell.restarts),
+                number(cell.messages_lost),
+                if cell.replayed_identically { "same" } else { "OTHER" }.into(),
+                cell.invariants_broken.join("; ").into(),
+            ]);
+        }
+        writeln!(f, "{rows}")?;
+        let broken = self.cells.iter().filter(|cell| !cell.invariants_broken.is_empty()).count();
+        let goals = self.cells.iter().filter(|cell| cell.goal_reached).count();
+        writeln!(
+            f,
+            "{} cells: {goals} reached the goal, {} came to rest or ended cleanly, {broken} broke an invariant",
+            self.cells.len(),
+            self.cells.len() - goals
+        )?;
+        if !self.passed {
+            writeln!(f, "a guarantee does not hold: see the last column")?;
+        }
+        Ok(())
+    }
+}

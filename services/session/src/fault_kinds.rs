@@ -1,0 +1,53 @@
+//! All kinds of faults, for people and machines.
+
+use std::fmt;
+
+use serde_json::{Value, json};
+use shared_types::fault::Kind;
+use shared_types::graph::Role;
+
+use crate::table::fitted;
+
+/// The kinds of faults: what happens, to which processes, for how long, in which ways.
+pub struct FaultKinds;
+
+impl FaultKinds {
+    /// An array of one object a kind.
+    #[must_use]
+    pub fn json(&self) -> Value {
+        let kinds = Kind::ALL.iter().map(|&kind| {
+            let length_s = kind.usual_length_s();
+            json!({
+                "kind": kind.name(), "about": kind.about(), "roles": kind.roles().iter().map(|role| role.name()).collect::<Vec<_>>(),
+                "length_s": length_s.is_finite().then_some(length_s),
+                "amount_ms": (kind.usual_ms() > 0.0).then(|| kind.usual_ms()),
+                "ways": kind.ways().map(|way| json!({
+                    "as": way.name(), "about": way.about(), "amount": kind.usual_amount(way), "unit": kind.unit(way)
+                })).collect::<Vec<_>>(),
+            })
+        });
+        kinds.collect()
+    }
+}
+
+impl fmt::Display for FaultKinds {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut rows = fitted(&["kind", "what happens", "to", "usually for", "as (usual amount)"]);
+        for &kind in Kind::ALL {
+            let ways = kind.ways().map(|way| match kind.usual_amount(way) {
+                0.0 => way.name().to_owned(),
+                amount => format!("{} ({amount} {})", way.name(), kind.unit(way)),
+            });
+            let ways = ways.chain((kind.usual_ms() > 0.0).then(|| format!("({} ms)", kind.usual_ms())));
+            let processes = match kind.roles() {
+                all if all.len() == Role::ALL.len() => "any process".to_owned(),
+                roles => roles.iter().map(|role| role.about()).collect::<Vec<_>>().join(" and "),
+            };
+            let length_s = kind.usual_length_s();
+            let length = if length_s.is_finite() { format!("{length_s} s") } else { "ever".to_owned() };
+            rows.add_row([kind.name().to_owned(), kind.about().to_owned(), processes, length, ways.collect::<Vec<_>>().join(", ")]);
+        }
+        writeln!(f, "{rows}")?;
+        writeln!(f, "The same words in a scenario, under [[fault]], with at_tick or at_s: they take effect at that tick of every run.")
+    }
+}

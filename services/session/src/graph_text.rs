@@ -1,0 +1,123 @@
+//! A process graph as text: a table, a drawing for Graphviz or Mermaid, or its topics.
+
+use std::fmt;
+
+use serde_json::{Value, json};
+use shared_types::graph::Graph;
+use shared_types::topics::TOPICS;
+
+use crate::table::{number, table};
+
+/// A graph in one of its forms.
+pub enum GraphText<'a> {
+    /// A row a process.
+    Table(&'a Graph),
+    /// Graphviz.
+    Dot(&'a Graph),
+    /// Mermaid, as Markdown pages show it.
+    Mermaid(&'a Graph),
+}
+
+impl fmt::Display for GraphText<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Table(graph) => rows(f, graph),
+            Self::Dot(graph) => dot(f, graph),
+            Self::Mermaid(graph) => mermaid(f, graph),
+        }
+    }
+}
+
+fn rows(f: &mut fmt::Formatter<'_>, graph: &Graph) -> fmt::Result {
+    let mut rows = table(&["process", "reads", "writes", "core", "priority"]);
+    for process in &graph.process {
+        let feedback = process.feedback.iter().map(|topic| format!("{topic} (to reach the next tick)"));
+        let reads: Vec<_> = process.reads.iter().cloned().chain(feedback).collect();
+        let priority = if process.priority == 0 { "ordinary".to_owned() } else { format!("FIFO {}", process.priority) };
+        rows.add_row([
+            process.name.clone().into(),
+            reads.join("\n").into(),
+            process.writes.join("\n").into(),
+            number(process.core),
+            number(priority),
+        ]);
+    }
+    writeln!(f, "{rows}")
+}
+
+/// Writer, reader, topic and whether it closes the loop.
+fn edges(graph: &Graph) -> impl Iterator<Item = (&str, &str, &str, bool)> {
+    graph.process.iter().flat_map(|reader| {
+        let now = reader.reads.iter().map(|topic| (topic, false));
+        let later = reader.feedback.iter().map(|topic| (topic, true));
+        now.chain(later)
+            .filter_map(|(topic, feedback)| Some((graph.writer(topic)?.name.as_str(), reader.name.as_str(), topic.as_str(), feedback)))
+    })
+}
+
+fn dot(f: &mut fmt::Formatter<'_>, graph: &Graph) -> fmt::Result {
+    writeln!(f, "digraph armplane {{\n  rankdir=LR;\n  node [shape=box, style=rounded];")?;
+    for (writer, reader, topic, feedback) in edges(graph) {
+        writeln!(f, "  {writer} -> {reader} [label=\"{topic}\"{}];", if feedback { ", style=dashed" } else { "" })?;
+    }
+    writeln!(f, "}}")
+}
+
+fn mermaid(f: &mut fmt::Formatter<'_>, graph: &Graph) -> fmt::Result {
+    writeln!(f, "flowchart LR")?;
+    for (writer, reader, topic, feedback) in edges(graph) {
+        writeln!(f, "  {writer} {}|{topic}| {reader}", if feedback { "-.->" } else { "-->" })?;
+    }
+    Ok(())
+}
+
+/// The topics of a graph: types, sizes, writers and readers.
+pub struct Topics<'a>(pub &'a Graph);
+
+impl Topics<'_> {
+    /// An array of one object a topic.
+    #[must_use]
+    pub fn json(&self) -> Value {
+        let row = |Topic { name, type_name, layout, bytes, writer, readers }: Topic<'_>| {
+            json!({
+                "topic": name, "type": type_name, "layout": layout, "bytes": bytes, "writer": writer, "readers": readers, "messages_per_tick": 1,
+            })
+        };
+        self.rows().map(row).collect()
+    }
+
+    fn rows(&self) -> impl Iterator<Item = Topic<'_>> {
+        let Self(graph) = self;
+        let names = TOPICS.into_iter().chain(graph.topic.iter().map(|declared| declared.name.as_str()));
+        names.filter_map(|name| {
+            let (layout, writer) = (graph.layout(name)?, graph.writer(name)?);
+            let readers = graph.readers(name).map(|process| process.name.as_str()).collect();
+            let hash = format!("{:016x}", layout.hash);
+            Some(Topic { name, type_name: layout.type_name, layout: hash, bytes: layout.bytes, writer: &writer.name, readers })
+        })
+    }
+}
+
+struct Topic<'a> {
+    name: &'a str,
+    type_name: String,
+    layout: String,
+    bytes: usize,
+    writer: &'a str,
+    readers: Vec<&'a str>,
+}
+
+impl fmt::Display for Topics<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut rows = table(&["topic", "type", "layout", "bytes", "writer", "readers"]);
+        for Topic { name, type_name, layout, bytes, writer, readers } in self.rows() {
+            rows.add_row([name.into(), type_name.into(), layout.into(), number(bytes), writer.into(), readers.join("\n").into()]);
+        }
+        writeln!(f, "{rows}")?;
+        writeln!(
+            f,
+            "One message per tick of each. Each is an iceoryx2 publish-subscribe service of that name and type; a run's services live under its own"
+        )?;
+        writeln!(f, "directory and prefix, /dev/shm/armplane-… : docs/wire.md. Fields: armplane wire")
+    }
+}
