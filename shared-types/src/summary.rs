@@ -225,17 +225,18 @@ pub struct FaultSummary {
     pub detail: String,
     /// `"planned"`, `"live"` or `"detected"`.
     pub origin: String,
-    /// Whether it came to pass: the run may have ended before.
-    pub injected: bool,
+    /// Whether it came to pass: a run may end before a planned fault.
+    #[serde(alias = "injected")]
+    pub occurred: bool,
     /// Time to detection, wall-clock; ms.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub detected_ms: Option<f64>,
     /// How long it took until a process that was down worked again, wall-clock time; ms.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub recovered_ms: Option<f64>,
-    /// The fault that repeats it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub fault: Option<Fault>,
+    /// As a scenario plans it, so that a run repeats it: an end that nobody planned is planned as a `kill` at its tick.
+    #[serde(alias = "fault", skip_serializing_if = "Option::is_none")]
+    pub plan: Option<Fault>,
 }
 
 /// Deadlines met and missed.

@@ -18,6 +18,7 @@ use crate::MAX_DOF;
 use crate::codes::{
     FRAME_BASE, FRAMES, Named, SIDE_KEEP, SIDES, TARGET_END, TARGET_POSE, TARGET_POSTURE, TARGET_TWIST, TARGET_UNREADABLE, TARGETS, name_of,
 };
+use crate::file::InvalidFile;
 use crate::messages::TargetContent;
 use crate::wire::Part;
 
@@ -54,11 +55,29 @@ impl std::fmt::Display for InvalidRow {
     }
 }
 
+impl InvalidRow {
+    /// As the defect of a file, at the line.
+    #[must_use]
+    pub fn in_file(self, file: &str, text: &str) -> InvalidFile {
+        let before: usize = text.split_inclusive('\n').take(self.line.saturating_sub(1)).map(str::len).sum();
+        let line = text.get(before..).and_then(|rest| rest.lines().next()).map_or(0, str::len);
+        InvalidFile {
+            file: file.to_owned(),
+            text: text.to_owned(),
+            span: Some(before..before + line),
+            message: self.message,
+            remedy: String::new(),
+        }
+    }
+}
+
 /// The targets of a text, for a run of `rate_hz` ticks per second.
 ///
 /// # Errors
 /// [`InvalidRow`]: the first line that is no target, or is earlier than the one before.
 pub fn parse(text: &str, rate_hz: u32) -> Result<Vec<Row>, InvalidRow> {
+    // Some editors begin a file with a mark of its encoding.
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut lines = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
     let invalid = |line: usize, message: String| InvalidRow { line, message };
     let unit = lines.next().and_then(|(_, first)| first.strip_prefix(HEAD));
@@ -77,7 +96,7 @@ pub fn parse(text: &str, rate_hz: u32) -> Result<Vec<Row>, InvalidRow> {
             return Err(invalid(number, format!("the target at {} s comes after a later one: sort the lines by time", time.trim())));
         }
         if rows.len() == MOST {
-            return Err(invalid(number, format!("more than {MOST} targets")));
+            return Err(invalid(number, format!("more than {MOST} targets: leave out lines, or steer from standard input (`--from -`)")));
         }
         rows.push(row);
     }

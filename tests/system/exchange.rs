@@ -162,7 +162,7 @@ fn a_process_in_python_is_as_deterministic_as_ours_faults_included() {
     let (first, second) = (summary(&first), summary(&second));
     assert_eq!(first["topics"], second["topics"], "the same bytes twice");
     assert_eq!((restarts(&first, "estimator"), &first["outcome"]), (1, &Value::from("goal reached")), "{}", first["faults"]);
-    assert!(first["faults"].as_array().unwrap().iter().all(|fault| fault["injected"] == true), "{}", first["faults"]);
+    assert!(first["faults"].as_array().unwrap().iter().all(|fault| fault["occurred"] == true), "{}", first["faults"]);
     // What the program was told is on record: the controller behind it computes the same again.
     let replayed = run(&desk, &["replay", "runs/short-001"]);
     assert_eq!(replayed.code, 0, "{}{}", replayed.out, replayed.err);
@@ -197,7 +197,7 @@ fn bad_programs_are_named_in_the_log_and_among_the_faults() {
         assert_eq!(said.code, 1, "{how}: {}", said.err);
         assert!(said.err.contains(&format!("the program of estimator {expected}")), "{how}: {}", said.err);
         let faults = &summary(&said)["faults"];
-        assert_eq!((&faults[0]["fault"]["process"], &faults[0]["origin"]), (&"estimator".into(), &"detected".into()), "{how}: {faults}");
+        assert_eq!((&faults[0]["plan"]["process"], &faults[0]["origin"]), (&"estimator".into(), &"detected".into()), "{how}: {faults}");
     }
 }
 
@@ -213,10 +213,10 @@ fn the_graph_decides_whether_a_bad_program_is_started_again() {
     // A tenth of a second without torque in the middle of the motion leaves its mark on the path; the run goes to its end.
     assert_eq!((restarts(&first, "estimator"), &first["completed"]), (1, &Value::from(true)), "{}", said.err);
     let faults = first["faults"].as_array().unwrap();
-    assert_eq!((faults.len(), &faults[0]["fault"]["at_tick"]), (1, &Value::from(200)), "{faults:?}");
+    assert_eq!((faults.len(), &faults[0]["plan"]["at_tick"]), (1, &Value::from(200)), "{faults:?}");
     assert!(faults[0]["recovered_ms"].is_number(), "{faults:?}");
     let detail = faults[0]["detail"].as_str().unwrap();
-    let expected = "estimator ended with exit code 1, at tick 200, for 100 ticks; it said: the program of estimator ended with exit code 7";
+    let expected = "estimator ended with exit code 1 at tick 200; its replacement answers from tick 300 on; it said: the program of estimator ended with exit code 7";
     assert!(faults[0]["kind"] == "exit" && detail.starts_with(expected), "{faults:?}");
     // The run leaves the scenario in which that death is planned; the program lives, and the shell dies instead: the same bytes.
     estimator(&desk, "", "always", "");

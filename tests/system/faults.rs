@@ -49,7 +49,7 @@ fn planned_deaths_and_lost_messages_give_the_same_bytes_every_time_and_the_goal_
         });
         assert_eq!(topics(&runs[0]), topics(&runs[1]), "{faults}");
         // Together, the dead send nothing that could be corrupted.
-        let injected = runs[0]["faults"].as_array().unwrap().iter().filter(|fault| fault["injected"] == true).count();
+        let injected = runs[0]["faults"].as_array().unwrap().iter().filter(|fault| fault["occurred"] == true).count();
         assert!(injected == 1 || i + 1 == plan.len() && injected + 1 >= plan.len(), "{}", runs[0]["faults"]);
         assert!(runs[0]["joints"]["torque_max_ratio"].as_f64().unwrap() <= 1.0);
     }
@@ -62,7 +62,7 @@ fn an_estimate_that_no_arm_can_have_moved_to_gets_no_torque() {
         let corrupt = format!("as = \"huge\"\nfield = \"{field}\"\namount = {amount}\nfor_ticks = 80");
         desk.file("absurd.toml", &scenario(&fault("estimator", "corrupt", &corrupt)));
         let summary = desk.run(&["absurd.toml", "--no-record"]);
-        assert_eq!(summary["faults"][0]["injected"], true, "{}", summary["faults"]);
+        assert_eq!(summary["faults"][0]["occurred"], true, "{}", summary["faults"]);
         assert_eq!(summary["outcome"], "goal reached", "{field}: {}", summary["reason"]);
         assert!(summary["reason"].as_str().unwrap().contains("set aside for 80 ticks"), "{field}: {}", summary["reason"]);
         // It takes 22 % of the limits to follow the path, and as much to be brought to rest: not the full torque of 80 ms.
@@ -136,7 +136,7 @@ fn a_live_fault_is_recorded_and_its_run_can_be_repeated() {
     let said = finish(child);
     assert_eq!(said.code, 0, "{}", said.err);
     let live: Value = serde_json::from_str(&said.out).unwrap();
-    assert_eq!((&live["faults"][0]["origin"], &live["faults"][0]["injected"]), (&"live".into(), &true.into()), "{}", live["faults"]);
+    assert_eq!((&live["faults"][0]["origin"], &live["faults"][0]["occurred"]), (&"live".into(), &true.into()), "{}", live["faults"]);
     let again = desk.run(&["live/scenario.toml", "--out", "again"]);
     assert_eq!(topics(&live), topics(&again));
     assert_eq!(again["faults"][0]["origin"], "planned");

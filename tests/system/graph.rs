@@ -83,8 +83,8 @@ fn faults_happen_to_a_sixth_process_and_repeat_themselves() {
     assert_eq!(first["topics"], second["topics"], "the same bytes twice");
     assert_eq!((restarts(&first), restarts(&second)), (2, 2), "{}", first["faults"]);
     let all = first["faults"].as_array().unwrap();
-    assert!(all.len() == 4 && all.iter().all(|fault| fault["injected"] == true), "{}", first["faults"]);
-    assert_eq!(all[3]["fault"]["field"], "potential_j[0]");
+    assert!(all.len() == 4 && all.iter().all(|fault| fault["occurred"] == true), "{}", first["faults"]);
+    assert_eq!(all[3]["plan"]["field"], "potential_j[0]");
     let (count, ticks) = (topic(&first, "energy").0, first["ticks"].as_u64().unwrap());
     assert!((ticks - 110 - 100..ticks - 110).contains(&count), "{count} of {ticks} ticks");
     assert_eq!(first["recorder"]["lost"], 0, "what a fault kept from leaving is not lost");

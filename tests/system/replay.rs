@@ -119,7 +119,7 @@ fn a_fault_that_nobody_planned_is_known_to_the_replay() {
     until("the run to take a fault", || run_of(child.id()).is_some_and(|name| desk.armplane(&[&lie[..], &[&name]].concat()).code == 0));
     let said = finish(child);
     let summary: Value = serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}{}", said.out, said.err));
-    assert_eq!((&summary["faults"][0]["origin"], &summary["faults"][0]["injected"]), (&"live".into(), &true.into()), "{summary}");
+    assert_eq!((&summary["faults"][0]["origin"], &summary["faults"][0]["occurred"]), (&"live".into(), &true.into()), "{summary}");
     let (code, json) = replay(&desk, &["run", "--process", "plant"]);
     assert_eq!((code, &json["identical"], &json["ended"]), (0, &true.into(), &"".into()), "{json}");
 }

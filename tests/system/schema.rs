@@ -154,7 +154,7 @@ fn a_summary_keeps_its_schema_and_has_no_other_key() {
     );
     let said = desk.armplane(&["run", "s.toml", "--json"]);
     let summary: Value = serde_json::from_str(&said.out).unwrap_or_else(|_| panic!("{}{}", said.out, said.err));
-    assert!(summary["faults"][0]["fault"].is_object() && !summary["modes"].as_array().expect("modes").is_empty(), "{summary}");
+    assert!(summary["faults"][0]["plan"].is_object() && !summary["modes"].as_array().expect("modes").is_empty(), "{summary}");
     let strict = strict(schema(&desk, "summary"));
     assert_eq!(violations(&strict, &strict, &summary, ""), Vec::<String>::new());
 }

@@ -57,7 +57,7 @@ pub enum LaunchError {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Failure {
     /// A process ended unasked.
-    #[error("{process} (process {pid}) ended unexpectedly with {exit} at tick {tick}{}{}{}", spent(*restarts), hint(suspect), said(last_words))]
+    #[error("{process} (process {pid}) ended unexpectedly with {exit} at tick {tick}{}{}{}{}", spent(*restarts), stranger(*exit, *tick), hint(suspect), said(last_words))]
     Died {
         /// Which.
         process: String,
@@ -104,6 +104,16 @@ pub enum Failure {
 
 fn spent(restarts: u32) -> String {
     if restarts == 0 { String::new() } else { format!(" after {restarts} restarts, all that its budget allows") }
+}
+
+/// A program that ends well before the first tick has not heard of the run.
+fn stranger(exit: Exit, tick: u64) -> &'static str {
+    match exit.is_success() && tick == 0 {
+        true => {
+            ", before it took part in the run: a program joins through armplane's page (`exchange = true`) or its topics, see docs/wire.md"
+        }
+        false => "",
+    }
 }
 
 fn hint(suspect: &Option<String>) -> String {

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use runtime::{Exit, Stop};
+use runtime::{Exit, State, Stop};
 use rustix::process::Signal;
 
 use crate::delay::Delay;
@@ -10,6 +10,9 @@ use crate::outcome::Failure;
 use crate::plan::{Commands, Limits, Report, Restart};
 use crate::signals::Interrupts;
 use crate::spawn::{BEAT, Supervised};
+
+/// A program that has not joined the run by then is stopped by signals.
+const TO_JOIN: Duration = Duration::from_secs(1);
 
 /// How some of the processes are stopped.
 struct Ending {
@@ -67,10 +70,12 @@ impl Supervised {
             if let Some(signal) = insist {
                 self.signal(&concerned, signal);
             }
-            let until = Instant::now() + limit;
+            let begun = Instant::now();
+            let until = begun + limit;
             let is_last = insist.is_some();
             while (self.any_lives(&concerned) || is_complete && polled && self.any_is_due(&concerned))
                 && (Instant::now() < until || is_patient && is_last)
+                && !(begun.elapsed() > TO_JOIN && self.only_strangers_live(&concerned))
             {
                 for &index in concerned.iter().filter(|_| is_last) {
                     let halted = self.slots.0[index].child.as_ref().map(|child| child.halted().unwrap_or(Delay::NotStopped));
@@ -113,6 +118,12 @@ impl Supervised {
 
     fn signal(&self, concerned: &[usize], signal: Signal) {
         concerned.iter().filter_map(|&index| self.slots.0[index].child.as_ref()).for_each(|child| child.signal(signal));
+    }
+
+    /// Whether those that live have not joined the run, and so do not see the request.
+    fn only_strangers_live(&self, concerned: &[usize]) -> bool {
+        let mut living = concerned.iter().filter(|&&index| self.slots.0[index].child.is_some()).peekable();
+        living.peek().is_some() && living.all(|&index| self.control_page.process(index).state() == State::Starting)
     }
 
     fn any_is_due(&self, concerned: &[usize]) -> bool {

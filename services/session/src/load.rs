@@ -1,5 +1,6 @@
 //! From names and files to validated values: nothing starts before everything here has passed.
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -8,7 +9,7 @@ use shared_types::file::Complaint;
 use shared_types::graph::{self, Graph};
 use shared_types::job::{Job, Mode, RobotText};
 use shared_types::scenario::Scenario;
-use shared_types::target_file;
+use shared_types::target_file::{self, InvalidRow};
 use sim::scenarios;
 
 use crate::failure::Failure;
@@ -101,7 +102,7 @@ impl Source {
         };
         let path = self.beside(&session.input);
         session.targets = read(&path)?;
-        let located = |error| Failure::Input(format!("{}: {error}", path.display()));
+        let located = |error: InvalidRow| Failure::File(error.in_file(&path.display().to_string(), &session.targets).into());
         target_file::parse(&session.targets, rate_hz).map(drop).map_err(located)
     }
 
@@ -319,5 +320,13 @@ pub fn unknown<'a>(what: &str, name: &str, known: impl Iterator<Item = &'a str>,
 }
 
 fn read(path: &Path) -> Result<String, Failure> {
-    std::fs::read_to_string(path).map_err(|error| Failure::Input(format!("cannot read {}: {error}", path.display())))
+    std::fs::read_to_string(path).map_err(|error| {
+        let path = path.display();
+        Failure::Input(match error.kind() {
+            ErrorKind::NotFound => format!("there is no file {path}: give the path of one, or no name for the built-in"),
+            ErrorKind::InvalidData => format!("{path} is no text: save it as UTF-8"),
+            ErrorKind::IsADirectory => format!("{path} is a folder: give the path of a file"),
+            _ => format!("cannot read {path}: {error}"),
+        })
+    })
 }

@@ -18,7 +18,12 @@ use crate::summary::fault_summary;
 /// # Errors
 /// [`Failure::Input`] where the run goes on, or has ended by itself, or kept no messages; [`Failure::Work`] where something cannot be written.
 pub fn recover(folder: &Path) -> Result<Summary, Failure> {
-    let folder = folder.canonicalize().map_err(|error| Failure::Input(format!("cannot read {}: {error}", folder.display())))?;
+    let folder = folder.canonicalize().map_err(|_| {
+        Failure::Input(format!(
+            "there is no folder {}: give the one that `armplane run` named, such as runs/fig5-wrist-rotation-001",
+            folder.display()
+        ))
+    })?;
     // Held until all is written; refused while the run goes on.
     let _results = Results::create(Some(&folder), "")?;
     if folder.join(SUMMARY).exists() {

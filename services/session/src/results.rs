@@ -191,7 +191,7 @@ impl Drop for Results {
 
 /// The files of the scenario that gives the same bytes again; robot and graph beside it where they are not the built-in ones.
 fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(&'static str, Vec<u8>)>, Failure> {
-    let fault = summary.faults.iter().filter_map(|fault| fault.fault.clone()).collect();
+    let fault = summary.faults.iter().filter_map(|fault| fault.plan.clone()).collect();
     let mut files = Vec::new();
     let mut scenario = Scenario { fault, ..job.scenario.clone() };
     if scenario.robot.ends_with(".urdf") {

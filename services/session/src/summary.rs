@@ -1,7 +1,7 @@
 //! The account of a run: the recorder's part, completed by what only the launcher knows.
 
 use launcher::{End, Exit, Failure, Outcome};
-use runtime::FaultRecord;
+use runtime::{FaultRecord, Origin};
 use shared_types::fault::ScheduledFault;
 use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
@@ -38,13 +38,17 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
             let first = sentence(failure);
             summary.completed = false;
             summary.outcome = "failed".to_owned();
-            summary.faults.push(FaultSummary {
-                tick: outcome.ticks,
-                process: named_in(&job.graph, &first),
-                kind: "exit".to_owned(),
-                detail: first.clone(),
-                ..FaultSummary::default()
-            });
+            if !is_listed(&job.graph, outcome, failure) {
+                summary.faults.push(FaultSummary {
+                    tick: outcome.ticks,
+                    process: named_in(&job.graph, &first),
+                    kind: "exit".to_owned(),
+                    detail: first.clone(),
+                    origin: Origin::Detected.name().to_owned(),
+                    occurred: true,
+                    ..FaultSummary::default()
+                });
+            }
             summary.reason = first;
         }
     }
@@ -73,6 +77,16 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
     summary
 }
 
+/// Whether the end of the process that ended the run stands in the fault table: one entry for each of its deaths.
+fn is_listed(graph: &Graph, outcome: &Outcome, failure: &Failure) -> bool {
+    let Failure::Died { process, restarts, .. } = failure else { return false };
+    let ends = outcome.faults.iter().filter(|account| {
+        let name = graph.process.get(account.scheduled.process as usize).map(|process| &process.name);
+        name == Some(process) && account.exit.is_some()
+    });
+    ends.count() > *restarts as usize
+}
+
 /// A fault and its outcome.
 pub(crate) fn fault_summary(job: &Job, account: &FaultRecord) -> FaultSummary {
     let process = job.graph.process.get(account.scheduled.process as usize).map(|process| process.name.clone()).unwrap_or_default();
@@ -85,7 +99,7 @@ pub(crate) fn fault_summary(job: &Job, account: &FaultRecord) -> FaultSummary {
                 Exit::Signal(SIGKILL) => "kill",
                 Exit::Signal(_) => "signal",
             };
-            (kind, ended(&process, exit, &account.scheduled))
+            (kind, ended(&process, exit, &account.scheduled, account.recovered_ns != 0))
         }
         (None, Some(fault)) => (fault.kind.name(), fault.to_string()),
         (None, None) => ("", String::new()),
@@ -95,21 +109,22 @@ pub(crate) fn fault_summary(job: &Job, account: &FaultRecord) -> FaultSummary {
         kind: kind.to_owned(),
         detail,
         origin: account.origin.name().to_owned(),
-        injected: account.injected_ns != 0,
+        occurred: account.injected_ns != 0,
         detected_ms: since_ms(account.detected_ns),
         recovered_ms: since_ms(account.recovered_ns),
-        fault,
+        plan: fault,
         process,
     }
 }
 
-/// `estimator ended with exit code 3, at tick 1200, for 100 ticks`.
-fn ended(process: &str, exit: Exit, scheduled: &ScheduledFault) -> String {
+/// `estimator ended with exit code 3 at tick 1200; its replacement answers from tick 1300 on`.
+fn ended(process: &str, exit: Exit, scheduled: &ScheduledFault, is_replaced: bool) -> String {
     let after = match scheduled.after_outputs() {
         0 => String::new(),
         outputs => format!(" after {outputs} of its messages"),
     };
-    format!("{process} ended with {exit}, at tick {}{after}, for {} ticks", scheduled.at, scheduled.until.saturating_sub(scheduled.at))
+    let until = if is_replaced { format!("; its replacement answers from tick {} on", scheduled.until) } else { String::new() };
+    format!("{process} ended with {exit} at tick {}{after}{until}", scheduled.at)
 }
 
 /// The failure on one line: with the reason that the process itself gave, where it gave one.

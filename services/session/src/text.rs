@@ -111,9 +111,9 @@ fn tables(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
             writeln!(f, "           {count} {cause}")?;
         }
     }
-    for fault in summary.faults.iter().filter(|fault| fault.fault.is_some()) {
+    for fault in summary.faults.iter().filter(|fault| fault.plan.is_some()) {
         let ms = |event: &str, ms: Option<f64>| ms.map(|ms| format!(", {event} after {ms:.2} ms")).unwrap_or_default();
-        let course = if fault.injected {
+        let course = if fault.occurred {
             ms("detected", fault.detected_ms) + &ms("recovered", fault.recovered_ms)
         } else {
             ", did not take effect".into()

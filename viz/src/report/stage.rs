@@ -39,7 +39,7 @@ impl<'a> Stage<'a> {
 
     /// Some moments, each a picture with its caption.
     pub(super) fn moments(&mut self, page: &mut Html, job: &Job, summary: &Summary, recorded: &Recorded, singularities: &[Named]) {
-        let fault = summary.faults.iter().filter(|fault| fault.injected || fault.origin == "detected").map(|fault| fault.tick).min();
+        let fault = summary.faults.iter().filter(|fault| fault.occurred).map(|fault| fault.tick).min();
         let nearest = |from: u64, to: u64| nearest(job, recorded, singularities, self.rate_hz, from, to);
         let moments = self.course.moments(nearest, fault);
         page.add(format_args!("<div class=\"poses\">"));

@@ -1,6 +1,7 @@
 //! The recorded inputs of a run, fed to the step of one process again.
 
 use std::collections::BTreeMap;
+use std::io::ErrorKind;
 use std::path::Path;
 
 use message_log::{Difference, LogError, LogReader};
@@ -92,6 +93,12 @@ pub fn replay(run: &Path, process: Program, settings: &[String], observer: Obser
         Program::Recorder | Program::Operator => Err(Failure::Input(format!("the {} has no step that could be fed again", process.name()))),
     }?;
     observer(Progress::End);
+    if replayed.topics.iter().all(|topic| topic.messages == 0) && replayed.without_input == 0 {
+        let run = run.display();
+        return Err(Failure::Input(format!(
+            "{run} has no message of {name} to compare: the run ended before its first one; see the reason in {run}/{SUMMARY}"
+        )));
+    }
     Ok((job, replayed))
 }
 
@@ -99,7 +106,13 @@ pub fn replay(run: &Path, process: Program, settings: &[String], observer: Obser
 fn job(run: &Path) -> Result<Job, Failure> {
     let path = run.join(JOB);
     let text = std::fs::read(&path).map_err(|error| {
-        Failure::Input(format!("{} is not the results folder of a run: cannot read {}: {error}", run.display(), path.display()))
+        let run = run.display();
+        Failure::Input(match error.kind() {
+            ErrorKind::NotFound => {
+                format!("{run} is not the folder of a run (it has no {JOB}): give the folder that `armplane run` named, such as runs/fig5-wrist-rotation-001")
+            }
+            _ => format!("cannot read {}: {error}", path.display()),
+        })
     })?;
     let job: Job = serde_json::from_slice(&text).map_err(|error| {
         Failure::Input(format!("{} was not written by this version of armplane: {error}; run the scenario again", path.display()))
@@ -111,7 +124,7 @@ fn job(run: &Path) -> Result<Job, Failure> {
 /// The faults that happened to a process, planned or not: the summary knows of all, and without one (the run was stopped) the plan counts.
 fn scheduled_faults(run: &Path, job: &Job, process: &str) -> Result<Vec<ScheduledFault>, Failure> {
     let summary = std::fs::read(run.join(SUMMARY)).ok().and_then(|text| serde_json::from_slice::<Summary>(&text).ok());
-    let happened = |summary: Summary| summary.faults.into_iter().filter_map(|fault| fault.fault).collect::<Vec<Fault>>();
+    let happened = |summary: Summary| summary.faults.into_iter().filter_map(|fault| fault.plan).collect::<Vec<Fault>>();
     let faults = summary.map_or_else(|| job.scenario.fault.clone(), happened);
     let scenario = Scenario { fault: faults, ..job.scenario.clone() };
     let all = scenario.scheduled_faults(&job.graph).map_err(|complaint| Failure::Input(complaint.to_string()))?;

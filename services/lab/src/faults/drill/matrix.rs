@@ -145,7 +145,7 @@ impl<'a> Drill<'a> {
         // The picture costs time, and only the recorder's faults concern it.
         let records = plan.iter().any(|fault| fault.process == Program::Recorder.name());
         let ran = self.run(&self.job.scenario, &live.collect::<Result<Vec<_>, _>>()?, records)?;
-        let planned = ran.summary.faults.iter().filter_map(|fault| fault.fault.clone()).collect();
+        let planned = ran.summary.faults.iter().filter_map(|fault| fault.plan.clone()).collect();
         let again = self.run(&Scenario { fault: planned, ..self.job.scenario.clone() }, &[], records)?;
         Ok(self.judge(plan, base, &ran, &again))
     }
@@ -192,7 +192,7 @@ impl<'a> Drill<'a> {
             self.robot,
             &self.job.scenario,
             SPEED_MARGIN,
-            ran.summary.faults.iter().filter_map(|one| one.fault.as_ref()),
+            ran.summary.faults.iter().filter_map(|one| one.plan.as_ref()),
         ));
         truth.iter().for_each(|state| motion.add(state));
         ran.samples.iter().for_each(|sample| motion.add_age(sample));

@@ -201,7 +201,7 @@ struct Seen {
 impl Seen {
     fn judge(&self, setting: &Setting<'_>, number: usize, seed: u64, job: &Job, out: &Path) -> Result<Round, Failure> {
         let rate_hz = job.scenario.rate_hz;
-        let faults = self.summary.faults.iter().filter(|fault| fault.injected).filter_map(|fault| fault.fault.as_ref());
+        let faults = self.summary.faults.iter().filter(|fault| fault.occurred).filter_map(|fault| fault.plan.as_ref());
         let (motion, stops, mut files, kept) =
             read(Motion::new(Promise::new(setting.robot, &job.scenario, SPEED_MARGIN_AT_FULL_TORQUE, faults)), &out.join(MESSAGES));
         self.read_recording(out, &mut files);
