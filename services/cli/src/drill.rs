@@ -24,6 +24,9 @@ pub(crate) struct DrillArgs {
     /// Seed of every random number of the runs, and of the ticks of the faults [default: the scenario's].
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
+    /// A process graph of your own instead of the built-in one.
+    #[arg(long, value_name = "FILE.toml")]
+    graph: Option<PathBuf>,
     /// Override a value of the scenario, for example control.k_p=900 (repeatable).
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
@@ -50,6 +53,7 @@ pub(crate) fn drill(args: &DrillArgs, as_json: bool) -> Result<ExitCode, Failure
         pairs: args.pairs,
         seed: args.seed,
         settings: &args.set,
+        graph: args.graph.as_deref(),
         without: args.without.map(|protection| match protection {
             Protection::Hold => Without::Hold,
             Protection::TorqueCheck => Without::TorqueCheck,

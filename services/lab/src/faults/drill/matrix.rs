@@ -14,6 +14,7 @@ use serde_json::{Value, json};
 use session::{Failure, Observer, Progress, load};
 use shared_types::codes::{DRIVE_ACTIVE, DRIVE_BRAKED};
 use shared_types::fault::{Fault, Kind, ScheduledFault};
+use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
 use shared_types::process::Program;
 use shared_types::scenario::Scenario;
@@ -53,6 +54,8 @@ pub struct Request<'a> {
     pub seed: Option<u64>,
     /// Values that override those of the scenario.
     pub settings: &'a [String],
+    /// The file of a process graph; the scenario's own, or the built-in one, where it is `None`.
+    pub graph: Option<&'a Path>,
     /// A protection that is left out, to show that the drill can fail.
     pub without: Option<Without>,
     /// Where `drill.json` and the heat map go; nowhere where it is `None`.
@@ -78,8 +81,8 @@ pub fn drill(request: &Request<'_>, observer: Observer<'_>) -> Result<Drilled, F
     let only = request.only.map(Only::parse).transpose().map_err(Failure::Input)?;
     let (mut cells, mut runs) = (Vec::new(), 0);
     for name in request.scenarios {
-        let load::Loaded { scenario, robot, .. } = load::scenario(name, request.settings, request.seed)?;
-        let drill = Drill::new(&scenario, &robot, request.without, folder.path())?;
+        let load::Loaded { scenario, robot, graph } = load::scenario_in(request.graph, name, request.settings, request.seed)?;
+        let drill = Drill::new(&scenario, &robot, graph, request.without, folder.path())?;
         let terms = Terms { graph: &drill.job.graph, seed: drill.job.scenario.seed, span: drill.span, dof: robot.dof() };
         let plans = plans(&terms, only.as_ref(), request.pairs);
         if let Some(only) = only.as_ref().filter(|_| plans.is_empty()) {
@@ -125,11 +128,11 @@ struct Drill<'a> {
 }
 
 impl<'a> Drill<'a> {
-    fn new(scenario: &Scenario, robot: &'a Robot, without: Option<Without>, folder: &'a Path) -> Result<Self, Failure> {
+    fn new(scenario: &Scenario, robot: &'a Robot, graph: Graph, without: Option<Without>, folder: &'a Path) -> Result<Self, Failure> {
         let span = scenario.planned_ticks();
         // Where the task is over sooner than an arm can come back, the verdict waits.
         let scenario = Scenario { fault: Vec::new(), settle_s: scenario.settle_s.max(TIME_TO_RECOVER_S), ..scenario.clone() };
-        let mut job = load::job(robot, scenario, load::graph(None)?, Mode::Lockstep, folder.join("run"));
+        let mut job = load::job(robot, scenario, graph, Mode::Lockstep, folder.join("run"));
         without.iter().for_each(|without| without.leave_out(&mut job));
         Ok(Self { job, robot, without, span, folder })
     }
