@@ -32,7 +32,7 @@ fn every_wrong_input_is_refused_with_its_reason() {
 
     let cases: [(&[&str], &str); 16] = [
         (&["run", "fig5-wrist-rotatoin"], "did you mean `fig5-wrist-rotation`?"),
-        (&["run", "missing.toml"], "cannot read missing.toml"),
+        (&["run", "missing.toml"], "there is no file missing.toml"),
         (&["run", "typo.toml"], "typo.toml:6: unknown field `duration` (did you mean `duration_s`?)"),
         (&["run", "syntax.toml"], "syntax.toml:3"),
         (&["run", "robot.toml"], "robot.toml:2: there is no robot 'puma650'"),

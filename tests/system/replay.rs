@@ -57,7 +57,7 @@ fn what_cannot_be_replayed_says_why() {
     desk.run(&["--out", "bare", "--no-messages"]);
     desk.run(&["--out", "run"]);
     for (args, expected) in [
-        (&["replay", "nowhere"][..], "is not the results folder of a run"),
+        (&["replay", "nowhere"][..], "is not the folder of a run"),
         (&["replay", "bare"], "without --no-messages"),
         (&["replay", "run", "--set", "control.kp=1"], "unknown field `kp`"),
         (&["replay", "run", "--set", "robot=ur5"], "keeps the robot of its run"),

@@ -70,8 +70,8 @@ fn what_cannot_be_steered_says_why() {
     desk.file("headless.csv", "0, twist, base, 1, 0 0 0 0 0 0\n");
     for (args, expected) in [
         (&["servo", "panda"][..], "is not steered: it has no [servo]"),
-        (&["servo", "panda", "--from", "nowhere.csv"], "cannot read nowhere.csv"),
-        (&["servo", "panda", "--from", "wrong.csv"], "wrong.csv: line 2: there is no frame `tool`"),
+        (&["servo", "panda", "--from", "nowhere.csv"], "there is no file nowhere.csv"),
+        (&["servo", "panda", "--from", "wrong.csv"], "wrong.csv:2: there is no frame `tool`"),
         (&["servo", "panda", "--from", "headless.csv"], "the first line must be"),
         (&["servo", "pandas", "--random", "1"], "pandas"),
         (&["servo", "panda", "--random", "1", "--start", "lying"], "no posture `lying`"),
