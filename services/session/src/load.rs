@@ -319,7 +319,11 @@ pub fn unknown<'a>(what: &str, name: &str, known: impl Iterator<Item = &'a str>,
     format!("there is no {what} `{name}`: {hint} {more}").trim_end().to_owned()
 }
 
-fn read(path: &Path) -> Result<String, Failure> {
+/// The text of a file that a user named.
+///
+/// # Errors
+/// [`Failure::Input`] with the remedy, where it cannot be read.
+pub fn read(path: &Path) -> Result<String, Failure> {
     std::fs::read_to_string(path).map_err(|error| {
         let path = path.display();
         Failure::Input(match error.kind() {

@@ -123,7 +123,7 @@ fn default_start(robot: &Robot) -> Result<String, Failure> {
 
 /// The text of a file of targets.
 fn text(file: &Path, rate_hz: u32) -> Result<String, Failure> {
-    let text = std::fs::read_to_string(file).map_err(|error| Failure::Input(format!("cannot read {}: {error}", file.display())))?;
+    let text = load::read(file)?;
     target_file::parse(&text, rate_hz).map_err(|error| Failure::File(error.in_file(&file.display().to_string(), &text).into()))?;
     Ok(text)
 }

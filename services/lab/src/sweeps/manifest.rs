@@ -97,7 +97,7 @@ impl Sweep {
     /// [`Failure::Input`] or [`Failure::File`] for whatever in them cannot be used.
     pub(super) fn read(file: &Path) -> Result<Self, Failure> {
         let name = file.display().to_string();
-        let text = std::fs::read_to_string(file).map_err(|error| Failure::Input(format!("cannot read {name}: {error}")))?;
+        let text = load::read(file)?;
         let spec: Spec = shared_types::file::parse(&name, &text, &[])?;
         spec.check().map_err(|complaint| complaint.locate(&name, &text))?;
         let is_file = spec.scenario.ends_with(".toml");
