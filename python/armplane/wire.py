@@ -47,7 +47,8 @@ REFUSAL_ROUTE = 7
 REFUSAL_LIMIT = 8
 REFUSAL_UNLISTED = 9
 REFUSAL_DOUBT = 10
-REFUSALS = {REFUSAL_NONE: "", REFUSAL_STATE: "the estimated state is not a finite number", REFUSAL_REPORT: "the singularity report is of another version of the wire", REFUSAL_SINGULAR: "the arm is singular in a way that the law does not handle; start or lead the path elsewhere", REFUSAL_SPEED: "the path passes so near to a singularity that even at its slowest it needs far more joint speed than there is", REFUSAL_ROOM: "the singular direction cannot be turned as asked: the joints have no room for it; ask for less, or start elsewhere", REFUSAL_TORQUE: "the torque is not a finite number", REFUSAL_ROUTE: "the path cannot be followed within the joint limits from this start posture; start in another posture, or lead the path elsewhere", REFUSAL_LIMIT: "a joint came too near to its limit and the arm was stopped before it; start in another posture, or end the path earlier", REFUSAL_UNLISTED: "the arm has lost a direction that no listed singularity explains: start elsewhere, or lead the path around that posture", REFUSAL_DOUBT: "the estimated state moves as no torque within the limits can move the arm; see to the encoders"}
+REFUSAL_PARTED = 11
+REFUSALS = {REFUSAL_NONE: "", REFUSAL_STATE: "the estimated state is not a finite number", REFUSAL_REPORT: "the singularity report is of another version of the wire", REFUSAL_SINGULAR: "the arm is singular in a way that the law does not handle; start or lead the path elsewhere", REFUSAL_SPEED: "the path passes so near to a singularity that even at its slowest it needs far more joint speed than there is", REFUSAL_ROOM: "the singular direction cannot be turned as asked: the joints have no room for it; ask for less, or start elsewhere", REFUSAL_TORQUE: "the torque is not a finite number", REFUSAL_ROUTE: "the path cannot be followed within the joint limits from this start posture; start in another posture, or lead the path elsewhere", REFUSAL_LIMIT: "a joint came too near to its limit and the arm was stopped before it; start in another posture, or end the path earlier", REFUSAL_UNLISTED: "the arm has lost a direction that no listed singularity explains: start elsewhere, or lead the path around that posture", REFUSAL_DOUBT: "the estimated state moves as no torque within the limits can move the arm; see to the encoders", REFUSAL_PARTED: "the arm was held back or thrown"}
 
 DRIVE_ACTIVE = 0
 DRIVE_HOLDING = 1
@@ -95,7 +96,8 @@ TARGET_REFUSAL_KIND = 3
 TARGET_REFUSAL_ROTATION = 4
 TARGET_REFUSAL_TIME = 5
 TARGET_REFUSAL_RANGE = 6
-TARGET_REFUSALS = {TARGET_REFUSAL_NONE: "", TARGET_REFUSAL_NUMBER: "it holds a NaN or an infinity", TARGET_REFUSAL_FRAME: "its frame is unknown, or not one for its kind (a pose is in base)", TARGET_REFUSAL_KIND: "its kind or its side is unknown", TARGET_REFUSAL_ROTATION: "its quaternion is not of norm 1", TARGET_REFUSAL_TIME: "its time stamp is in the future, or its validity is negative", TARGET_REFUSAL_RANGE: "a number is beyond 1000"}
+TARGET_REFUSAL_JOINTS = 7
+TARGET_REFUSALS = {TARGET_REFUSAL_NONE: "", TARGET_REFUSAL_NUMBER: "it holds a NaN or an infinity", TARGET_REFUSAL_FRAME: "its frame is unknown, or not one for its kind (a pose is in base)", TARGET_REFUSAL_KIND: "its kind or its side is unknown", TARGET_REFUSAL_ROTATION: "its quaternion is not of norm 1", TARGET_REFUSAL_TIME: "its time stamp is in the future, or its validity is negative", TARGET_REFUSAL_RANGE: "a number is beyond 1000", TARGET_REFUSAL_JOINTS: "its posture has not one value for each joint of the arm"}
 
 REASON_FOLLOWING = 0
 REASON_RESTING = 1
@@ -107,7 +109,8 @@ REASON_LIMIT = 6
 REASON_REACH = 7
 REASON_STOPPED = 8
 REASON_OVER = 9
-REASONS = {REASON_FOLLOWING: "follows", REASON_RESTING: "rests", REASON_STALE: "rests: the target is older than its validity", REASON_FAST: "slowed: the target is faster than the session allows", REASON_SINGULARITY: "slowed near a singularity", REASON_EFFORT: "slowed: a joint is at its speed or torque", REASON_LIMIT: "slowed before a joint limit", REASON_REACH: "at the boundary of reach", REASON_STOPPED: "stopped, goes on from rest", REASON_OVER: "over"}
+REASON_HELD = 10
+REASONS = {REASON_FOLLOWING: "follows", REASON_RESTING: "rests", REASON_STALE: "rests: the target is older than its validity", REASON_FAST: "slowed: the target is faster than the session allows", REASON_SINGULARITY: "slowed near a singularity", REASON_EFFORT: "slowed: a joint is at its speed or torque", REASON_LIMIT: "slowed before a joint limit", REASON_REACH: "at the boundary of reach", REASON_STOPPED: "stopped, goes on from rest", REASON_OVER: "over", REASON_HELD: "held back: something is in the arm's way"}
 
 PROGRAM_AWAITED = 0
 PROGRAM_JOINED = 1
@@ -187,7 +190,7 @@ class TargetContent(ctypes.Structure):
         ("kind", ctypes.c_uint32),  # One of `TARGETS`
         ("frame", ctypes.c_uint32),  # One of `FRAMES`: the axes of a twist; a pose is in B
         ("side", ctypes.c_uint32),  # One of `SIDES`: the side in which a Type 1 singularity is to be left
-        ("reserved", ctypes.c_uint32),  # Zero in this version
+        ("joints", ctypes.c_uint32),  # Joints of a posture
     ]
 
 
@@ -415,7 +418,7 @@ TOPICS = {
     "plant_state": (PlantState, "armplane.PlantState.v3", 0xb3429417b6bb5ea6),
     "estimate": (StateEstimate, "armplane.StateEstimate.v4", 0x26d6dbe8667c45e8),
     "singularity": (SingularityReport, "armplane.SingularityReport.v4", 0x8844948f013a28ee),
-    "target": (Target, "armplane.Target.v1", 0x4e831ed5fec0aaa6),
+    "target": (Target, "armplane.Target.v2", 0xf7a8d3c2246c9806),
     "servo_state": (ServoState, "armplane.ServoState.v1", 0xb214d5f1957726e4),
     "control_state": (ControlState, "armplane.ControlState.v3", 0x98e4d969d5ba0d02),
     "torque": (TorqueCommand, "armplane.TorqueCommand.v5", 0xf478adead3f15ea4),

@@ -124,10 +124,18 @@ wire! {
         V: [f64; 6],
         /// Change of that twist; m/s², rad/s².
         a: [f64; 6],
-        /// Joint reference of a posture target; rad.
+        /// Posture of the reference arm; rad.
         q: [f64; MAX_DOF],
-        /// Its rate; rad/s.
+        /// Its velocity; rad/s.
         qdot: [f64; MAX_DOF],
+        /// Torque of the reference arm; N·m.
+        tau: [f64; MAX_DOF],
+        /// Its part along the reference's motion; N·m.
+        tau_path: [f64; MAX_DOF],
+        /// Its part in the null space; N·m.
+        tau_null: [f64; MAX_DOF],
+        /// Analysis of the reference arm.
+        analysis: AnalyzerCheckpoint,
         /// Distance that reach and limits have taken away since the target began; m.
         behind_m: f64,
         /// Targets refused.
@@ -142,12 +150,16 @@ wire! {
         stopping: u32,
         /// 1 where the tick before was at the boundary of reach.
         clipped: u32,
+        /// 1 where the reference arm begins anew at the arm.
+        parted: u32,
+        /// Zero in this version.
+        reserved: u32,
     }
 }
 
 wire! {
     /// State of the controller after a tick.
-    ControllerCheckpoint checkpoint version 4 {
+    ControllerCheckpoint checkpoint version 5 {
         /// Index of the task segment; the number of segments once the path is finished.
         segment: u32,
         /// 1 once the segment's goal has been fixed.
@@ -229,7 +241,7 @@ mod tests {
         let known = [
             ("armplane.EstimatorCheckpoint.v1", 304, 0x6a0b_43aa_4a62_64c4),
             ("armplane.AnalyzerCheckpoint.v2", 1888, 0xd183_645a_d89c_2cda),
-            ("armplane.ControllerCheckpoint.v4", 1584, 0x452f_ed9f_87aa_55c6),
+            ("armplane.ControllerCheckpoint.v5", 3672, 0x1601_d08e_5eb6_d5a5),
         ];
         assert_eq!([of::<EstimatorCheckpoint>(), of::<AnalyzerCheckpoint>(), of::<ControllerCheckpoint>()], known);
     }

@@ -108,6 +108,8 @@ codes! {
         REFUSAL_UNLISTED = 9 "the arm has lost a direction that no listed singularity explains: start elsewhere, or lead the path around that posture",
         /// The estimate has moved as no arm can for too long.
         REFUSAL_DOUBT = 10 "the estimated state moves as no torque within the limits can move the arm; see to the encoders",
+        /// The arm is far from the reference arm of its steered run.
+        REFUSAL_PARTED = 11 "the arm was held back or thrown",
     }
 
     /// The drive's state.
@@ -204,6 +206,8 @@ codes! {
         TARGET_REFUSAL_TIME = 5 "its time stamp is in the future, or its validity is negative",
         /// A number no arm has a use for.
         TARGET_REFUSAL_RANGE = 6 "a number is beyond 1000",
+        /// A posture of another number of joints.
+        TARGET_REFUSAL_JOINTS = 7 "its posture has not one value for each joint of the arm",
     }
 
     /// How the controller follows its target, and why not faster.
@@ -228,6 +232,8 @@ codes! {
         REASON_STOPPED = 8 "stopped, goes on from rest",
         /// The session is over.
         REASON_OVER = 9 "over",
+        /// The hand is far behind that of the reference arm.
+        REASON_HELD = 10 "held back: something is in the arm's way",
     }
 
     /// How far the program of an exchange page is.

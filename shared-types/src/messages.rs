@@ -165,14 +165,14 @@ wire! {
         frame: u32,
         /// One of `codes::SIDES`: the side in which a Type 1 singularity is to be left.
         side: u32,
-        /// Zero in this version.
-        reserved: u32,
+        /// Joints of a posture.
+        joints: u32,
     }
 }
 
 wire! {
     /// The motion asked for at a tick: operator → controller. Only runs that are steered have it.
-    Target on "target" version 1 {
+    Target on "target" version 2 {
         /// Tick, incarnation, stamps.
         header: Header,
         /// The motion.
@@ -328,7 +328,7 @@ mod tests {
             ("armplane.PlantState.v3", 544, 0xb342_9417_b6bb_5ea6),
             ("armplane.StateEstimate.v4", 416, 0x26d6_dbe8_667c_45e8),
             ("armplane.SingularityReport.v4", 1384, 0x8844_948f_013a_28ee),
-            ("armplane.Target.v1", 352, 0x4e83_1ed5_fec0_aaa6),
+            ("armplane.Target.v2", 352, 0xf7a8_d3c2_246c_9806),
             ("armplane.ServoState.v1", 288, 0xb214_d5f1_9577_26e4),
             ("armplane.ControlState.v3", 712, 0x98e4_d969_d5ba_0d02),
             ("armplane.TorqueCommand.v5", 224, 0xf478_adea_d3f1_5ea4),

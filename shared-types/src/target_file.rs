@@ -137,7 +137,10 @@ pub fn content(line: &str, per_metre: f64, tick: u64, rate_hz: u32) -> Result<Ta
             target.quaternion = std::array::from_fn(|i| values[3 + i]);
             target.twist = linear(7);
         }
-        (TARGET_POSTURE, 1..=MAX_DOF) => target.q[..count].copy_from_slice(&values[..count]),
+        (TARGET_POSTURE, 1..=MAX_DOF) => {
+            target.q[..count].copy_from_slice(&values[..count]);
+            target.joints = count as u32;
+        }
         (TARGET_TWIST, _) => return Err(format!("a twist has 6 values, not {count}: vx vy vz wx wy wz")),
         (TARGET_POSE, _) => return Err(format!("a pose has 7 values, or 13 with its twist, not {count}: x y z qw qx qy qz")),
         (TARGET_POSTURE, _) => return Err(format!("a posture has one value per joint, not {count}")),
@@ -167,7 +170,7 @@ pub fn write(rows: &[Row], rate_hz: u32) -> String {
                     FRAMES.iter().find(|(code, _)| *code == target.frame).map_or(target.frame.to_string(), |(_, name)| (*name).to_owned());
                 let values: Vec<f64> = match target.kind {
                     TARGET_POSE => target.position.into_iter().chain(target.quaternion).chain(target.twist).collect(),
-                    TARGET_POSTURE => target.q.to_vec(),
+                    TARGET_POSTURE => target.q[..(target.joints as usize).min(MAX_DOF)].to_vec(),
                     TARGET_TWIST => target.twist.to_vec(),
                     _ => vec![f64::NAN; 6],
                 };

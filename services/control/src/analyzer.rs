@@ -51,6 +51,15 @@ impl<const N: usize> Analyzer<N> {
     /// Units `q` rad, `qdot` rad/s · Frame of every vector in the report: B, at C.
     /// Requires finite `q`, `qdot` and `terms` of this very posture. Cost about 2 µs for six joints, no allocation.
     pub fn step(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, terms: &Terms<N>) -> Report<N> {
+        let (report, at) = self.listed(q, qdot, terms);
+        let conditioning = conditioning(&at.J, &terms.J, self.length_m, &self.task);
+        Report { p_BC: report.p_BC, count: report.count, singularities: report.singularities, ..conditioning }
+    }
+
+    /// The same without singular values, rank and determinant, which are zero in it; and the kinematics at C.
+    ///
+    /// Cost about 1 µs for six joints, no allocation.
+    pub(crate) fn listed(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, terms: &Terms<N>) -> (Report<N>, AtCentre<N>) {
         let family = self.family.get_mut();
         let p_C = family.centre(terms);
         let at = AtCentre::new(terms, &p_C, &terms.omega[N - 1]);
@@ -64,8 +73,18 @@ impl<const N: usize> Analyzer<N> {
             singularity.inside = *inside;
             (singularity.eta_in, singularity.eta_out) = (neighborhood.eta_in, neighborhood.eta_out);
         }
-        let conditioning = conditioning(&at.J, &terms.J, self.length_m, &self.task);
-        Report { p_BC: p_C, length_m: self.length_m, count, singularities, ..conditioning }
+        let report = Report {
+            rank: 0,
+            sigma: [0.0; 6],
+            det: 0.0,
+            condition: 0.0,
+            manipulability: 0.0,
+            length_m: self.length_m,
+            p_BC: p_C,
+            count,
+            singularities,
+        };
+        (report, at)
     }
 
     /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its inputs.

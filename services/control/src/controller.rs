@@ -20,12 +20,13 @@ use crate::desired_motion::{Followed, desired_motion};
 use crate::law::{Active, Actives, LawError, Torques, Wanted};
 use crate::paper::reference::{Memory, Target};
 use crate::paper::{chang_khatib, null_space, type_1, type_2};
-use crate::plausibility::{self, Bounds, Plausible};
+use crate::plausibility::{self, Plausible};
 use crate::posture::Postures;
 use crate::route_ahead::route_ahead;
 use crate::servo::{limits, reference};
 use crate::setup::SetupError;
 use crate::state::State;
+use crate::steered::{self, Steered};
 use crate::telemetry::Telemetry;
 use crate::tick::{Auxiliary, Inputs, Motion};
 use crate::trajectory::Path;
@@ -56,6 +57,8 @@ pub struct Controller<const N: usize> {
     /// Why the path cannot be followed.
     obstacle: Option<String>,
     pub(crate) state: State<N>,
+    /// Of a steered run.
+    pub(crate) steered: Option<Steered<N>>,
 }
 
 impl<const N: usize> Controller<N> {
@@ -75,6 +78,7 @@ impl<const N: usize> Controller<N> {
             Ok(plan) => (plan, None),
             Err(obstacle) => (None, Some(obstacle)),
         };
+        let (model, steered) = steered::of(model, robot, scenario);
         Ok(Self {
             path,
             family,
@@ -86,6 +90,7 @@ impl<const N: usize> Controller<N> {
             state: State::begin(&rest, q_start, model.effort(), if obstacle.is_some() { Refusal::Route } else { Refusal::None }),
             obstacle,
             model,
+            steered,
         })
     }
 
@@ -116,9 +121,22 @@ impl<const N: usize> Controller<N> {
             return self.refuse(q, qdot, Refusal::State);
         }
         let terms = &self.model.evaluate(q, qdot);
-        let bounds = Bounds { terms, velocity: self.model.velocity(), effort: self.model.effort(), dt: self.scenario.dt_s() };
-        if !self.state.plausible.take(q, qdot, &bounds) {
+        if !self.is_plausible(q, qdot, terms) {
             return self.doubt();
+        }
+        self.act((q, qdot), tau_disturbance, report, terms)
+    }
+
+    /// One tick of the law on a state that is plausible, whose terms are `terms`; while the law has refused, the arm is brought to rest.
+    pub(crate) fn act(
+        &mut self,
+        (q, qdot): (&SVector<f64, N>, &SVector<f64, N>),
+        tau_disturbance: &SVector<f64, N>,
+        report: &Report<N>,
+        terms: &Terms<N>,
+    ) -> Command<N> {
+        if self.state.refusal != Refusal::None {
+            return self.refuse(q, qdot, self.state.refusal);
         }
         let at = &AtCentre::new(terms, &report.p_BC, &terms.omega[N - 1]);
         let p_EC = &(terms.X_BE.R.transpose() * (report.p_BC - terms.X_BE.p));
@@ -145,7 +163,7 @@ impl<const N: usize> Controller<N> {
     }
 
     /// Brings the arm to rest from where it plausibly is, its path's clock with it; after too long it refuses to go on.
-    fn doubt(&mut self) -> Command<N> {
+    pub(crate) fn doubt(&mut self) -> Command<N> {
         let (dt, damping) = (self.scenario.dt_s(), 0.5 * self.scenario.control.k_v);
         let ticks = self.state.plausible.doubt_ticks;
         if f64::from(ticks) * dt > plausibility::DOUBT_S {
@@ -396,7 +414,9 @@ impl<const N: usize> Controller<N> {
         }
         let range = (self.model.lower(), self.model.upper());
         let nearing = || Guide::nears_limit(motion.planned.as_ref(), (now.q, now.qdot), range);
-        if let Some(joint) = self.is_ours().then(nearing).flatten() {
+        // A steered arm has its stops.
+        let plans = self.is_ours() && self.scenario.servo.is_none();
+        if let Some(joint) = plans.then(nearing).flatten() {
             return Err(LawError::Limit { joint });
         }
         let mut bias = now.terms.bias();
@@ -463,10 +483,16 @@ impl<const N: usize> Controller<N> {
     /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its inputs.
     pub fn save(&self, out: &mut ControllerCheckpoint) {
         self.state.save(out);
+        if let Some(steered) = &self.steered {
+            steered.analyzer.save(&mut out.servo.analysis);
+        }
     }
 
     /// Takes up what [`save`](Self::save) has written: the next tick continues bit for bit.
     pub fn restore(&mut self, from: &ControllerCheckpoint) {
         self.state = State::from_checkpoint(from, self.model.effort());
+        if let Some(steered) = &mut self.steered {
+            steered.analyzer.restore(&from.servo.analysis);
+        }
     }
 }

@@ -33,7 +33,7 @@ pub(crate) fn desired_motion<const N: usize>(follow: &Followed<'_, N>, state: &m
     }
     let clock = state.governor.rate;
     let reorients = path.leg(state.progress.leg).is_some_and(|leg| leg.reorient.is_some());
-    let planned = guide.at(state.progress.leg, state.route_time_s).filter(|_| !reorients).or_else(|| state.servo.sample());
+    let planned = guide.at(state.progress.leg, state.route_time_s).filter(|_| !reorients);
     // The path waits while the plan turns ζ.
     let time_rate = planned.map_or(1.0, |plan| plan.time_rate);
     let V = now.at.J * now.qdot;

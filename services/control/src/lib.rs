@@ -48,6 +48,7 @@ pub mod servo;
 mod setup;
 mod state;
 mod steer;
+mod steered;
 mod telemetry;
 mod tick;
 pub mod trajectory;

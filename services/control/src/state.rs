@@ -39,6 +39,7 @@ pub(crate) struct State<const N: usize> {
 impl<const N: usize> State<N> {
     /// Before the first tick: an arm at rest in `q_start`, whose terms are `rest`; `effort` are the torque limits, N·m.
     pub(crate) fn begin(rest: &Terms<N>, q_start: SVector<f64, N>, effort: &SVector<f64, N>, refusal: Refusal) -> Self {
+        let sent = Sent::holding(&rest.gravity, effort);
         Self {
             progress: Progress::at(rest.X_BE),
             governor: Governor::default(),
@@ -48,10 +49,10 @@ impl<const N: usize> State<N> {
             path_time_s: 0.0,
             route_time_s: 0.0,
             joint_memory: JointMemory::at(q_start),
-            sent: Sent::holding(&rest.gravity, effort),
+            sent,
             qdot_planned: SVector::zeros(),
             plausible: Plausible::unknown(),
-            servo: Reference::at(rest.X_BE, q_start),
+            servo: Reference::at(rest.X_BE, q_start, sent),
         }
     }
 
@@ -142,7 +143,7 @@ impl<const N: usize> State<N> {
                 q: joints(&from.q_plausible),
                 qdot: joints(&from.qdot_plausible),
             },
-            servo: Reference::restored(&from.servo),
+            servo: Reference::restored(&from.servo, limits),
         }
     }
 }

@@ -1,37 +1,50 @@
 //! The controller of a steered run: the target becomes the reference, and the law of a path follows it.
 
+use crate::command;
+use crate::continuous::governor::Governor;
+use crate::continuous::saturation::{compensated, limit};
 use crate::controller::Controller;
-use crate::linear::{angular, linear, stack};
+use crate::law::Torques;
+use crate::linear::{Lu, angular, linear, rotation_log, smoothstep, stack};
+use crate::plausibility::Bounds;
 use crate::servo::Reference;
 use crate::servo::intake::{self, Wish};
 use crate::servo::leash::Pull;
+use crate::servo::limits::Fastest;
+use crate::servo::stops::{self, Limits, Parts};
 use crate::state::State;
 use crate::trajectory::{HORIZON_S, Progress};
 use crate::types::{Command, Phase, Refusal, Report};
-use nalgebra::{SVector, Vector6};
+use model::{Pose, Terms};
+use nalgebra::{SVector, Vector3, Vector6};
 use shared_types::codes::{
-    REASON_EFFORT, REASON_FAST, REASON_FOLLOWING, REASON_LIMIT, REASON_OVER, REASON_REACH, REASON_RESTING, REASON_SINGULARITY,
-    REASON_STALE, REASON_STOPPED, TARGET_END, TARGET_POSTURE,
+    REASON_EFFORT, REASON_FAST, REASON_FOLLOWING, REASON_HELD, REASON_LIMIT, REASON_OVER, REASON_REACH, REASON_RESTING, REASON_SINGULARITY,
+    REASON_STALE, REASON_STOPPED, TARGET_END,
 };
+use shared_types::scenario::{Control, Servo};
 use shared_types::{ServoState, TargetContent};
 
 /// Share of the speed asked for below which a reason is given.
 const FULL: f64 = 0.95;
 /// Joint speed below which an arm that was stopped goes on, rad/s.
 const AT_REST: f64 = 0.01;
-/// Clock below which it tells nothing about full speed.
-const SLOW: f64 = 0.1;
 /// |s|/η_out of the nearest singularity below which it is the reason for a slower clock.
 const NEAR: f64 = 2.0;
 /// Tension of the leash that counts as the boundary of reach.
 const TENSION: f64 = 0.02;
+/// Distance between a joint and that of the reference arm from which the two have parted, rad.
+const PARTED: f64 = 0.05;
+/// Distance of the hand from that of the reference arm from which it is held back; at which the reference goes no further; and at which the two have
+/// parted, m.
+const BEHIND_M: (f64, f64) = (0.004, 0.008);
+const PARTED_M: f64 = 0.012;
 
 impl<const N: usize> Controller<N> {
     /// One tick of a steered run: the torque for this state, towards the target of this tick (`None`: none has come).
     ///
-    /// As [`step`](Self::step), but what the law refuses for a moment (a joint about to reach its limit, a direction that no listed singularity
-    /// explains) brings the arm to rest, and from there it goes on. Fills `out` but for its header · Requires a scenario that is steered ·
-    /// Cost that of `step` and about 1 µs, no allocation
+    /// The law acts on the reference arm, and the arm follows it. What the law refuses for a moment (a direction that no listed singularity explains)
+    /// brings the reference arm to rest, and from there it goes on. Fills `out` but for its header · Requires a scenario that is steered · Ensures, errors
+    /// as [`step`](Self::step) · Cost that of `step` and about 2 µs, no allocation
     pub fn steer(
         &mut self,
         (tick, target): (u64, Option<&TargetContent>),
@@ -40,64 +53,161 @@ impl<const N: usize> Controller<N> {
         report: &Report<N>,
         out: &mut ServoState,
     ) -> Command<N> {
-        let (Some(session), dt) = (&self.scenario.servo, self.scenario.dt_s()) else {
+        let is_final = self.state.refusal != Refusal::None && !goes_on(self.state.refusal);
+        let is_finite = q.iter().chain(qdot).chain(tau_disturbance).all(|x| x.is_finite());
+        if is_final || !is_finite {
+            return self.step(q, qdot, tau_disturbance, report);
+        }
+        let terms = self.model.evaluate(q, qdot);
+        if !self.is_plausible(q, qdot, &terms) {
+            self.state.servo.parted = true;
+            let rest = self.doubt();
+            let goes_on = goes_on(rest.refusal);
+            return if goes_on { Command { phase: Phase::Running, refusal: Refusal::None, ..rest } } else { rest };
+        }
+        self.join(q, qdot, &terms.X_BE);
+        let (q_r, qdot_r) = (self.state.servo.q, self.state.servo.qdot);
+        let reference = self.model.evaluate(&q_r, &qdot_r);
+        let behind = reference.X_BE.p - terms.X_BE.p;
+        let (Some(session), Some(steered)) = (&self.scenario.servo, &mut self.steered) else {
             return self.step(q, qdot, tau_disturbance, report);
         };
-        if !q.iter().chain(qdot).all(|x| x.is_finite()) {
-            return self.step(q, qdot, tau_disturbance, report);
-        }
-        let arm = self.model.forward_kinematics(q);
-        let State { servo, governor, refusal, loops, qdot_planned, .. } = &mut self.state;
-        servo.take(target, tick, session.duration_s, dt);
-        if servo.stopping && qdot.amax() < AT_REST {
-            servo.stopping = false;
-            *refusal = Refusal::None;
-            servo.rest_at(arm, *q);
-            *governor = Default::default();
-            *loops = Default::default();
-            *qdot_planned = SVector::zeros();
-        }
-        let age_s = tick.saturating_sub(servo.held.given_tick) as f64 * dt;
-        let pull = Pull::between(&servo.X, &arm);
-        let wish = match servo.over {
-            Some(_) => Wish { V: Vector6::zeros(), asked: Vector6::zeros(), p: servo.X.p, stale: false },
-            None => intake::wish(&servo.held, age_s, &servo.X, report, session),
+        // The rank is that of the arm.
+        let listed = Report { rank: report.rank, ..steered.analyzer.listed(&q_r, &qdot_r, &reference).0 };
+        self.state.servo.take((target, steered.dof), tick, session.duration_s, self.scenario.dt_s());
+        let (wish, pull, age_s) = self.state.intake(session, self.scenario.dt_s(), &reference, &listed, &behind);
+        let clock = self.state.governor.rate;
+        // From here to the exchange back, the torque sent is that of the reference arm.
+        std::mem::swap(&mut self.state.sent, &mut self.state.servo.sent);
+        let mut command = match self.state.servo.is_posture() && !self.state.servo.stopping {
+            true => self.assume_posture(&wish, &reference),
+            false => self.act((&q_r, &qdot_r), &SVector::zeros(), &listed, &reference),
         };
-        let clock = governor.rate;
-        if servo.is_posture() && !servo.stopping {
-            let goal = if wish.stale || servo.over.is_some() { servo.q } else { model::joints(&servo.held.q) };
-            let qddot = servo.accelerate_joints(&goal, self.model.velocity());
-            // The pose that the joint reference passes, its twist and acceleration.
-            let at = self.model.evaluate(&servo.q, &servo.qdot);
-            (servo.X, servo.V, servo.a) = (at.X_BE, at.J * servo.qdot, at.J * qddot + at.Jdot_qdot * clock);
-            servo.q += servo.qdot * (clock * dt);
-            servo.qdot += qddot * dt;
-        } else if !servo.stopping {
-            let back;
-            (servo.X, back) = pull.hold(&servo.X, &arm);
-            servo.behind_m += back;
-            if servo.clipped || pull.tension > TENSION {
-                servo.X = pull.relax(&servo.X, &wish.V, dt);
-            }
-            // Where a posture target would begin.
-            (servo.q, servo.qdot) = (*q, *qdot_planned / clock.max(SLOW));
-            servo.accelerate(&pull.slacken(&wish.V), session, dt);
+        std::mem::swap(&mut self.state.sent, &mut self.state.servo.sent);
+        if self.state.refusal != Refusal::None && !goes_on(self.state.refusal) {
+            return self.refuse(q, qdot, self.state.refusal);
         }
-        self.state.progress =
-            Progress { begun: true, by: linear(&servo.V) * HORIZON_S, turn: angular(&servo.V) * HORIZON_S, ..Progress::at(servo.X) };
-        let mut command = self.step(q, qdot, tau_disturbance, report);
-        self.state.servo.follow(self.state.refusal, clock, dt, command.clipped);
+        let qddot_r = self.accelerate(&reference);
+        self.follow((q, qdot), (&q_r, &qdot_r, &qddot_r), (&terms, tau_disturbance), &mut command);
+        self.proceed(clock, command.clipped);
         if self.state.servo.stopping {
             (command.phase, command.refusal) = (Phase::Running, Refusal::None);
         }
         if let Some(over) = self.state.servo.over
             && command.phase == Phase::Running
         {
-            let settled = tick.saturating_sub(over) as f64 * dt >= self.scenario.settle_s;
+            let settled = tick.saturating_sub(over) as f64 * self.scenario.dt_s() >= self.scenario.settle_s;
             command.phase = if settled { Phase::Done } else { Phase::Settling };
         }
-        self.explain(&wish, &pull, (age_s, clock), report, out);
+        let is_held = behind.norm() > BEHIND_M.0;
+        self.explain(&wish, &pull, (age_s, clock, is_held), &listed, out);
         command
+    }
+
+    /// Whether the arm can have moved to this state, whose terms are `terms`.
+    pub(crate) fn is_plausible(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, terms: &Terms<N>) -> bool {
+        let bounds = Bounds { terms, velocity: self.model.velocity(), effort: self.model.effort(), dt: self.scenario.dt_s() };
+        self.state.plausible.take(q, qdot, &bounds)
+    }
+
+    /// Begins the reference arm anew at the arm, where the two have parted: an estimate was set aside, the arm was held or thrown.
+    fn join(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, X: &Pose) {
+        let behind_m = (self.model.forward_kinematics(&self.state.servo.q).p - X.p).norm();
+        let State { servo, sent, refusal, .. } = &mut self.state;
+        if servo.parted || behind_m > PARTED_M || (servo.q - q).amax() > PARTED {
+            (servo.q, servo.qdot, servo.sent, servo.parted) = (*q, *qdot, *sent, false);
+            servo.rest_at(*X);
+            servo.stops = servo.stops.saturating_add(u32::from(!servo.stopping));
+            (servo.stopping, servo.stop) = (true, Refusal::Parted);
+            *refusal = Refusal::Parted;
+        }
+    }
+
+    /// The torque of the reference arm towards a posture, joint by joint: no direction of the hand counts, so none can be lost.
+    fn assume_posture(&mut self, wish: &Wish, reference: &Terms<N>) -> Command<N> {
+        let servo = &mut self.state.servo;
+        servo.fastest = Fastest::default();
+        let is_held = wish.stale || servo.over.is_some();
+        let asked = model::joints::<N>(&servo.held.q);
+        let (lower, upper) = (self.model.lower(), self.model.upper());
+        let goal = if is_held { servo.q } else { SVector::from_fn(|i, _| asked[i].clamp(lower[i], upper[i])) };
+        let path = reference.A * servo.towards(&goal, self.model.velocity());
+        let torques =
+            Torques { path, rest: SVector::zeros(), null: SVector::zeros(), qdot_nominal: servo.qdot, qddot_path: SVector::zeros() };
+        let limited = limit(&reference.bias(), &torques, self.model.effort());
+        let step = self.model.torque_rate() * self.scenario.dt_s();
+        let rate_mask;
+        (self.state.sent, rate_mask) = self.state.sent.next(&limited, &(path * limited.task_scale), &step, self.model.effort());
+        let rest = command::resting(&self.state, limited.mask, rate_mask);
+        Command { phase: Phase::Running, V_BE_d: self.state.servo.V, time_scale: 1.0, task_scale: limited.task_scale, ..rest }
+    }
+
+    /// The reference arm's acceleration by its torque, within its stops; it moves on by a tick.
+    fn accelerate(&mut self, reference: &Terms<N>) -> SVector<f64, N> {
+        let servo = &mut self.state.servo;
+        let Ok(lu) = Lu::new(reference.A) else { return SVector::zeros() };
+        let [whole, path, null] = [&(servo.sent.tau - reference.bias()), &servo.sent.path, &servo.sent.null].map(|torque| lu.solve(torque));
+        let (lower, upper) = (self.model.lower(), self.model.upper());
+        let limits = Limits { lower, upper, velocity: self.model.velocity(), effort: self.model.effort() };
+        let kept = stops::keep((&servo.q, &servo.qdot), &Parts { whole, path, null }, &reference.A.diagonal(), &limits);
+        servo.accelerate_arm(&kept.qddot, self.scenario.dt_s());
+        if kept.joint.is_some() {
+            servo.fastest = Fastest { clock: 0.0, joint: kept.joint };
+        }
+        kept.qddot
+    }
+
+    /// The torque with which the arm follows the reference arm: Γ = A(q)(q̈_r + k_v(q̇_r − q̇) + k_p(q_r − q)) + bias − disturbance, within limits and rates.
+    fn follow(
+        &mut self,
+        (q, qdot): (&SVector<f64, N>, &SVector<f64, N>),
+        (q_r, qdot_r, qddot_r): (&SVector<f64, N>, &SVector<f64, N>, &SVector<f64, N>),
+        (terms, tau_disturbance): (&Terms<N>, &SVector<f64, N>),
+        command: &mut Command<N>,
+    ) {
+        let Some(steered) = &self.steered else { return };
+        let Control { k_p, k_v, compensate_disturbance, .. } = self.scenario.control;
+        let feedback = (q_r - q) * k_p + (qdot_r - qdot) * k_v;
+        let mut bias = terms.bias();
+        if compensate_disturbance {
+            bias -= compensated(tau_disturbance, &steered.effort);
+        }
+        let torques = Torques {
+            path: terms.A * qddot_r,
+            rest: terms.A * feedback,
+            null: SVector::zeros(),
+            qdot_nominal: *qdot_r,
+            qddot_path: *qddot_r,
+        };
+        let mut limited = limit(&bias, &torques, &steered.effort);
+        limited.null = self.state.servo.sent.null;
+        let rate_mask;
+        (self.state.sent, rate_mask) =
+            self.state.sent.next(&limited, &(torques.path * limited.task_scale), &steered.torque_step, &steered.effort);
+        (command.tau, command.tau_null) = (self.state.sent.tau, self.state.sent.null);
+        command.tau_task = command.tau - command.tau_null;
+        command.saturation_mask |= limited.mask;
+        command.rate_mask |= rate_mask;
+        let turn = rotation_log(&(command.R_BE_d * terms.X_BE.R.transpose()));
+        command.error = stack(&(command.p_BE_d - terms.X_BE.p), &turn);
+    }
+
+    /// After the law: the reference moves on with the clock, or is stopped by what the law refuses for a moment.
+    fn proceed(&mut self, clock: f64, clipped: bool) {
+        let (refusal, dt) = (self.state.refusal, self.scenario.dt_s());
+        let servo = &mut self.state.servo;
+        servo.clipped = clipped;
+        if refusal == Refusal::None {
+            if !servo.is_posture() {
+                servo.advance(clock, dt);
+            }
+            return;
+        }
+        if !servo.stopping {
+            servo.stops = servo.stops.saturating_add(1);
+            (servo.stopping, servo.stop) = (true, refusal);
+        }
+        servo.rest_at(self.model.forward_kinematics(&servo.q));
     }
 
     /// The share of the twist asked for that the reference moves with, 0 to 1; metres are made radians by the arm's length.
@@ -110,7 +220,7 @@ impl<const N: usize> Controller<N> {
     }
 
     /// The state of the session, for people: what is asked, how much of it is done, and why not more.
-    fn explain(&self, wish: &Wish, pull: &Pull, (age_s, clock): (f64, f64), report: &Report<N>, out: &mut ServoState) {
+    fn explain(&self, wish: &Wish, pull: &Pull, (age_s, clock, is_held): (f64, f64, bool), report: &Report<N>, out: &mut ServoState) {
         let servo = &self.state.servo;
         let nearest = intake::nearest(report);
         let speed_scale = self.speed_scale(&wish.asked, clock);
@@ -124,6 +234,8 @@ impl<const N: usize> Controller<N> {
             REASON_STALE
         } else if wish.asked == Vector6::zeros() && !servo.is_posture() {
             REASON_RESTING
+        } else if is_held {
+            REASON_HELD
         } else if limit.is_some() {
             REASON_LIMIT
         } else if servo.clipped || pull.tension > TENSION {
@@ -156,12 +268,48 @@ impl<const N: usize> Controller<N> {
     }
 }
 
+impl<const N: usize> State<N> {
+    /// Makes the reference's motion of this tick of the target in force: the leg of constant twist that the law sees.
+    fn intake(&mut self, session: &Servo, dt: f64, reference: &Terms<N>, report: &Report<N>, behind: &Vector3<f64>) -> (Wish, Pull, f64) {
+        let arm = &reference.X_BE;
+        let State { servo, governor, refusal, loops, qdot_planned, progress, .. } = self;
+        if servo.stopping && servo.qdot.amax() < AT_REST {
+            (servo.stopping, *refusal) = (false, Refusal::None);
+            servo.rest_at(*arm);
+            (*governor, *loops, *qdot_planned) = (Governor::default(), Default::default(), SVector::zeros());
+        }
+        let age_s = servo.tick.saturating_sub(servo.held.given_tick) as f64 * dt;
+        let pull = Pull::between(&servo.X, arm, report, loops);
+        let wish = match servo.over {
+            Some(_) => Wish { V: Vector6::zeros(), asked: Vector6::zeros(), p: servo.X.p, stale: false },
+            None => intake::wish(&servo.held, age_s, &servo.X, report, session),
+        };
+        if servo.is_posture() && !servo.stopping {
+            // The pose that the reference arm passes, and from which the law would go on.
+            (servo.X, servo.V, servo.a) = (*arm, reference.J * servo.qdot, Vector6::zeros());
+            (*governor, *loops, *qdot_planned) = (Governor::default(), Default::default(), servo.qdot);
+        } else if !servo.stopping {
+            let back;
+            (servo.X, back) = pull.hold(&servo.X, arm);
+            servo.behind_m += back;
+            if servo.clipped || pull.tension > TENSION {
+                servo.X = pull.relax(&servo.X, &wish.V, dt);
+            }
+            let V = pull.slacken(&wish.V);
+            servo.accelerate(&stack(&yielding(linear(&V), behind), &angular(&V)), session, dt);
+        }
+        *progress =
+            Progress { begun: true, by: linear(&servo.V) * HORIZON_S, turn: angular(&servo.V) * HORIZON_S, ..Progress::at(servo.X) };
+        (wish, pull, age_s)
+    }
+}
+
 impl<const N: usize> Reference<N> {
     /// Takes a target in, or refuses and counts it: once for each time at which one was given.
-    fn take(&mut self, target: Option<&TargetContent>, tick: u64, duration_s: f64, dt: f64) {
+    fn take(&mut self, (target, dof): (Option<&TargetContent>, usize), tick: u64, duration_s: f64, dt: f64) {
         self.tick = tick;
         if let Some(target) = target.filter(|target| **target != self.held) {
-            match intake::check(target, tick) {
+            match intake::check(target, tick, dof) {
                 Ok(()) => {
                     if target.twist != self.held.twist || target.kind != self.held.kind {
                         self.behind_m = 0.0;
@@ -178,23 +326,19 @@ impl<const N: usize> Reference<N> {
         let is_over = self.held.kind == TARGET_END || tick as f64 * dt >= duration_s;
         self.over = self.over.or(is_over.then_some(tick));
     }
+}
 
-    /// After the law: moves on with the clock, or is stopped by what the law refuses for a moment.
-    fn follow(&mut self, refusal: Refusal, clock: f64, dt: f64, clipped: bool) {
-        self.clipped = clipped;
-        if goes_on(refusal) {
-            if !self.stopping {
-                self.stops = self.stops.saturating_add(1);
-            }
-            (self.stopping, self.stop) = (true, refusal);
-            self.rest_at(self.X, self.q);
-        } else if refusal == Refusal::None && self.held.kind != TARGET_POSTURE {
-            self.advance(clock, dt);
-        }
+/// A velocity without what would press the arm further against what holds it back: `behind` is how far the hand is behind that of the reference arm, m.
+fn yielding(v: Vector3<f64>, behind: &Vector3<f64>) -> Vector3<f64> {
+    let size = behind.norm();
+    if size <= BEHIND_M.0 {
+        return v;
     }
+    let share = smoothstep((size - BEHIND_M.0) / (BEHIND_M.1 - BEHIND_M.0));
+    v - behind * (v.dot(behind).max(0.0) * share / (size * size))
 }
 
 /// Whether a steered arm goes on after this refusal, once at rest.
 fn goes_on(refusal: Refusal) -> bool {
-    matches!(refusal, Refusal::Limit | Refusal::Singular | Refusal::Speed | Refusal::Room | Refusal::Unlisted | Refusal::Torque)
+    matches!(refusal, Refusal::Limit | Refusal::Singular | Refusal::Speed | Refusal::Room | Refusal::Unlisted | Refusal::Parted)
 }

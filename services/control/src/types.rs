@@ -116,6 +116,8 @@ coded! {
         Unlisted = REFUSAL_UNLISTED,
         /// The estimate moves as no arm can.
         Doubt = REFUSAL_DOUBT,
+        /// The arm was held back or thrown: far from the reference arm.
+        Parted = REFUSAL_PARTED,
     }
 }
 

@@ -128,6 +128,13 @@ impl<const N: usize> Model<N> {
         self
     }
 
+    /// The same arm with a share of its torque limits and torque rates, in (0, 1]: the rest is reserved.
+    pub fn with_torque_share(mut self, share: f64) -> Self {
+        self.effort *= share;
+        self.torque_rate *= share;
+        self
+    }
+
     /// Acceleration of gravity, base axes, m/s².
     pub fn gravity_vector(&self) -> &Vector3<f64> {
         &self.gravity

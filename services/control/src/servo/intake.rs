@@ -7,8 +7,8 @@ use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3, Vector6};
 use shared_types::TargetContent;
 use shared_types::codes::{
     FRAME_BASE, FRAME_HAND, FRAME_SINGULAR, SIDE_POSITIVE, TARGET_END, TARGET_NONE, TARGET_POSE, TARGET_POSTURE, TARGET_REFUSAL_FRAME,
-    TARGET_REFUSAL_KIND, TARGET_REFUSAL_NUMBER, TARGET_REFUSAL_RANGE, TARGET_REFUSAL_ROTATION, TARGET_REFUSAL_TIME, TARGET_TWIST,
-    TARGET_UNREADABLE,
+    TARGET_REFUSAL_JOINTS, TARGET_REFUSAL_KIND, TARGET_REFUSAL_NUMBER, TARGET_REFUSAL_RANGE, TARGET_REFUSAL_ROTATION, TARGET_REFUSAL_TIME,
+    TARGET_TWIST, TARGET_UNREADABLE,
 };
 use shared_types::scenario::Servo;
 use shared_types::wire::Part;
@@ -22,12 +22,12 @@ const GAIN: f64 = 5.0;
 /// Share of the acceleration with which the reference is planned to stop at a pose.
 const BRAKE: f64 = 0.5;
 
-/// Whether a target can be followed.
+/// Whether a target can be followed by an arm of `dof` joints.
 ///
 /// # Errors
 /// One of `codes::TARGET_REFUSALS`.
-pub fn check(target: &TargetContent, tick: u64) -> Result<(), u32> {
-    let TargetContent { given_tick, valid_s, twist, position, quaternion, q, kind, frame, side, .. } = target;
+pub fn check(target: &TargetContent, tick: u64, dof: usize) -> Result<(), u32> {
+    let TargetContent { given_tick, valid_s, twist, position, quaternion, q, kind, frame, side, joints, .. } = target;
     if *kind == TARGET_UNREADABLE || !target.is_finite() {
         return Err(TARGET_REFUSAL_NUMBER);
     }
@@ -42,6 +42,9 @@ pub fn check(target: &TargetContent, tick: u64) -> Result<(), u32> {
     }
     if twist.iter().chain(position).chain(quaternion).chain(q).any(|x| x.abs() > LARGEST) {
         return Err(TARGET_REFUSAL_RANGE);
+    }
+    if *kind == TARGET_POSTURE && *joints as usize != dof {
+        return Err(TARGET_REFUSAL_JOINTS);
     }
     let norm = quaternion.iter().map(|x| x * x).sum::<f64>();
     if *kind == TARGET_POSE && (norm - 1.0).abs() > NORM { Err(TARGET_REFUSAL_ROTATION) } else { Ok(()) }
@@ -131,12 +134,13 @@ mod tests {
 
     #[test]
     fn what_cannot_be_followed_is_refused_by_its_reason() {
-        assert_eq!(check(&pose(), 0), Ok(()));
+        assert_eq!(check(&pose(), 0, 6), Ok(()));
         let cases = [
             (TargetContent { position: [f64::NAN, 0.0, 0.0], ..pose() }, TARGET_REFUSAL_NUMBER),
             (TargetContent { valid_s: f64::INFINITY, ..pose() }, TARGET_REFUSAL_NUMBER),
             (TargetContent { frame: FRAME_HAND, ..pose() }, TARGET_REFUSAL_FRAME),
             (TargetContent { kind: TARGET_TWIST, frame: 7, ..pose() }, TARGET_REFUSAL_FRAME),
+            (TargetContent { kind: TARGET_POSTURE, joints: 5, ..pose() }, TARGET_REFUSAL_JOINTS),
             (TargetContent { kind: 77, ..pose() }, TARGET_REFUSAL_KIND),
             (TargetContent { side: 3, ..pose() }, TARGET_REFUSAL_KIND),
             (TargetContent { quaternion: [1.0, 1.0, 0.0, 0.0], ..pose() }, TARGET_REFUSAL_ROTATION),
@@ -145,7 +149,7 @@ mod tests {
             (TargetContent { twist: [1e6; 6], ..pose() }, TARGET_REFUSAL_RANGE),
         ];
         for (target, refusal) in cases {
-            assert_eq!(check(&target, 3), Err(refusal), "{target:?}");
+            assert_eq!(check(&target, 3, 6), Err(refusal), "{target:?}");
         }
     }
 

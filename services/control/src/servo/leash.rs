@@ -1,59 +1,75 @@
-//! The leash between reference and arm: what the arm cannot reach, the reference does not run away to.
+//! The leash between the reference and the reference arm: what the arm cannot reach, the reference does not run away to.
+//!
+//! Along a singular direction inside its neighbourhood the reference leads: its lead is what a fold opens by, and what it slides along. Orthogonal to
+//! the singular directions it is never further away than the accuracy asked for.
 
+use crate::continuous::auxiliary::Loop;
 use crate::linear::{angular, linear, rotation_exp, rotation_log, smoothstep, stack};
+use crate::types::Report;
 use model::Pose;
 use nalgebra::{Vector3, Vector6};
 
-/// Longest distance and angle between reference and arm, m and rad: many times the error of tracking, and little to come back from.
-const LENGTH: (f64, f64) = (0.003, 0.02);
+/// Longest distance orthogonal to the singular directions, and along them, m: ten times the error of tracking, and little to come back from.
+const ACROSS_M: f64 = 0.0003;
+const ALONG_M: f64 = 0.003;
+/// Longest angle, rad.
+const ANGLE: f64 = 0.02;
 /// Rate at which the reference comes back to the arm once nothing pulls it away, 1/s.
 const BACK: f64 = 10.0;
 /// Share of the leash from which a twist that would lengthen it is taken away.
 const TAUT: f64 = 0.5;
 
-/// The pull of the leash at a tick.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+/// The pull of the leash at a tick: the error orthogonal to the singular directions, along them, and of orientation; each with its longest length.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pull {
-    /// Error of position and orientation, m and rad.
-    error: [Vector3<f64>; 2],
+    parts: [(Vector3<f64>, f64); 3],
     /// How taut it is, 0 to 1.
     pub tension: f64,
 }
 
 impl Pull {
-    /// Between the reference and the arm.
+    /// Between the reference and the arm, whose singularities are those of `report` and whose law is in the state `loops`.
     #[must_use]
-    pub fn between(reference: &Pose, arm: &Pose) -> Self {
-        let error = [reference.p - arm.p, rotation_log(&(reference.R * arm.R.transpose()))];
-        let taut = |error: &Vector3<f64>, length: f64| smoothstep((error.norm() / length - TAUT) / (1.0 - TAUT));
-        Self { error, tension: taut(&error[0], LENGTH.0).max(taut(&error[1], LENGTH.1)) }
+    pub fn between<const N: usize>(reference: &Pose, arm: &Pose, report: &Report<N>, loops: &[Loop]) -> Self {
+        let error = reference.p - arm.p;
+        let (mut across, mut length) = (error, ACROSS_M);
+        for (s, one) in report.meant().iter().zip(loops) {
+            let axis = linear(&s.zeta_B);
+            if !(one.engaged() || s.inside) || axis.norm() < 0.5 {
+                continue;
+            }
+            across -= axis * (axis.dot(&across) / axis.norm_squared());
+            let closed = 1.0 - smoothstep((s.s.abs() - s.eta_in) / (s.eta_out - s.eta_in));
+            length = length.max(ACROSS_M + (ALONG_M - ACROSS_M) * closed);
+        }
+        let turn = rotation_log(&(reference.R * arm.R.transpose()));
+        let parts = [(across, ACROSS_M), (error - across, length), (turn, ANGLE)];
+        Self { parts, tension: parts.iter().fold(0.0, |tension, part| tension.max(taut(part))) }
     }
 
     /// The reference at the end of the leash, where it is further away; and how far it has been taken back, m.
     #[must_use]
     pub fn hold(&self, reference: &Pose, arm: &Pose) -> (Pose, f64) {
-        let [p, r] = self.error;
-        let (mut held, mut back) = (*reference, 0.0);
-        if p.norm() > LENGTH.0 {
-            back = p.norm() - LENGTH.0;
-            held.p = arm.p + p * (LENGTH.0 / p.norm());
-        }
-        if r.norm() > LENGTH.1 {
-            held.R = rotation_exp(&(r * (LENGTH.1 / r.norm()))) * arm.R;
-        }
-        (held, back)
+        let held = self.parts.map(|(error, length)| error * (length / error.norm().max(length)));
+        let p = arm.p + held[0] + held[1];
+        let is_turned = held[2] != self.parts[2].0;
+        let R = if is_turned { rotation_exp(&held[2]) * arm.R } else { reference.R };
+        let is_moved = held[0] != self.parts[0].0 || held[1] != self.parts[1].0;
+        (Pose { R, p: if is_moved { p } else { reference.p } }, if is_moved { (reference.p - p).norm() } else { 0.0 })
     }
 
     /// The reference on its way back to the arm, where `V` no longer leads away from it.
     #[must_use]
     pub fn relax(&self, reference: &Pose, V: &Vector6<f64>, dt: f64) -> Pose {
-        let [p, r] = self.error;
+        let [(across, _), (along, _), (turn, _)] = self.parts;
         let mut relaxed = *reference;
-        if linear(V).dot(&p) <= 0.0 {
-            relaxed.p -= p * (BACK * dt);
+        for p in [across, along] {
+            if linear(V).dot(&p) <= 0.0 {
+                relaxed.p -= p * (BACK * dt);
+            }
         }
-        if angular(V).dot(&r) <= 0.0 {
-            relaxed.R = rotation_exp(&(r * (-BACK * dt))) * relaxed.R;
+        if angular(V).dot(&turn) <= 0.0 {
+            relaxed.R = rotation_exp(&(turn * (-BACK * dt))) * relaxed.R;
         }
         relaxed
     }
@@ -61,31 +77,51 @@ impl Pull {
     /// A twist without what would pull the leash tighter.
     #[must_use]
     pub fn slacken(&self, V: &Vector6<f64>) -> Vector6<f64> {
-        let without = |v: Vector3<f64>, error: &Vector3<f64>, length: f64| {
-            let size = error.norm();
-            let taut = smoothstep((size / length - TAUT) / (1.0 - TAUT));
-            if taut > 0.0 { v - error * (v.dot(error).max(0.0) * taut / (size * size)) } else { v }
+        let without = |v: Vector3<f64>, part: &(Vector3<f64>, f64)| {
+            let (error, taut) = (&part.0, taut(part));
+            if taut > 0.0 { v - error * (v.dot(error).max(0.0) * taut / error.norm_squared()) } else { v }
         };
-        stack(&without(linear(V), &self.error[0], LENGTH.0), &without(angular(V), &self.error[1], LENGTH.1))
+        let [across, along, turn] = &self.parts;
+        stack(&without(without(linear(V), across), along), &without(angular(V), turn))
     }
+}
+
+/// How taut one part is, 0 to 1.
+fn taut((error, length): &(Vector3<f64>, f64)) -> f64 {
+    smoothstep((error.norm() / length - TAUT) / (1.0 - TAUT))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::empty_report;
+
+    fn between(x: f64) -> Pull {
+        Pull::between(&Pose::translation(Vector3::new(x, 0.0, 0.0)), &Pose::identity(), &empty_report::<6>(), &[])
+    }
 
     #[test]
     fn the_reference_stays_within_the_leash_and_may_always_come_back() {
-        let arm = Pose::identity();
-        let far = Pose::translation(Vector3::new(0.05, 0.0, 0.0));
-        let pull = Pull::between(&far, &arm);
+        let (arm, far) = (Pose::identity(), Pose::translation(Vector3::new(0.05, 0.0, 0.0)));
+        let pull = between(0.05);
         let (held, back) = pull.hold(&far, &arm);
-        assert!((held.p.x - 0.003).abs() < 1e-12 && (back - 0.047).abs() < 1e-12 && pull.tension == 1.0);
+        assert!((held.p.x - ACROSS_M).abs() < 1e-12 && (back - 0.05 + ACROSS_M).abs() < 1e-12 && pull.tension == 1.0);
         let V = Vector6::new(0.1, 0.2, 0.0, 0.0, 0.0, 0.3);
         assert_eq!(pull.slacken(&V), Vector6::new(0.0, 0.2, 0.0, 0.0, 0.0, 0.3));
         assert_eq!(pull.slacken(&-V), -V);
-        assert_eq!(Pull::between(&Pose::translation(Vector3::new(0.001, 0.0, 0.0)), &arm).slacken(&V), V);
+        assert_eq!(between(0.0001).slacken(&V), V);
         assert_eq!(pull.relax(&held, &V, 1e-3), held, "it is still pulled");
         assert!((pull.relax(&far, &-V, 1e-3).p.x - 0.0495).abs() < 1e-12, "1 % of the way back in a tick");
+    }
+
+    #[test]
+    fn along_a_singular_direction_the_reference_leads_by_more() {
+        let mut report = empty_report::<6>();
+        report.count = 1;
+        report.singularities[0].zeta_B[0] = 1.0;
+        (report.singularities[0].inside, report.singularities[0].eta_in, report.singularities[0].eta_out) = (true, 0.1, 0.2);
+        let far = Pose::translation(Vector3::new(0.05, 0.05, 0.0));
+        let (held, _) = Pull::between(&far, &Pose::identity(), &report, &[Loop::default()]).hold(&far, &Pose::identity());
+        assert!((held.p - Vector3::new(ALONG_M, ACROSS_M, 0.0)).norm() < 1e-12, "{}", held.p);
     }
 }

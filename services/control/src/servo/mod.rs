@@ -2,14 +2,19 @@
 //!
 //! There is no path to look along. The [`Reference`] follows the target within the session's speed and acceleration; the law, the governor and the
 //! torque rate are those of a path, and see it as a leg of constant twist, [`HORIZON_S`](crate::trajectory::HORIZON_S) long, that begins anew at every tick. The governor's clock
-//! slows the reference; [`limits`] adds the joint limits to it. Reach ends the motion by a [`leash`]: the reference is never further from the arm
-//! than it, so that nothing winds up and a way back is free at once.
+//! slows the reference; [`limits`] adds the joint limits to it.
 //!
-//! Reduces to the paper's law: with a target within reach and limits the reference is a feasible motion, and the law is that of a path.
+//! The law acts on the *reference arm*: an ideal arm of the same model, without noise or friction, with nine tenths of the torques. Its accelerations
+//! keep the [`stops`] of its joints, and the real arm follows it joint by joint: Γ = A(q)(q̈_r + k_v(q̇_r − q̇) + k_p(q_r − q)) + bias. So reference and arm
+//! never part: whatever limit ends a motion ends it on the reference arm. Reach ends the motion by a [`leash`] between reference and reference arm, so that
+//! nothing winds up and a way back is free at once.
+//!
+//! Reduces to the paper's law: where the arm is its model and no stop is near, q̈ = q̈_r is the acceleration that the law demands.
 
 pub mod intake;
 pub mod leash;
 pub mod limits;
 pub mod reference;
+pub mod stops;
 
 pub use reference::Reference;

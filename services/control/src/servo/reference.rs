@@ -1,15 +1,15 @@
 //! The reference from tick to tick.
 
 use super::limits::Fastest;
-use crate::continuous::path_plan::Sample;
+use crate::continuous::torque_rate::Sent;
 use crate::linear::{angular, clamp_norm, linear, rotation_exp, stack};
 use crate::types::Refusal;
 use model::{Pose, joints, padded};
 use nalgebra::{Matrix3, SVector, Vector6};
-use shared_types::TargetContent;
 use shared_types::checkpoints::ServoCheckpoint;
 use shared_types::codes::{SIDE_NEGATIVE, SIDE_POSITIVE, TARGET_POSTURE};
 use shared_types::scenario::{Scenario, Servo};
+use shared_types::{AnalyzerCheckpoint, TargetContent};
 
 /// Gain from an error of velocity to an acceleration, 1/s, and the lag of that acceleration, s: a step in it would be a step in torque.
 const GAIN: f64 = 25.0;
@@ -20,7 +20,7 @@ const POSTURE_GAIN: f64 = 5.0;
 const POSTURE_SPEED: f64 = 0.4;
 const POSTURE_RISE_S: f64 = 0.3;
 
-/// The state of a steered run's reference; all of it but `fastest` survives a restart.
+/// The state of a steered run's reference; all of it but `fastest`, which each tick makes anew, survives a restart.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reference<const N: usize> {
     /// The target in force.
@@ -37,10 +37,12 @@ pub struct Reference<const N: usize> {
     pub V: Vector6<f64>,
     /// Its change per second of real time.
     pub a: Vector6<f64>,
-    /// Joint reference of a posture target, rad.
+    /// Posture of the reference arm, rad.
     pub q: SVector<f64, N>,
-    /// Its rate at full clock speed, rad/s.
+    /// Its velocity, rad/s.
     pub qdot: SVector<f64, N>,
+    /// Its torque.
+    pub sent: Sent<N>,
     /// Distance that reach has taken away since the target began, m.
     pub behind_m: f64,
     /// Targets refused.
@@ -55,6 +57,8 @@ pub struct Reference<const N: usize> {
     pub stopping: bool,
     /// The tick before was at the boundary of reach.
     pub clipped: bool,
+    /// The reference arm begins anew at the arm, from which it has parted.
+    pub parted: bool,
     /// The clock that the joint limits allow at this tick.
     pub fastest: Fastest,
 }
@@ -73,7 +77,7 @@ pub fn without_text(scenario: &Scenario) -> Scenario {
 impl<const N: usize> Reference<N> {
     /// At rest in a posture whose pose is `X`.
     #[must_use]
-    pub fn at(X: Pose, q: SVector<f64, N>) -> Self {
+    pub fn at(X: Pose, q: SVector<f64, N>, sent: Sent<N>) -> Self {
         Self {
             held: TargetContent::default(),
             tick: 0,
@@ -84,6 +88,7 @@ impl<const N: usize> Reference<N> {
             a: Vector6::zeros(),
             q,
             qdot: SVector::zeros(),
+            sent,
             behind_m: 0.0,
             refused: 0,
             refusal: 0,
@@ -91,6 +96,7 @@ impl<const N: usize> Reference<N> {
             stops: 0,
             stopping: false,
             clipped: false,
+            parted: false,
             fastest: Fastest::default(),
         }
     }
@@ -101,22 +107,16 @@ impl<const N: usize> Reference<N> {
         self.held.kind == TARGET_POSTURE
     }
 
-    /// The posture that the reference is in, for auxiliary coordinates and null space.
-    #[must_use]
-    pub fn sample(&self) -> Option<Sample<N>> {
-        self.is_posture().then_some(Sample { t: 0.0, time_rate: 1.0, q: self.q, dq: self.qdot, speed: 1.0 })
-    }
-
     /// The side in which a fold is to be left: −1, +1, or 0 to keep.
     #[must_use]
     pub fn branch(&self) -> i32 {
         i32::from(self.held.side == SIDE_POSITIVE) - i32::from(self.held.side == SIDE_NEGATIVE)
     }
 
-    /// Rest in the arm's own pose: what is left of a motion that the law has ended.
-    pub fn rest_at(&mut self, X: Pose, q: SVector<f64, N>) {
-        (self.X, self.q) = (X, q);
-        (self.V, self.a, self.qdot) = (Vector6::zeros(), Vector6::zeros(), SVector::zeros());
+    /// Rest in the pose `X`: what is left of a motion that the law has ended.
+    pub fn rest_at(&mut self, X: Pose) {
+        self.X = X;
+        (self.V, self.a) = (Vector6::zeros(), Vector6::zeros());
     }
 
     /// One tick towards the twist `V`: within the session's acceleration, and smooth in it.
@@ -127,11 +127,11 @@ impl<const N: usize> Reference<N> {
         self.a += (bounded - self.a) * (dt / (LAG_S + dt));
     }
 
-    /// One tick of a posture target's joint reference; `qddot` out, rad/s².
+    /// The reference arm's acceleration towards the posture `goal`, all joints arriving together, rad/s².
     #[must_use]
-    pub fn accelerate_joints(&self, goal: &SVector<f64, N>, velocity: &SVector<f64, N>) -> SVector<f64, N> {
+    pub fn towards(&self, goal: &SVector<f64, N>, velocity: &SVector<f64, N>) -> SVector<f64, N> {
         let most = |i: usize| POSTURE_SPEED * velocity[i].min(10.0);
-        // All joints arrive together: the slowest gives the measure.
+        // The slowest joint gives the measure.
         let error = goal - self.q;
         let share = (0..N).fold(0.0_f64, |share, i| share.max(POSTURE_GAIN * error[i].abs() / most(i)));
         let wanted = error * (POSTURE_GAIN / share.max(1.0));
@@ -139,6 +139,12 @@ impl<const N: usize> Reference<N> {
             let limit = most(i) / POSTURE_RISE_S;
             ((wanted[i] - self.qdot[i]) * GAIN).clamp(-limit, limit)
         })
+    }
+
+    /// Moves the reference arm on by a tick.
+    pub fn accelerate_arm(&mut self, qddot: &SVector<f64, N>, dt: f64) {
+        self.q += self.qdot * dt + qddot * (0.5 * dt * dt);
+        self.qdot += qddot * dt;
     }
 
     /// Moves on by a tick at the clock's speed.
@@ -150,7 +156,7 @@ impl<const N: usize> Reference<N> {
         self.V += self.a * dt;
     }
 
-    /// Writes all of it.
+    /// Writes all of it; the analysis is the controller's.
     #[must_use]
     pub fn checkpoint(&self) -> ServoCheckpoint {
         let plus_one = |tick: Option<u64>| tick.map_or(0, |tick| tick + 1);
@@ -165,6 +171,10 @@ impl<const N: usize> Reference<N> {
             a: self.a.into(),
             q: padded(&self.q),
             qdot: padded(&self.qdot),
+            tau: padded(&self.sent.tau),
+            tau_path: padded(&self.sent.path),
+            tau_null: padded(&self.sent.null),
+            analysis: AnalyzerCheckpoint::default(),
             behind_m: self.behind_m,
             refused: self.refused,
             refusal: self.refusal,
@@ -172,12 +182,14 @@ impl<const N: usize> Reference<N> {
             stops: self.stops,
             stopping: u32::from(self.stopping),
             clipped: u32::from(self.clipped),
+            parted: u32::from(self.parted),
+            reserved: 0,
         }
     }
 
-    /// The state that [`checkpoint`](Self::checkpoint) has written.
+    /// The state that [`checkpoint`](Self::checkpoint) has written, its torque within the arm's `limits`, N·m.
     #[must_use]
-    pub fn restored(from: &ServoCheckpoint) -> Self {
+    pub fn restored(from: &ServoCheckpoint, limits: &SVector<f64, N>) -> Self {
         Self {
             held: from.held,
             tick: from.tick,
@@ -188,6 +200,7 @@ impl<const N: usize> Reference<N> {
             a: from.a.into(),
             q: joints(&from.q),
             qdot: joints(&from.qdot),
+            sent: Sent::restored(joints(&from.tau), joints(&from.tau_path), joints(&from.tau_null), limits),
             behind_m: from.behind_m,
             refused: from.refused,
             refusal: from.refusal,
@@ -195,6 +208,7 @@ impl<const N: usize> Reference<N> {
             stops: from.stops,
             stopping: from.stopping != 0,
             clipped: from.clipped != 0,
+            parted: from.parted != 0,
             fastest: Fastest::default(),
         }
     }

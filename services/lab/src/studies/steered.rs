@@ -14,8 +14,8 @@ use session::table::{number, table};
 use session::{Failure, Observer, Steering};
 use shared_types::bounds::{larger, share};
 use shared_types::codes::{
-    REASON_EFFORT, REASON_LIMIT, REASON_OVER, REASON_REACH, REASON_RESTING, REASON_SINGULARITY, REASON_STALE, REASONS, REFUSALS,
-    TARGET_REFUSALS, name_of, reason_text,
+    REASON_EFFORT, REASON_HELD, REASON_LIMIT, REASON_OVER, REASON_REACH, REASON_RESTING, REASON_SINGULARITY, REASON_STALE, REASONS,
+    REFUSALS, TARGET_REFUSALS, name_of, reason_text,
 };
 use shared_types::random::Uniform;
 use shared_types::{MAX_DOF, ServoState};
@@ -28,6 +28,8 @@ pub const ROBOTS: [&str; 4] = ["puma560", "ur5", "iiwa14", "panda"];
 
 /// Share of the speed asked for below which an arm stands still, and for how long it may, s.
 const STILL: (f64, f64) = (0.02, 0.5);
+/// Largest error orthogonal to the singular directions, mm.
+const ORTHOGONAL_MM: f64 = 0.5;
 /// Twist that asks for motion; m/s, rad/s.
 const MOVES: f64 = 1e-3;
 
@@ -60,9 +62,21 @@ pub struct Score {
     pub slowed_s: f64,
     /// How often the law stopped for a moment.
     pub stops: u64,
-    /// The session with the largest orthogonal error, or the longest stall.
-    pub worst: String,
+    /// The worst events beyond the bars, the worst first, with their cause.
+    pub events: Vec<Event>,
 }
+
+/// A moment at which a bar is not kept.
+#[derive(Clone, Debug, Serialize)]
+pub struct Event {
+    /// How many times the bar; the events of a table are sorted by it.
+    pub times: f64,
+    /// Session, time, measure and the controller's reason.
+    pub text: String,
+}
+
+/// Most events that are kept.
+const EVENTS: usize = 10;
 
 impl Score {
     /// Whether the bars are kept: no limit exceeded, no torque step beyond the rate, 0.5 mm, no stall without a reason.
@@ -72,18 +86,14 @@ impl Score {
             && self.torque <= 1.0
             && self.step <= 1.0 + 1e-6
             && self.limits == 0
-            && self.orthogonal_mm <= 0.5
+            && self.orthogonal_mm <= ORTHOGONAL_MM
             && self.stalled_s <= 0.0
     }
 
     fn add(&mut self, other: &Self) {
-        let is_worse = other.stalled_s > 0.0
-            || other.orthogonal_mm > self.orthogonal_mm && other.orthogonal_mm > 0.5
-            || other.limits > 0
-            || other.speed > 1.0;
-        if is_worse {
-            self.worst.clone_from(&other.worst);
-        }
+        self.events.extend(other.events.iter().cloned());
+        self.events.sort_by(|a, b| b.times.total_cmp(&a.times));
+        self.events.truncate(EVENTS);
         self.seconds += other.seconds;
         self.speed = larger(self.speed, other.speed);
         self.torque = larger(self.torque, other.torque);
@@ -132,7 +142,9 @@ pub fn random(subjects: &[Steering], seeds: u64, seconds: f64, observer: Observe
     for subject in subjects {
         for seed in 1..=seeds {
             let targets = session::Targets::Text(twists(seed, seconds));
-            let loaded = Steering { targets, duration_s: None, ..subject.clone() }.load()?;
+            let mut loaded = Steering { targets, duration_s: None, ..subject.clone() }.load()?;
+            // Twists that know nothing of a floor: an arm that is pressed against one is no finding on the law.
+            loaded.scenario.plant.floor_m = None;
             sessions.push((subject.subject.clone(), seed, loaded));
         }
     }
@@ -156,25 +168,33 @@ fn score(Loaded { scenario, robot, .. }: &Loaded, seed: u64) -> Result<Score, Fa
     let mut judge = Judge::new(recorder::limits(robot), scenario.goal.clone(), scenario.duration_s() * f64::from(scenario.rate_hz));
     let (mut tick, dt) = (Tick::default(), scenario.dt_s());
     let (mut score, mut before, mut still) = (Score { seconds: scenario.duration_s(), ..Score::default() }, None::<[f64; MAX_DOF]>, 0.0);
-    let mut worst = (0.0, String::new());
+    let mut worst: [Option<Event>; 4] = Default::default();
     while !chain.is_over() {
         chain.step(&mut tick);
         let messages = recorder::Tick::of(&tick.lent()).ok_or_else(|| Failure::Work("a tick without a message".to_owned()))?;
         let error = TaskError::on(&messages, &robot.task.0);
         judge.tick(messages);
-        score.take(robot, &tick, before, dt);
-        before = Some(tick.torque.tau);
         let state = &tick.servo_state;
-        let stated = [REASON_LIMIT, REASON_REACH, REASON_RESTING, REASON_STALE, REASON_OVER].contains(&state.reason);
+        let stated = [REASON_LIMIT, REASON_REACH, REASON_RESTING, REASON_STALE, REASON_OVER, REASON_HELD].contains(&state.reason);
         let stands = !stated && state.V_target.iter().any(|x| x.abs() > MOVES) && state.speed_scale < STILL.0;
         still = if stands { still + dt } else { 0.0 };
         let seconds = tick.torque.header.tick as f64 * dt;
         if still > STILL.1 {
             score.stalled_s += dt;
-            worst = (f64::MAX, format!("seed {seed}: stalled at {seconds:.1} s ({})", describe(state)));
         }
-        if error.position[1] > worst.0 {
-            worst = (error.position[1], format!("seed {seed}: {:.3} mm at {seconds:.2} s ({})", error.position[1], describe(state)));
+        let (speed, beyond) = score.take(robot, &tick, before, dt);
+        before = Some(tick.torque.tau);
+        // Beyond a range by so much is no worse than twice the bar of a degree.
+        let excesses = [
+            (error.position[1] / ORTHOGONAL_MM, format!("{:.3} mm orthogonal to ζ", error.position[1])),
+            (if beyond > 0.0 { 1.0 + beyond } else { 0.0 }, format!("a joint {:.4} rad beyond its range", beyond)),
+            (speed, format!("a joint at {speed:.3} of its speed")),
+            (if still > STILL.1 { 1.0 + still } else { 0.0 }, format!("stalled for {still:.2} s")),
+        ];
+        for (worst, (times, what)) in worst.iter_mut().zip(excesses) {
+            if times > 1.0 && worst.as_ref().is_none_or(|worst| times > worst.times) {
+                *worst = Some(Event { times, text: format!("seed {seed}, {seconds:.2} s: {what}; {}", describe(state)) });
+            }
         }
     }
     let verdict = judge.verdict();
@@ -182,26 +202,31 @@ fn score(Loaded { scenario, robot, .. }: &Loaded, seed: u64) -> Result<Score, Fa
     score.torque = verdict.joints.torque_max_ratio;
     (score.orthogonal_mm, score.orthogonal_deg) = (verdict.task.orthogonal_max_mm, verdict.task.orthogonal_max_deg);
     score.stops = u64::from(tick.servo_state.stops);
-    score.worst = if score.speed > 1.0 { format!("seed {seed}: speed {:.3}; {}", score.speed, worst.1) } else { worst.1 };
+    score.events = worst.into_iter().flatten().collect();
     Ok(score)
 }
 
 impl Score {
-    fn take(&mut self, robot: &Robot, tick: &Tick, before: Option<[f64; MAX_DOF]>, dt: f64) {
+    /// Takes a tick in; the largest share of a joint's speed in it, and the largest distance of a joint beyond its range, rad.
+    fn take(&mut self, robot: &Robot, tick: &Tick, before: Option<[f64; MAX_DOF]>, dt: f64) -> (f64, f64) {
+        let (mut speed, mut beyond) = (0.0_f64, 0.0_f64);
         for (i, joint) in robot.joints.iter().enumerate() {
             if let Some(before) = before {
                 self.step = larger(self.step, share(tick.torque.tau[i] - before[i], joint.torque_rate * dt));
             }
             let q = tick.plant_state.q[i];
-            self.limits |= u64::from(!(joint.lower..=joint.upper).contains(&q));
+            beyond = larger(beyond, (q - joint.upper).max(joint.lower - q));
+            speed = larger(speed, share(tick.plant_state.qdot[i], joint.velocity));
         }
+        self.limits |= u64::from(beyond > 0.0 || beyond.is_nan());
         let seconds = match tick.servo_state.reason {
             REASON_LIMIT => &mut self.limit_s,
             REASON_REACH => &mut self.reach_s,
             REASON_SINGULARITY | REASON_EFFORT => &mut self.slowed_s,
-            _ => return,
+            _ => return (speed, beyond),
         };
         *seconds += dt;
+        (speed, beyond)
     }
 }
 
@@ -267,7 +292,11 @@ impl fmt::Display for ScoresText<'_> {
             f,
             "a joint left its range; stalled: less than 2 % of the speed asked for, for longer than 0.5 s, neither reach nor a joint limit the reason"
         )?;
-        self.0.iter().filter(|score| !score.worst.is_empty()).try_for_each(|score| writeln!(f, "{}: {}", score.robot, score.worst))
+        let events = self.0.iter().flat_map(|score| score.events.iter().map(|event| (&score.robot, event)));
+        for (robot, event) in events {
+            writeln!(f, "{robot}, {}", event.text)?;
+        }
+        Ok(())
     }
 }
 
