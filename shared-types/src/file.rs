@@ -126,7 +126,12 @@ fn lay_over(table: &mut toml::Table, setting: &str) -> Result<(), (String, Strin
         .ok()
         .and_then(|mut parsed| parsed.remove("value"))
         .unwrap_or_else(|| toml::Value::String(value.to_owned()));
-    let missing = |key: &str| (format!("`{key}` does not name a place in the file"), "see `armplane list --keys`".to_owned());
+    let missing = |key: &str| {
+        (
+            format!("`{key}` does not name a place in the file"),
+            "the keys are those of the file: `armplane schema scenario` lists them".to_owned(),
+        )
+    };
     let mut keys = path.trim().split('.').peekable();
     let first = keys.next().unwrap_or_default();
     if keys.peek().is_none() {

@@ -147,6 +147,9 @@ for_each_topic!(derive);
 /// The topics that only a steered run has.
 pub const STEERED: [&str; 2] = ["target", "servo_state"];
 
+/// Most topics of a run, those of its graph included: each has a bit on every doorbell.
+pub const MAX_TOPICS: usize = 29;
+
 /// The topics that every run has, in the order of the list.
 pub const ALWAYS: [&str; COUNT - STEERED.len()] = {
     let (mut always, mut taken, mut place) = ([""; COUNT - STEERED.len()], 0, 0);

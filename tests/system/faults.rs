@@ -196,7 +196,7 @@ fn a_cut_edge_keeps_messages_from_one_reader_alone() {
     assert_eq!(count("torque") + 2, count("estimate"), "and it has nothing to answer");
     assert_eq!(summary["outcome"], "goal reached", "{}", summary["reason"]);
     let fault = &summary["faults"][0];
-    assert!(fault["injected"] == true && fault["detected_ms"].is_number() && summary["processes"][3]["restarts"] == 0, "{fault}");
+    assert!(fault["occurred"] == true && fault["detected_ms"].is_number() && summary["processes"][3]["restarts"] == 0, "{fault}");
 }
 
 #[test]
@@ -210,7 +210,7 @@ fn slow_processes_and_pages_that_are_gone_change_no_byte_in_lockstep() {
     desk.file("slow.toml", &scenario(&faults));
     let (calm, slow) = (desk.run(&["calm.toml", "--out", "a"]), desk.run(&["slow.toml", "--out", "b"]));
     assert_eq!(topics(&calm), topics(&slow));
-    let injected = slow["faults"].as_array().unwrap().iter().filter(|fault| fault["injected"] == true).count();
+    let injected = slow["faults"].as_array().unwrap().iter().filter(|fault| fault["occurred"] == true).count();
     assert_eq!(injected, 9, "{}", slow["faults"]);
 }
 

@@ -41,5 +41,5 @@ pub(crate) fn replay(args: &ReplayArgs, as_json: bool) -> Result<ExitCode, Failu
     } else {
         show(&ReplayedText { process: process.name(), job: &job, replayed: &replayed });
     }
-    Ok(ExitCode::from(u8::from(replayed.first().is_some())))
+    Ok(ExitCode::from(u8::from(replayed.first().is_some() || !replayed.is_complete())))
 }

@@ -20,7 +20,7 @@ use crate::desired_motion::{Followed, desired_motion};
 use crate::law::{Active, Actives, LawError, Torques, Wanted};
 use crate::paper::reference::{Memory, Target};
 use crate::paper::{chang_khatib, null_space, type_1, type_2};
-use crate::plausibility::{self, Plausible};
+use crate::plausibility::{self, Bounds, Plausible};
 use crate::posture::Postures;
 use crate::route_ahead::route_ahead;
 use crate::servo::{limits, reference};
@@ -121,7 +121,7 @@ impl<const N: usize> Controller<N> {
             return self.refuse(q, qdot, Refusal::State);
         }
         let terms = &self.model.evaluate(q, qdot);
-        if !self.is_plausible(q, qdot, terms) {
+        if !self.state.plausible.take(q, qdot, &Bounds::of(&self.model, terms, self.scenario.dt_s())) {
             return self.doubt();
         }
         self.act((q, qdot), tau_disturbance, report, terms)

@@ -1,7 +1,7 @@
 //! Estimates that no arm can have moved to: beyond what its speed and torque limits allow.
 
 use crate::linear::Lu;
-use model::Terms;
+use model::{Model, Terms};
 use nalgebra::SVector;
 
 /// Time after which a state that stays implausible is refused, s: longer than the estimator sets readings aside, shorter than an arm takes to fall far.
@@ -29,6 +29,13 @@ pub(crate) struct Bounds<'a, const N: usize> {
     pub(crate) effort: &'a SVector<f64, N>,
     /// s.
     pub(crate) dt: f64,
+}
+
+impl<'a, const N: usize> Bounds<'a, N> {
+    /// Those of an arm in the state whose terms are `terms`, over a tick of `dt` s.
+    pub(crate) fn of(model: &'a Model<N>, terms: &'a Terms<N>, dt: f64) -> Self {
+        Self { terms, velocity: model.velocity(), effort: model.effort(), dt }
+    }
 }
 
 /// The last plausible state, carried on to rest while the estimate is set aside.

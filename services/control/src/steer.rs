@@ -59,7 +59,7 @@ impl<const N: usize> Controller<N> {
             return self.step(q, qdot, tau_disturbance, report);
         }
         let terms = self.model.evaluate(q, qdot);
-        if !self.is_plausible(q, qdot, &terms) {
+        if !self.state.plausible.take(q, qdot, &Bounds::of(&self.model, &terms, self.scenario.dt_s())) {
             self.state.servo.parted = true;
             let rest = self.doubt();
             let goes_on = goes_on(rest.refusal);
@@ -102,12 +102,6 @@ impl<const N: usize> Controller<N> {
         let is_held = behind.norm() > BEHIND_M.0;
         self.explain(&wish, &pull, (age_s, clock, is_held), &listed, out);
         command
-    }
-
-    /// Whether the arm can have moved to this state, whose terms are `terms`.
-    pub(crate) fn is_plausible(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, terms: &Terms<N>) -> bool {
-        let bounds = Bounds { terms, velocity: self.model.velocity(), effort: self.model.effort(), dt: self.scenario.dt_s() };
-        self.state.plausible.take(q, qdot, &bounds)
     }
 
     /// Begins the reference arm anew at the arm, where the two have parted: an estimate was set aside, the arm was held or thrown.

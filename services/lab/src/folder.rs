@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use launcher::folders::{KEPT, PREFIX};
 use session::Failure;
 
 /// Where the runs leave their messages: the user's folder, or one that is gone at the end.
@@ -13,11 +14,7 @@ pub(crate) enum Folder {
 impl Folder {
     pub(crate) fn create(wanted: Option<&Path>) -> Result<Self, Failure> {
         match wanted {
-            None => tempfile::Builder::new()
-                .prefix("armplane-")
-                .tempdir()
-                .map(Self::Passing)
-                .map_err(|error| Failure::Work(format!("cannot make a temporary folder: {error}; name one with --out"))),
+            None => scratch().map(Self::Passing),
             Some(folder) => std::fs::create_dir_all(folder).and_then(|()| folder.canonicalize()).map(Self::Kept).map_err(|error| {
                 Failure::Input(format!("cannot write to {}: {error}; choose another folder with --out", folder.display()))
             }),
@@ -35,7 +32,11 @@ impl Folder {
     pub(crate) fn keep(self) -> PathBuf {
         match self {
             Self::Kept(path) => path,
-            Self::Passing(folder) => folder.keep(),
+            Self::Passing(folder) => {
+                // Not abandoned: whoever is told of it looks at it.
+                let _ = std::fs::write(folder.path().join(KEPT), "");
+                folder.keep()
+            }
         }
     }
 }
@@ -45,6 +46,8 @@ impl Folder {
 /// # Errors
 /// [`Failure::Work`] where it cannot be made.
 pub(crate) fn scratch() -> Result<tempfile::TempDir, Failure> {
-    let folder = tempfile::Builder::new().prefix("armplane-bench-").tempdir();
-    folder.map_err(|error| Failure::Work(format!("cannot make a temporary folder: {error}")))
+    let folder = tempfile::Builder::new().prefix(&format!("{PREFIX}{}-", std::process::id())).tempdir();
+    folder.map_err(|error| {
+        Failure::Work(format!("cannot make a temporary folder: {error}; name one with --out, or another place with TMPDIR"))
+    })
 }

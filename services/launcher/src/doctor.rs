@@ -1,7 +1,8 @@
 //! The machine's settings that matter to a run, as data.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use crate::folders::abandoned;
 use runtime::realtime::{Rights, allowed_cores};
 use runtime::{FoundRun, RunDir, SHM};
 use rustix::fs::{Access, access, statvfs};
@@ -23,6 +24,8 @@ pub struct Health {
     pub clock_source: String,
     /// The share of each period that real-time tasks may use, "950000 of 1000000 µs" on a stock kernel; `None` is no limit.
     pub realtime_budget: Option<(u64, u64)>,
+    /// Temporary folders of experiments that were killed.
+    pub folders: Vec<PathBuf>,
     /// This user's runs in shared memory, living and dead.
     pub runs: Vec<FoundRun>,
 }
@@ -51,6 +54,7 @@ pub fn examine() -> Health {
         preempt_rt: version.contains("PREEMPT_RT"),
         clock_source: read("/sys/devices/system/clocksource/clocksource0/current_clocksource"),
         realtime_budget: realtime_budget(),
+        folders: abandoned(),
         runs: RunDir::list(),
     }
 }
@@ -172,8 +176,8 @@ pub fn checks(health: &Health) -> Vec<Check> {
         Check {
             what: "leftovers",
             optional: true,
-            good: dead.is_empty(),
-            finding: format!("{} of dead runs; {} runs alive", dead.len(), alive.len()),
+            good: dead.is_empty() && health.folders.is_empty(),
+            finding: format!("{} of dead runs, {} temporary folders; {} runs alive", dead.len(), health.folders.len(), alive.len()),
             remedy: "armplane clean",
         },
     ]

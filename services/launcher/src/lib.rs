@@ -13,6 +13,7 @@ mod child;
 mod delay;
 mod descendants;
 pub mod doctor;
+pub mod folders;
 mod launch;
 mod limits;
 mod outcome;

@@ -8,6 +8,7 @@ use model::{Robot, RobotError, RobotSource};
 use shared_types::file::Complaint;
 use shared_types::graph::{self, Graph};
 use shared_types::job::{Job, Mode, RobotText};
+use shared_types::process::Program;
 use shared_types::scenario::Scenario;
 use shared_types::target_file::{self, InvalidRow};
 use sim::scenarios;
@@ -237,6 +238,12 @@ pub fn graph(file: Option<&Path>) -> Result<Graph, Failure> {
     let Some(path) = file else { return Ok(Graph::parse("graph.toml", graph::BUILT_IN)?) };
     let (name, text) = (path.display().to_string(), read(path)?);
     let mut graph = Graph::parse(&name, &text)?;
+    if !graph.process.iter().any(|process| process.program() == Some(Program::Recorder)) {
+        return Err(Failure::Input(format!(
+            "{name}: no process records the run, and its account comes from the recorder: extends = \"armplane\", or a process with \
+             program = \"recorder\" (`--no-record` leaves out the recording, not the account)"
+        )));
+    }
     let folder = path.parent().unwrap_or(Path::new("")).join(graph.folder.unwrap_or_default());
     let folder = if folder.as_os_str().is_empty() { PathBuf::from(".") } else { folder };
     let canonical = folder.canonicalize().map_err(|error| Failure::Input(format!("{name}: folder: {}: {error}", folder.display())))?;
@@ -327,7 +334,7 @@ pub fn read(path: &Path) -> Result<String, Failure> {
     std::fs::read_to_string(path).map_err(|error| {
         let path = path.display();
         Failure::Input(match error.kind() {
-            ErrorKind::NotFound => format!("there is no file {path}: give the path of one, or no name for the built-in"),
+            ErrorKind::NotFound => format!("there is no file {path}: give the path of one that exists"),
             ErrorKind::InvalidData => format!("{path} is no text: save it as UTF-8"),
             ErrorKind::IsADirectory => format!("{path} is a folder: give the path of a file"),
             _ => format!("cannot read {path}: {error}"),

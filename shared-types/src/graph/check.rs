@@ -3,7 +3,7 @@
 use super::topology::Graph;
 use crate::file::Complaint;
 use crate::process::{MAX_PROCESSES, Process, Program, Role};
-use crate::topics::TOPICS;
+use crate::topics::{MAX_TOPICS, TOPICS};
 use crate::wire::MAX_HOPS;
 
 /// In `reads`: all topics that others write.
@@ -11,9 +11,6 @@ pub(super) const EVERYTHING: &str = "*";
 
 /// Readers that a topic has room for.
 const MOST_READERS: usize = 8;
-
-/// Topics that a process can be woken for: a bit each.
-const MOST_TOPICS: usize = 30;
 
 /// Longest name of a process or a topic: it is part of the names of files.
 const LONGEST_NAME: usize = 32;
@@ -81,9 +78,9 @@ impl Graph {
     }
 
     fn check_topics(&self) -> Result<(), Complaint> {
-        if self.topic.len() + TOPICS.len() > MOST_TOPICS {
+        if self.topic.len() + TOPICS.len() > MAX_TOPICS {
             let message = format!("the graph declares {} topics", self.topic.len());
-            return Err(Complaint::new("topic", message, format!("{} at most", MOST_TOPICS - TOPICS.len())));
+            return Err(Complaint::new("topic", message, format!("{} at most", MAX_TOPICS - TOPICS.len())));
         }
         for (i, topic) in self.topic.iter().enumerate() {
             let at = |key: &str| format!("topic.{i}.{key}");

@@ -28,11 +28,19 @@ pub struct Replayed {
     pub topics: Vec<Topic>,
     /// Recorded outputs whose inputs are not in the record; they cannot be computed again.
     pub without_input: u64,
+    /// Outputs that the run's summary counts and the record does not have: its files are damaged.
+    pub missing: u64,
     /// Why the replay ended before the record did; empty where it did not.
     pub ended: String,
 }
 
 impl Replayed {
+    /// Whether every output of the run was computed again.
+    #[must_use]
+    pub fn is_complete(&self) -> bool {
+        self.without_input == 0 && self.missing == 0 && self.ended.is_empty()
+    }
+
     /// The earliest difference; of one tick, that of the topic that is sent first.
     pub fn first(&self) -> Option<(u64, &'static str, &Difference)> {
         let firsts = self.topics.iter().filter_map(|topic| topic.first.as_ref().map(|(tick, place)| (*tick, topic.name, place)));
@@ -57,7 +65,7 @@ pub fn replay(run: &Path, process: Program, settings: &[String], observer: Obser
     let tape = Tape { folder: run.join(recorder::MESSAGES), run, observer, scheduled_faults: scheduled_faults(run, &job, &name)? };
     observer(Progress::Begin { title: &scenario.name, length: scenario.planned_ticks(), unit: "ticks" });
     let refused = |error: Refused| Failure::input(error);
-    let replayed = match process {
+    let mut replayed = match process {
         Program::Estimator => tape.step::<_, StateEstimate, EstimatorCheckpoint, _>(
             tape.open::<SensorSample>()?,
             || estimator::cycle(&robot, &scenario).map_err(refused),
@@ -93,6 +101,7 @@ pub fn replay(run: &Path, process: Program, settings: &[String], observer: Obser
         Program::Recorder | Program::Operator => Err(Failure::Input(format!("the {} has no step that could be fed again", process.name()))),
     }?;
     observer(Progress::End);
+    replayed.missing = missing(run, &replayed);
     if replayed.topics.iter().all(|topic| topic.messages == 0) && replayed.without_input == 0 {
         let run = run.display();
         return Err(Failure::Input(format!(
@@ -100,6 +109,18 @@ pub fn replay(run: &Path, process: Program, settings: &[String], observer: Obser
         )));
     }
     Ok((job, replayed))
+}
+
+/// How many outputs of the process the run's summary counts beyond those that were found.
+fn missing(run: &Path, replayed: &Replayed) -> u64 {
+    let counts = summary(run).map(|summary| summary.topics).unwrap_or_default();
+    let of = |topic: &Topic| counts.get(topic.name).map_or(0, |topic| topic.count).saturating_sub(topic.messages + replayed.without_input);
+    if replayed.ended.is_empty() { replayed.topics.iter().map(of).sum() } else { 0 }
+}
+
+/// The summary of a run; `None` where it was stopped before it had one.
+fn summary(run: &Path) -> Option<Summary> {
+    std::fs::read(run.join(SUMMARY)).ok().and_then(|text| serde_json::from_slice(&text).ok())
 }
 
 /// The job of the run.
@@ -123,9 +144,8 @@ fn job(run: &Path) -> Result<Job, Failure> {
 
 /// The faults that happened to a process, planned or not: the summary knows of all, and without one (the run was stopped) the plan counts.
 fn scheduled_faults(run: &Path, job: &Job, process: &str) -> Result<Vec<ScheduledFault>, Failure> {
-    let summary = std::fs::read(run.join(SUMMARY)).ok().and_then(|text| serde_json::from_slice::<Summary>(&text).ok());
     let happened = |summary: Summary| summary.faults.into_iter().filter_map(|fault| fault.plan).collect::<Vec<Fault>>();
-    let faults = summary.map_or_else(|| job.scenario.fault.clone(), happened);
+    let faults = summary(run).map_or_else(|| job.scenario.fault.clone(), happened);
     let scenario = Scenario { fault: faults, ..job.scenario.clone() };
     let all = scenario.scheduled_faults(&job.graph).map_err(|complaint| Failure::Input(complaint.to_string()))?;
     let index = job.graph.target(process).map(|target| target.index);
@@ -215,7 +235,7 @@ impl Tape<'_> {
             }
             (self.observer)(Progress::Position(header.tick));
         }
-        Ok(Replayed { topics: Out::topics(outputs), without_input, ended: String::new() })
+        Ok(Replayed { topics: Out::topics(outputs), without_input, missing: 0, ended: String::new() })
     }
 
     fn was_shaped(&self, tick: u64) -> bool {
@@ -272,7 +292,7 @@ impl Tape<'_> {
             cycle.step(command.as_ref());
             (self.observer)(Progress::Position(tick));
         }
-        Ok(Replayed { topics: vec![sensor.topic(), state.topic()], without_input: 0, ended })
+        Ok(Replayed { topics: vec![sensor.topic(), state.topic()], without_input: 0, missing: 0, ended })
     }
 }
 

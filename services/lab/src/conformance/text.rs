@@ -122,11 +122,18 @@ impl fmt::Display for ReplayedText<'_> {
         if replayed.without_input > 0 {
             writeln!(f, "{} outputs could not be computed: their inputs are not in the record", replayed.without_input)?;
         }
+        if replayed.missing > 0 {
+            writeln!(f, "{} outputs of the run are not in the record: its files are damaged", replayed.missing)?;
+        }
         if !replayed.ended.is_empty() {
             writeln!(f, "{}", replayed.ended)?;
         }
         let messages: u64 = replayed.topics.iter().map(|topic| topic.messages).sum();
-        let verdict = if replayed.first().is_none() { "the same bytes" } else { "NOT the same bytes" };
+        let verdict = match (replayed.first(), replayed.is_complete()) {
+            (Some(_), _) => "NOT the same bytes",
+            (None, true) => "the same bytes",
+            (None, false) => "the same bytes, of an INCOMPLETE record",
+        };
         writeln!(f, "{}, seed {}, {process}, {messages} messages: {verdict}", job.scenario.name, job.scenario.seed)
     }
 }
@@ -150,7 +157,7 @@ impl Replayed {
         json!({
                 "run": job.run, "scenario": job.scenario.name, "seed": job.scenario.seed, "version": job.version, "process": process,
                 "set": settings, "identical": first.is_none(), "difference": first, "topics": self.topics.iter().map(topic).collect::<Vec<_>>(),
-                "without_input": self.without_input, "ended": self.ended,
+                "without_input": self.without_input, "missing": self.missing, "ended": self.ended,
         })
     }
 }

@@ -17,6 +17,7 @@ use crate::control_page::live_statistics::{LiveState, LiveStateCells};
 use crate::fault::table::FaultTable;
 use crate::run_dir::RunDir;
 use shared_types::process::MAX_PROCESSES;
+use shared_types::topics::MAX_TOPICS;
 
 /// "armbrd" and the version of this layout.
 const MAGIC: u64 = u64::from_be_bytes(*b"armbrd\0\x04");
@@ -63,9 +64,6 @@ struct Page {
     topics: [TopicEntry; MAX_TOPICS],
     entries: [ProcessEntry; MAX_PROCESSES],
 }
-
-/// Most topics a run may have: each has a bit on every doorbell.
-const MAX_TOPICS: usize = 29;
 
 /// One topic on the control page.
 #[repr(C, align(64))]
