@@ -49,7 +49,7 @@ impl Chain {
     /// One tick: sample, estimate, analyse, control, move. Fills the messages of the chain; those of other processes stay as they are.
     pub fn step(&mut self, tick: &mut Tick) {
         self.apply_faults();
-        let Tick { sensor, plant_state, estimate, singularity, target, servo_state, control_state, torque } = tick;
+        let Tick { sensor, plant_state, estimate, singularity, target, servo_state, control_state, torque, .. } = tick;
         self.plant.sample(self.tick, sensor, plant_state);
         self.estimator.step(sensor, estimate);
         self.analyzer.step(estimate, singularity);
