@@ -78,7 +78,7 @@ impl DeclaredTopic {
             let Some((name, type_name)) = text.split_once(':').map(|(name, type_name)| (name.trim(), type_name.trim())) else {
                 return refuse(format!("`{text}` is no field"), "name: type, as in `kinetic_j: f64`");
             };
-            if (i == 0) != (name == "header" && type_name == Header::ELEMENT) {
+            if (i == 0) != (name == "header") || (i == 0) != (type_name == Header::ELEMENT) {
                 return refuse(format!("`{text}` at place {i}"), "a message begins with `header: Header`, once");
             }
             let Some((element, unit, count)) = parse_type(type_name) else {

@@ -96,7 +96,12 @@ impl Graph {
                 let message = format!("`{}` cannot be the name of a type", topic.type_name);
                 return Err(Complaint::new(at("type"), message, "3 to 128 letters, digits, `.` and `_`, as in armplane.Energy.v1"));
             }
-            topic.layout().map_err(|complaint| complaint.within(&format!("topic.{i}")))?;
+            let layout = topic.layout().map_err(|complaint| complaint.within(&format!("topic.{i}")))?;
+            let of_that_type = TOPICS.into_iter().filter_map(|name| self.layout(name)).find(|known| known.type_name == layout.type_name);
+            if of_that_type.is_some_and(|known| known.hash != layout.hash) {
+                let message = format!("`{}` is a type of armplane with other fields", topic.type_name);
+                return Err(Complaint::new(at("type"), message, "another name, or the fields that `armplane wire` prints"));
+            }
             if self.writer(&topic.name).is_none() {
                 let message = format!("no process writes `{}`", topic.name);
                 return Err(Complaint::new(at("name"), message, "add it to one process's `writes`"));
