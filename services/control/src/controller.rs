@@ -11,7 +11,7 @@ use crate::continuous::auxiliary::Gains;
 use crate::continuous::blended;
 use crate::continuous::foresight::Foreseen;
 use crate::continuous::governor::Load;
-use crate::continuous::guide::Guide;
+use crate::continuous::guide::{Guide, WAIT};
 use crate::continuous::saturation::{Limited, compensated, limit};
 use crate::continuous::speed_limit;
 use crate::continuous::turn_plan;
@@ -38,9 +38,8 @@ use shared_types::{ControllerCheckpoint, MAX_SINGULARITIES};
 
 /// Share of a joint's speed, at full clock speed, beyond which the path is refused: twice the limit even at the slowest clock.
 const HOPELESS: f64 = 40.0;
-/// Share of a joint's speed that the self-motion at a singularity may take; demand that slows the path's clock down to its slowest.
+/// Share of a joint's speed that the self-motion at a singularity may take.
 const JOINT_SHARE: f64 = 0.5;
-const WAIT: f64 = 20.0;
 
 /// The control law of one arm and one task.
 #[derive(Clone, Debug)]

@@ -54,8 +54,8 @@ const LATCH: (f64, f64) = (1.3, 1.6);
 /// and at what has no name. In it, where that changes only before the half that is left vanishes.
 const ANGULAR: [(f64, f64); 4] = [(0.1, 0.05), (0.95, 0.9), (0.6, 0.4), (0.98, 0.02)];
 
-/// s is never exactly zero.
-const SMALLEST: f64 = 1e-12;
+/// s is never exactly zero: its sign is the side.
+pub(crate) const SMALLEST: f64 = 1e-12;
 
 /// Most that a turns in Π at a tick, rad: inside η_in, and beyond it in addition at full openness.
 const TURN: (f64, f64) = (0.01, 1.6);

@@ -1,15 +1,13 @@
 //! Where the auxiliary coordinate of a lost direction goes: along the fold, out of the neighbourhood by the self-motion, or until ζ is out of the way.
 
 use super::family::Situation;
+use super::lost::SMALLEST;
 use crate::linear::{rotation_log, smoothstep, wrap_line};
 use crate::paper::reference::Memory;
 use crate::paper::type_1::Fold;
 use crate::paper::type_2::{Direction, TURNS};
 use crate::types::{Class, Singularity};
 use shared_types::bounds::within;
-
-/// s is never exactly zero.
-const SMALLEST: f64 = 1e-12;
 
 /// |s| over η_in from which on the path is followed again, and by which alone.
 const FOLLOWING: (f64, f64) = (0.9, 1.3);

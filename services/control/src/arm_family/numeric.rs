@@ -20,6 +20,7 @@ use super::axes::{frame, meeting};
 use super::block::Block;
 use super::classify::{Verdict, classify};
 use super::family::{ArmFamily, Posture, Situation};
+use super::lost::SMALLEST;
 use super::screws::Screws;
 use crate::centre::AtCentre;
 use crate::linear::stack;
@@ -49,9 +50,6 @@ const FAR: f64 = 0.5;
 
 /// Share of ∇s along v above which s is a coordinate of the fold.
 const SLOPE: f64 = 0.1;
-
-/// s is never exactly zero: its sign is the side.
-const SMALLEST: f64 = 1e-12;
 
 /// Postures sampled for σ_ref.
 const SAMPLES: usize = 256;

@@ -2,14 +2,12 @@
 
 use super::axes::shoulder;
 use super::family::Situation;
+use super::waist::CROSSING;
 use super::wrist::PASS;
 use crate::continuous::foresight::{Foreseen, Foresight};
 use crate::linear::{angular, linear, rotation_exp, wrap_angle, wrap_line};
 use model::Terms;
 use nalgebra::{Vector2, Vector3};
-
-/// In-plane radius below which the arm may come out on the other side of its waist axis, m.
-const CROSSING: f64 = 0.03;
 
 /// Damping on the sine of the desired wrist angle: as in the wrist's own reference.
 const MU: f64 = 0.02;

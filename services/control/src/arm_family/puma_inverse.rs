@@ -1,6 +1,7 @@
 //! A PUMA's lengths, and its closed-form inverse kinematics along the path: where the first three joints and the wrist will have to be.
 
 use super::axes::shoulder;
+use super::waist::CROSSING;
 use super::wrist::PASS;
 use crate::continuous::foresight::{Foreseen, Foresight};
 use crate::linear::{rotation_exp, rotation_log, wrap_angle, wrap_line};
@@ -31,9 +32,6 @@ impl PumaLengths {
         wrap_angle(q3 - self.q3_stretched)
     }
 }
-
-/// In-plane radius below which the arm may come out on the other side of its waist axis, m.
-const CROSSING: f64 = 0.03;
 
 /// The first three joints' inverse kinematics, on the sides of shoulder and elbow where the arm is.
 #[derive(Clone, Copy, Debug)]

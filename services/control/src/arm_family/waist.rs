@@ -9,6 +9,9 @@ use crate::types::{Class, Kind, Singularity};
 use nalgebra::{Matrix3, Vector3};
 use std::ops::Range;
 
+/// In-plane radius below which the arm may come out on the other side of its waist axis, m.
+pub(crate) const CROSSING: f64 = 0.03;
+
 /// Damping on the in-plane radius, m: only desired quantities are divided by it, so it need not cover noise.
 const MU: f64 = 3e-5;
 

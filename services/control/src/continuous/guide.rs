@@ -4,6 +4,7 @@
 
 use super::path_plan::{PathPlan, Sample};
 use crate::paper::reference::Target;
+use crate::paper::type_1::SIDE_CHANGE;
 use crate::types::{Mode, Singularity};
 use nalgebra::SVector;
 
@@ -11,9 +12,7 @@ use nalgebra::SVector;
 const WAIT_FROM: f64 = 0.05;
 const WAIT_TO: f64 = 0.25;
 /// Demand on the clock that makes it wait.
-const WAIT: f64 = 20.0;
-/// Coordinate of a fold within which the plan decides the side.
-const SIDE_CHANGE: f64 = 0.02;
+pub(crate) const WAIT: f64 = 20.0;
 /// Coordinate beyond which the plan is on a side.
 const SIDE: f64 = 1e-3;
 /// How far ahead of the present the plan is asked for that side, s.
