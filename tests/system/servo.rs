@@ -64,6 +64,23 @@ fn what_is_sent_while_the_run_lasts_is_saved_and_gives_the_same_bytes() {
 }
 
 #[test]
+fn the_last_target_before_the_end_of_input_is_followed_to_its_end() {
+    let desk = Desk::new();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_armplane"))
+        .args(["servo", "ur5", "--from", "-", "--out", "one", "--json"])
+        .current_dir(desk.path())
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("armplane starts");
+    writeln!(child.stdin.take().expect("a pipe"), "twist, base, 0.5, 0.05 0 0 0 0 0").expect("the run reads");
+    let summary = summary(&finish(child));
+    assert_eq!(summary["completed"], true, "{}", summary["reason"]);
+    assert!((500..3_000).contains(&summary["ticks"].as_u64().expect("ticks")), "{}", summary["ticks"]);
+}
+
+#[test]
 fn what_cannot_be_steered_says_why() {
     let desk = Desk::new();
     desk.file("wrong.csv", "# armplane targets 1, length mm\n0, twist, tool, 1, 0 0 0 0 0 0\n");
@@ -77,6 +94,7 @@ fn what_cannot_be_steered_says_why() {
         (&["servo", "panda", "--random", "1", "--start", "lying"], "no posture `lying`"),
         (&["servo", "panda", "ur5", "--random", "1"], "one robot or scenario at a time"),
         (&["servo", "fig5-wrist-rotation"], "is not steered"),
+        (&["servo", "panda", "--from", "topic"], "name a graph with a process of yours that writes `target`"),
     ] {
         let said = desk.armplane(args);
         assert!(said.code == 2 && said.err.contains(expected), "{args:?}: {}{}", said.out, said.err);

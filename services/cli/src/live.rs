@@ -20,8 +20,6 @@ const HOLDS_S: f64 = 0.6;
 const EVERY: Duration = Duration::from_millis(100);
 /// Pause before a line that no process took is sent again.
 const AGAIN: Duration = Duration::from_millis(2);
-/// The target that ends a session.
-const END: &str = "end";
 /// Speed of a key at the start: m/s and rad/s.
 const SPEED: (f64, f64) = (0.05, 0.2);
 
@@ -60,11 +58,11 @@ impl Keyboard {
     }
 }
 
-/// Sends the lines of standard input to a run, and the end of the session at the end of input.
+/// Sends the lines of standard input to a run; at the end of input the session ends with its last target.
 pub(crate) fn send_lines(run: &RunDir) -> Result<(), Failure> {
     let (socket, path) = (UnixDatagram::unbound().map_err(Failure::work)?, run.path().join(Servo::SOCKET));
     std::thread::spawn(move || {
-        for line in std::io::stdin().lines().map_while(Result::ok).chain([END.to_owned()]) {
+        for line in std::io::stdin().lines().map_while(Result::ok).chain([Servo::CLOSE.to_owned()]) {
             // The operator makes its socket when it starts.
             while socket.send_to(line.as_bytes(), &path).is_err() && path.parent().is_some_and(|run| run.exists()) {
                 std::thread::sleep(AGAIN);
@@ -117,7 +115,7 @@ impl Keys {
             b'u' | b'o' => 5,
             b' ' => 6,
             // Ctrl-C and Ctrl-D too.
-            b'q' | 3 | 4 => return Some(END.to_owned()),
+            b'q' | 3 | 4 => return Some(Servo::END.to_owned()),
             other => {
                 self.set(other);
                 return None;

@@ -54,6 +54,10 @@ struct Live {
     is_paced: bool,
     /// Lines that were no target.
     complaints: Cell<u32>,
+    /// First tick after the target in force.
+    is_over: u64,
+    /// The tick at which the session ends, once its input has ended.
+    ends: Option<u64>,
 }
 
 /// Lines that are no target, named one by one.
@@ -67,7 +71,15 @@ impl Live {
         let refused = |error: io::Error| ProcessError::setup(format_args!("{}: {error}", path.display()));
         let socket = UnixDatagram::bind(&path).map_err(refused)?;
         socket.set_nonblocking(true).map_err(refused)?;
-        Ok(Self { socket, rate_hz, began: None, is_paced: shell.mode() == Mode::Lockstep, complaints: Cell::new(0) })
+        Ok(Self {
+            socket,
+            rate_hz,
+            began: None,
+            is_paced: shell.mode() == Mode::Lockstep,
+            complaints: Cell::new(0),
+            is_over: 0,
+            ends: None,
+        })
     }
 
     /// Waits for the time of a tick, where nothing else paces the run.
@@ -96,15 +108,26 @@ impl Live {
     }
 
     /// Takes in all that has come; a line that is no target counts as one that cannot be read.
-    fn receive(&self, tick: u64, cycle: &mut Cycle) {
+    fn receive(&mut self, tick: u64, cycle: &mut Cycle) {
         let mut line = [0; LINE];
         while let Ok(length) = self.socket.recv(&mut line) {
             let text = std::str::from_utf8(&line[..length]).unwrap_or_default();
+            if text == Servo::CLOSE {
+                self.ends = Some(self.is_over.max(tick));
+                continue;
+            }
             let target = content(text, 1.0, tick, self.rate_hz).unwrap_or_else(|defect| {
                 self.complain(text, &defect);
                 unreadable(tick)
             });
+            let rest_s = target.valid_s.clamp(0.0, Servo::LONGEST_REST_S);
+            self.is_over = tick + (rest_s * f64::from(self.rate_hz)).ceil() as u64;
             cycle.feed(&target);
+        }
+        if self.ends.is_some_and(|ends| ends <= tick) {
+            let end = content(Servo::END, 1.0, tick, self.rate_hz);
+            end.iter().for_each(|end| cycle.feed(end));
+            self.ends = None;
         }
     }
 }

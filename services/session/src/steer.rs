@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use model::Robot;
+use shared_types::process::{Process, Program};
 use shared_types::target_file;
 use sim::scenarios;
 
@@ -85,6 +86,14 @@ impl Steering {
         let robot = source.robot(&scenario)?;
         let own_graph = Some(&scenario.graph).filter(|file| !file.is_empty()).map(|file| source.beside(file));
         let graph = load::graph_of(&scenario, self.graph.as_deref().or(own_graph.as_deref()))?;
+        let writer = graph.writer("target").and_then(Process::program);
+        if matches!(self.targets, Targets::Process) && writer == Some(Program::Operator) {
+            return Err(Failure::Input(
+                "no process of the graph gives targets but armplane's operator, which has none: name a graph with a process of yours that writes `target`, \
+                 as in --graph examples/python/spiral.toml"
+                    .to_owned(),
+            ));
+        }
         source.check(&scenario, &robot, &graph)?;
         Ok(Loaded { scenario, robot, graph })
     }

@@ -53,6 +53,15 @@ impl Servo {
     /// The name of the socket in the run's directory that takes the targets of a live session, one line each.
     pub const SOCKET: &str = "operator.socket";
 
+    /// The line that ends a live session at once ...
+    pub const END: &str = "end";
+
+    /// ... and the one that ends it when its last target is over, or after [`Self::LONGEST_REST_S`].
+    pub const CLOSE: &str = "close";
+
+    /// Longest time for which a session goes on after its input has ended, s.
+    pub const LONGEST_REST_S: f64 = 10.0;
+
     /// The targets of the text, for a run of `rate_hz`; none where there is no text.
     #[must_use]
     pub fn rows(&self, rate_hz: u32) -> Vec<Row> {
