@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use proc_macro2::{Delimiter, TokenTree};
 
-use crate::source::{self, File, Target, is, items, paths};
+use crate::source::{self, File, Target, is, items, paths, use_tree};
 
 /// The bindings of one module: items that it defines, names that it imports, modules from which it imports everything.
 #[derive(Default)]
@@ -281,39 +281,6 @@ fn split_uses(tokens: &[TokenTree], uses: &mut Vec<Import>, others: &mut Vec<Tok
                 other => others.push(other.clone()),
             }
         }
-    }
-}
-
-/// The leaves of a `use` tree: the name bound and the full path.
-fn use_tree(tokens: &[TokenTree], before: &[String], found: &mut Vec<(String, Vec<String>)>) {
-    for branch in tokens.split(|token| is(token, ",") || is(token, ";")) {
-        let mut path = before.to_vec();
-        let mut name = None;
-        let mut at = 0;
-        while at < branch.len() {
-            match &branch[at] {
-                TokenTree::Ident(ident) if *ident == "as" => {
-                    name = branch.get(at + 1).map(ToString::to_string);
-                    break;
-                }
-                TokenTree::Ident(ident) => path.push(ident.to_string()),
-                TokenTree::Group(group) => {
-                    use_tree(&group.stream().into_iter().collect::<Vec<_>>(), &path, found);
-                    path.clear();
-                    break;
-                }
-                token if is(token, "*") => name = Some("*".to_owned()),
-                _ => {}
-            }
-            at += 1;
-        }
-        if path.is_empty() || path == before && name.is_none() {
-            continue;
-        }
-        if path.last().is_some_and(|last| last == "self") && path.len() > 1 {
-            path.pop();
-        }
-        found.push((name.unwrap_or_else(|| path.last().cloned().unwrap_or_default()), path));
     }
 }
 

@@ -4,5 +4,6 @@
 mod circles;
 mod citations;
 mod claims;
+mod purity;
 mod rules;
 mod source;

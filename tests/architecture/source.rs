@@ -399,3 +399,54 @@ fn collect_paths(tokens: &[TokenTree], found: &mut Vec<Vec<String>>) {
         }
     }
 }
+
+/// The leaves of a `use` tree: the name bound and the full path.
+pub(crate) fn use_tree(tokens: &[TokenTree], before: &[String], found: &mut Vec<(String, Vec<String>)>) {
+    for branch in tokens.split(|token| is(token, ",") || is(token, ";")) {
+        let mut path = before.to_vec();
+        let mut name = None;
+        let mut at = 0;
+        while at < branch.len() {
+            match &branch[at] {
+                TokenTree::Ident(ident) if *ident == "as" => {
+                    name = branch.get(at + 1).map(ToString::to_string);
+                    break;
+                }
+                TokenTree::Ident(ident) => path.push(ident.to_string()),
+                TokenTree::Group(group) => {
+                    use_tree(&group.stream().into_iter().collect::<Vec<_>>(), &path, found);
+                    path.clear();
+                    break;
+                }
+                token if is(token, "*") => name = Some("*".to_owned()),
+                _ => {}
+            }
+            at += 1;
+        }
+        if path.is_empty() || path == before && name.is_none() {
+            continue;
+        }
+        if path.last().is_some_and(|last| last == "self") && path.len() > 1 {
+            path.pop();
+        }
+        found.push((name.unwrap_or_else(|| path.last().cloned().unwrap_or_default()), path));
+    }
+}
+
+/// The leaves of all `use` declarations at every depth.
+pub(crate) fn use_leaves(tokens: &[TokenTree]) -> Vec<(String, Vec<String>)> {
+    let mut found = Vec::new();
+    walk(tokens, &mut |tokens| {
+        for (at, _) in tokens.iter().enumerate().filter(|(_, token)| is(token, "use")) {
+            let tree: Vec<TokenTree> = tokens[at + 1..].iter().take_while(|token| !is(token, ";")).cloned().collect();
+            use_tree(&tree, &[], &mut found);
+        }
+    });
+    found.retain(|(_, path)| !path.is_empty());
+    found
+}
+
+/// Code that a self-test writes down.
+pub(crate) fn tokens_of(text: &str) -> Vec<TokenTree> {
+    TokenStream::from_str(text).unwrap_or_else(|error| panic!("{text}: {error}")).into_iter().collect()
+}

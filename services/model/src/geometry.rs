@@ -58,11 +58,11 @@ pub(crate) fn default_length(joints: &[Joint], frames: &[Frame], tip: &str) -> f
 pub(crate) fn served_axes(robot: &Robot) -> TaskAxes {
     let q: Vec<f64> = (0..robot.dof()).map(|i| 0.7 + 0.37 * i as f64).collect();
     let J = jacobian(robot, &q);
-    let mut basis: Vec<Vec<f64>> = Vec::new();
+    let mut basis: Vec<f64> = Vec::new(); // one row of the length of q after the other
     let independent = |axis: &TaskAxis| {
         let mut row: Vec<f64> = J.iter().map(|column| column[axis.row()]).collect();
         // Gram–Schmidt against the rows already taken.
-        for b in &basis {
+        for b in basis.chunks_exact(row.len().max(1)) {
             let along: f64 = b.iter().zip(&row).map(|(b, r)| b * r).sum();
             row.iter_mut().zip(b).for_each(|(r, b)| *r -= along * b);
         }
@@ -70,7 +70,7 @@ pub(crate) fn served_axes(robot: &Robot) -> TaskAxes {
         if norm < 1e-6 {
             return false;
         }
-        basis.push(row.into_iter().map(|r| r / norm).collect());
+        basis.extend(row.into_iter().map(|r| r / norm));
         true
     };
     let mut independent = independent;

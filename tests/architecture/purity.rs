@@ -1,0 +1,493 @@
+//! What pure code and the control path may touch, one test per rule of the house; `docs/architecture.md` gives the reasons.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use proc_macro2::{Delimiter, TokenTree};
+
+use crate::source::{self, File, Package, is, is_path_separator, paths, tokens_of, use_leaves, walk};
+
+/// Crates in which nothing but numbers is touched.
+const PURE_CRATES: [&str; 4] = ["model", "control", "sim", "chain"];
+/// Rooms of that kind in crates that do other things too, as a file or as a folder: the step of each process, the judge, the order of lockstep.
+const PURE_ROOMS: [&str; 3] = ["cycle", "judge", "lockstep"];
+/// Crates on the way from a sensor sample to a torque.
+const CONTROL_PATH: [&str; 5] = ["model", "control", "estimator", "analyzer", "controller"];
+
+/// Crates that pure code may depend on: pure ones, those whose `cycle.rs` `chain` calls, and libraries that compute or read text.
+const PURE_DEPENDENCIES: [&str; 17] = [
+    "analyzer",
+    "control",
+    "controller",
+    "estimator",
+    "hdrhistogram",
+    "libm",
+    "model",
+    "nalgebra",
+    "operator",
+    "plant",
+    "rapier3d-f64",
+    "serde",
+    "shared-types",
+    "sim",
+    "thiserror",
+    "toml",
+    "urdf-rs",
+];
+/// Modules of the standard library that hold no clock, thread, file, environment or process.
+const PURE_STANDARD: [&str; 20] = [
+    "any",
+    "array",
+    "borrow",
+    "cell",
+    "cmp",
+    "collections",
+    "convert",
+    "error",
+    "f64",
+    "fmt",
+    "iter",
+    "marker",
+    "mem",
+    "num",
+    "ops",
+    "path",
+    "result",
+    "slice",
+    "str",
+    "sync",
+];
+/// What these modules hold that is not pure all the same: shared state, and maps whose order is another in every process.
+const IMPURE: [&str; 15] = [
+    "HashMap",
+    "HashSet",
+    "RandomState",
+    "DefaultHasher",
+    "Mutex",
+    "RwLock",
+    "Condvar",
+    "Barrier",
+    "mpsc",
+    "atomic",
+    "OnceLock",
+    "LazyLock",
+    "OnceCell",
+    "Instant",
+    "SystemTime",
+];
+
+fn is_pure(package: &Package, file: &File) -> bool {
+    let is_pure_room = |part: &str| PURE_ROOMS.contains(&part.trim_end_matches(".rs"));
+    PURE_CRATES.contains(&package.name.as_str()) || file.path.iter().filter_map(|part| part.to_str()).any(is_pure_room)
+}
+
+/// What code names that is not pure: places of the standard library, other names of a crate's root, dependencies outside the list, mutable
+/// or hidden state, output.
+pub(crate) fn impurities(code: &[TokenTree], dependencies: &[String]) -> BTreeSet<String> {
+    let mut found = BTreeSet::new();
+    let mut named = paths(code);
+    for (name, path) in use_leaves(code) {
+        let root = ["std", "core", "alloc"].contains(&path[0].as_str()) || dependencies.contains(&path[0]);
+        if root && (path.len() == 1 && name != path[0] || path.len() == 1 && name == "*") {
+            found.insert(format!("{} as {name}", path[0]));
+        }
+        if root {
+            named.push(path);
+        }
+    }
+    for path in &named {
+        let first = path[0].as_str();
+        let standard = ["std", "core", "alloc"].contains(&first) && path.len() > 1;
+        let is_module = |word: &str| word.chars().all(|c| !c.is_uppercase());
+        if standard && is_module(&path[1]) && !PURE_STANDARD.contains(&path[1].as_str()) && path[1..] != ["time", "Duration"] {
+            found.insert(path.join("::"));
+        }
+        if path.iter().any(|word| IMPURE.contains(&word.as_str()) && (path.len() > 1 || word.chars().any(char::is_uppercase))) {
+            found.insert(path.join("::"));
+        }
+        let allowed = |name: &str| PURE_DEPENDENCIES.iter().any(|pure| pure.replace('-', "_") == name);
+        if path.len() > 1 && dependencies.iter().any(|name| name == first) && !allowed(first) {
+            found.insert(path.join("::"));
+        }
+    }
+    walk(code, &mut |tokens| {
+        for (at, token) in tokens.iter().enumerate() {
+            let after = tokens.get(at + 1);
+            let macros = ["println", "eprintln", "print", "eprint", "dbg", "thread_local", "option_env"];
+            if macros.iter().any(|name| is(token, name)) && after.is_some_and(|next| is(next, "!")) {
+                found.insert(format!("{token}!"));
+            }
+            // `'static` is a lifetime.
+            if is(token, "static") && !(at > 0 && is(&tokens[at - 1], "'")) {
+                found.insert(format!("static {}", after.map(ToString::to_string).unwrap_or_default()));
+            }
+            if is(token, "extern") && after.is_some_and(|next| is(next, "crate") || matches!(next, TokenTree::Literal(_))) {
+                found.insert("extern".to_owned());
+            }
+        }
+    });
+    found
+}
+
+#[test]
+fn rule_2_pure_code_touches_nothing_but_numbers() {
+    let (mut checked, mut wrong) = (0, Vec::new());
+    let workspace = source::workspace();
+    for package in &workspace {
+        // Of the crates of the workspace, runtime has the clocks and the shared memory; the types of the others are data.
+        let is_data = |name: &str| name != "runtime" && workspace.iter().any(|package| package.name == name);
+        let dependencies: Vec<String> = package.imports().filter(|name| !is_data(name)).map(|name| name.replace('-', "_")).collect();
+        for file in package.code().filter(|file| is_pure(package, file)) {
+            checked += 1;
+            wrong.extend(impurities(&file.code, &dependencies).into_iter().map(|word| format!("{} names {word}", file.path.display())));
+        }
+        if PURE_CRATES.contains(&package.name.as_str()) {
+            let others = package.imports().filter(|name| !PURE_DEPENDENCIES.contains(name));
+            wrong.extend(others.map(|name| format!("{} depends on {name}", package.name)));
+        }
+    }
+    assert!(checked > 30, "only {checked} files: the check looks in the wrong place");
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn rule_2_the_check_sees_what_is_not_pure() {
+    let seen = |text: &str| !impurities(&tokens_of(text), &["libc".to_owned(), "nalgebra".to_owned()]).is_empty();
+    for text in [
+        "fn f() { std::fs::read(x); }",
+        "fn f() { ::std::fs::read(x); }",
+        "use std as s;",
+        "use std::{self as s};",
+        "use std::*;",
+        "extern crate std as s;",
+        "use std::{fmt, collections::{HashMap}};",
+        "use std::{fmt, env::var};",
+        "use std::time::{Duration, Instant};",
+        "use std::sync::atomic::AtomicU64;",
+        "fn f() { libc::clock_gettime(0, t); }",
+        "use libc as c;",
+        "static mut X: u64 = 0;",
+        "fn f() { static N: AtomicU64 = AtomicU64::new(0); }",
+        "fn f() { println!(); }",
+        "extern \"C\" { fn getpid() -> i32; }",
+    ] {
+        assert!(seen(text), "{text}");
+    }
+    for text in ["fn f(x: &'static str) -> std::fmt::Result { libm::log(x); nalgebra::zero() }", "use std::{fmt, ops::{Add, Mul}};"] {
+        assert!(!seen(text), "{text}");
+    }
+}
+
+#[test]
+fn rule_2_the_allocation_counts_of_the_pure_cycles_exist() {
+    let workspace = source::workspace();
+    let chain = workspace.iter().find(|package| package.name == "chain").unwrap();
+    let counted = chain.targets.iter().any(|target| target.kind == "test" && target.name == "allocations");
+    assert!(counted, "services/chain/tests/allocations.rs counts what a tick allocates");
+}
+
+/// Functions of the standard library and of nalgebra that differ between machines; `sqrt` and the four operations are exact everywhere,
+/// `powi` is products.
+const PLATFORM: [&str; 33] = [
+    "sin",
+    "cos",
+    "tan",
+    "sin_cos",
+    "asin",
+    "acos",
+    "atan",
+    "atan2",
+    "sinh",
+    "cosh",
+    "tanh",
+    "asinh",
+    "acosh",
+    "atanh",
+    "sinh_cosh",
+    "sinc",
+    "sinhc",
+    "cosc",
+    "coshc",
+    "exp",
+    "exp2",
+    "exp_m1",
+    "ln",
+    "ln_1p",
+    "log",
+    "log2",
+    "log10",
+    "powf",
+    "powc",
+    "cbrt",
+    "hypot",
+    "gamma",
+    "ln_gamma",
+];
+/// Constructors and methods of nalgebra's rotations that call them.
+const TRIGONOMETRIC: [&str; 16] = [
+    "from_euler_angles",
+    "from_axis_angle",
+    "from_scaled_axis",
+    "from_matrix",
+    "from_matrix_eps",
+    "rotation_between",
+    "scaled_rotation_between",
+    "rotation_between_axis",
+    "euler_angles",
+    "scaled_axis",
+    "axis_angle",
+    "angle_to",
+    "slerp",
+    "try_slerp",
+    "look_at_rh",
+    "look_at_lh",
+];
+/// Types of nalgebra whose `new` calls them.
+const ROTATIONS: [&str; 8] =
+    ["Rotation2", "Rotation3", "UnitQuaternion", "UnitComplex", "Isometry2", "Isometry3", "Similarity2", "Similarity3"];
+
+/// Calls of these functions: `x.sin()`, `f64::sin(x)`, `.map(f64::sin)`, `<f64>::sin(x)`, `Rotation3::new(…)`. Those of `libm` are allowed.
+fn platform_calls(code: &[TokenTree]) -> BTreeSet<String> {
+    let mut found = BTreeSet::new();
+    for (_, path) in use_leaves(code) {
+        let last = path.last().map(String::as_str).unwrap_or_default();
+        if ["std", "core", "f64", "nalgebra"].contains(&path[0].as_str()) && PLATFORM.contains(&last) {
+            found.insert(path.join("::"));
+        }
+    }
+    walk(code, &mut |tokens| {
+        for at in 1..tokens.len() {
+            let name = tokens[at].to_string();
+            let is_method = is(&tokens[at - 1], ".") && tokens.get(at + 1).is_some_and(|next| matches!(next, TokenTree::Group(_)));
+            let of_a_path = at > 2 && is_path_separator(&tokens[at - 2..]);
+            let owner = if of_a_path { owner(&tokens[..at - 2]) } else { String::new() };
+            let is_platform = PLATFORM.contains(&name.as_str()) && owner != "libm";
+            let is_rotation = TRIGONOMETRIC.contains(&name.as_str()) || name == "new" && ROTATIONS.contains(&owner.as_str());
+            if (is_platform && (is_method || of_a_path)) || (is_rotation && (is_method || of_a_path)) {
+                found.insert(format!("{owner}{}{name}", if of_a_path { "::" } else { "." }));
+            }
+        }
+    });
+    found
+}
+
+/// The last name before a `::`, generic arguments skipped: `Rotation3` of `nalgebra::Rotation3::<f64>::new`.
+fn owner(before: &[TokenTree]) -> String {
+    let mut depth = 0;
+    for token in before.iter().rev() {
+        match token {
+            token if is(token, ">") => depth += 1,
+            token if is(token, "<") => depth -= 1,
+            TokenTree::Ident(name) if depth == 0 => return name.to_string(),
+            TokenTree::Punct(mark) if depth == 0 && mark.as_char() != ':' => break,
+            _ => {}
+        }
+    }
+    String::new()
+}
+
+#[test]
+fn rule_5_functions_that_differ_between_machines_are_those_of_libm() {
+    let mut wrong = Vec::new();
+    for package in source::workspace() {
+        let is_simulated = ["plant", "sim"].contains(&package.name.as_str()) || CONTROL_PATH.contains(&package.name.as_str());
+        for file in package.code().filter(|file| is_simulated || is_pure(&package, file)) {
+            wrong.extend(platform_calls(&file.code).into_iter().map(|name| format!("{}: {name}", file.path.display())));
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+    let seen = |text: &str| platform_calls(&tokens_of(text)).len();
+    for text in [
+        "x.sin()",
+        "x.asinh()",
+        "f64::sin(x)",
+        "v.map(f64::cos)",
+        "<f64>::sin(x)",
+        "Rotation3::new(v)",
+        "nalgebra::Rotation3::<f64>::new(v)",
+        "UnitQuaternion::from_euler_angles(a, b, c)",
+    ] {
+        assert_eq!(seen(text), 1, "{text}");
+    }
+    for text in ["libm::sin(x)", "v.map(libm::cos)", "x.sqrt()", "Vector3::new(x, y, z)", "let sin = a.sin;"] {
+        assert_eq!(seen(text), 0, "{text}");
+    }
+}
+
+/// Types whose size is not in their type: nalgebra's, and a matrix made of vectors on the heap.
+fn dynamic_matrices(code: &[TokenTree]) -> BTreeSet<String> {
+    let dynamic = |word: &str| {
+        let begins = ["DMatrix", "DVector", "RowDVector", "OMatrix", "OVector", "VecStorage"].iter().any(|name| word.starts_with(name));
+        // Matrix6xX, MatrixXx3
+        begins || word == "Dyn" || word == "Dynamic" || word.starts_with("Matrix") && (word.contains("xX") || word.contains("Xx"))
+    };
+    let mut found: BTreeSet<String> = paths(code).into_iter().flatten().filter(|word| dynamic(word)).collect();
+    walk(code, &mut |tokens| {
+        for window in tokens.windows(5) {
+            let words: Vec<String> = window.iter().map(ToString::to_string).collect();
+            if words[..4] == ["Vec", "<", "Vec", "<"] && ["f64", "f32"].contains(&words[4].as_str()) {
+                found.insert(words.concat());
+            }
+        }
+    });
+    found
+}
+
+#[test]
+fn rule_6_the_control_path_has_no_dynamic_matrices() {
+    let mut wrong = Vec::new();
+    for package in source::workspace().iter().filter(|package| CONTROL_PATH.contains(&package.name.as_str())) {
+        for file in package.code() {
+            wrong.extend(dynamic_matrices(&file.code).into_iter().map(|word| format!("{} names {word}", file.path.display())));
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+    let seen = |text: &str| dynamic_matrices(&tokens_of(text)).len();
+    for text in ["x: nalgebra::Matrix6xX<f64>", "x: MatrixXx3<f64>", "x: DMatrix<f64>", "x: Vec<Vec<f64>>", "x: DVectorView<f64>"] {
+        assert_eq!(seen(text), 1, "{text}");
+    }
+    for text in ["x: Matrix6<f64>", "x: SMatrix<f64, 6, N>", "x: Vec<f64>", "x: MatrixView6<f64>"] {
+        assert_eq!(seen(text), 0, "{text}");
+    }
+}
+
+/// What stands in place of a failure of the call at this place: the arm of `None` or `Err` in its `match`, the `else` of its `if let`, where it
+/// neither leaves nor passes the failure on.
+fn replaced_failure(tokens: &[TokenTree], at: usize) -> Option<String> {
+    let leaves = |tokens: &[TokenTree]| {
+        let mut found = false;
+        let words = ["return", "break", "continue", "Err", "None", "panic", "unreachable"];
+        walk(tokens, &mut |tokens| found |= tokens.iter().any(|token| words.iter().any(|word| is(token, word)) || is(token, "?")));
+        found
+    };
+    let block = |token: &TokenTree| match token {
+        TokenTree::Group(group) if group.delimiter() == Delimiter::Brace => Some(group.stream().into_iter().collect::<Vec<_>>()),
+        _ => None,
+    };
+    let begins =
+        tokens[..at].iter().rposition(|token| is(token, ";") || is(token, "match") || is(token, "if") || block(token).is_some())?;
+    let end = at + tokens[at..].iter().position(|token| is(token, ";") || block(token).is_some())?;
+    let body = block(&tokens[end])?;
+    if tokens[at..end].iter().any(|token| is(token, "?")) {
+        return None;
+    }
+    if is(&tokens[begins], "if") && tokens.get(begins + 1).is_some_and(|next| is(next, "let")) {
+        let other = tokens.get(end + 1).filter(|token| is(token, "else")).and_then(|_| block(tokens.get(end + 2)?))?;
+        return (!leaves(&other)).then(|| format!("{{ {} }}", other.into_iter().collect::<proc_macro2::TokenStream>()));
+    }
+    if !is(&tokens[begins], "match") {
+        return None;
+    }
+    for (place, token) in body.iter().enumerate() {
+        let arrow = place >= 1 && is(token, "=") && body.get(place + 1).is_some_and(|next| is(next, ">"));
+        let pattern = if arrow { body[..place].iter().rev().take_while(|token| !is(token, ",")).collect::<Vec<_>>() } else { continue };
+        let fails = pattern.iter().any(|token| is(token, "None") || is(token, "Err") || is(token, "_"));
+        let value: Vec<TokenTree> = body[place + 2..].iter().take_while(|token| !is(token, ",")).cloned().collect();
+        if fails && !leaves(&value) {
+            return Some(value.into_iter().collect::<proc_macro2::TokenStream>().to_string());
+        }
+    }
+    None
+}
+
+/// `.inverse_like(…)` followed by `.unwrap_or…`, and a test for NaN with a number in place of what failed it.
+fn silent_repairs(code: &[TokenTree]) -> Vec<String> {
+    let may_fail = [
+        "try_inverse",
+        "try_inverse_mut",
+        "pseudo_inverse",
+        "inverse",
+        "cholesky",
+        "solve",
+        "try_solve",
+        "lu",
+        "qr",
+        "svd",
+        "try_svd",
+        "try_normalize",
+        "symmetric_eigen",
+        "try_symmetric_eigen",
+        "eigenvalues",
+        "lambda",
+    ];
+    let repairs = ["unwrap_or", "unwrap_or_default", "unwrap_or_else", "map_or", "map_or_else"];
+    let mut found = Vec::new();
+    walk(code, &mut |tokens| {
+        for (at, token) in tokens.iter().enumerate() {
+            // .name(…) and, some calls later in its chain, .repair(…); after `?` the error has left.
+            if let (TokenTree::Ident(name), Some(TokenTree::Group(_))) = (token, tokens.get(at + 1))
+                && may_fail.iter().any(|word| *name == word)
+            {
+                for link in tokens[at + 2..].chunks(3) {
+                    let [dot, TokenTree::Ident(repair), TokenTree::Group(_)] = link else { break };
+                    if !is(dot, ".") {
+                        break;
+                    }
+                    if repairs.iter().any(|word| *repair == word) {
+                        found.push(format!("{name}(…).{repair}(…)"));
+                    }
+                }
+                if let Some(what) = replaced_failure(tokens, at) {
+                    found.push(format!("{name}(…) and in place of its failure {what}"));
+                }
+            }
+            // if x.is_finite() { … } else { 0.0 }
+            if is(token, "is_finite") || is(token, "is_nan") {
+                let blocks = tokens[at..].iter().take(6).filter_map(|token| match token {
+                    TokenTree::Group(group) if group.delimiter() == Delimiter::Brace => {
+                        Some(group.stream().into_iter().collect::<Vec<_>>())
+                    }
+                    _ => None,
+                });
+                let constant = |block: Vec<TokenTree>| matches!(block.as_slice(), [TokenTree::Literal(_)]);
+                if blocks.into_iter().any(constant) {
+                    found.push(format!("{token}: a number in place of one that is not finite"));
+                }
+            }
+        }
+    });
+    found
+}
+
+/// Where an infinity is no error: what has no limit.
+const NO_LIMIT: [(&str, &str); 2] = [
+    ("services/recorder/src/judge.rs", "a joint without a limit uses no share of it"),
+    ("services/control/src/baselines/hold_and_blend.rs", "a joint without a limit is pushed with one unit"),
+];
+
+#[test]
+fn rule_8_nothing_is_silently_repaired() {
+    let mut wrong = Vec::new();
+    for package in source::workspace() {
+        for file in package.code().filter(|file| is_pure(&package, file) || CONTROL_PATH.contains(&package.name.as_str())) {
+            if NO_LIMIT.iter().any(|(path, _)| file.path == Path::new(path)) {
+                continue;
+            }
+            wrong.extend(silent_repairs(&file.code).into_iter().map(|what| format!("{}: {what}", file.path.display())));
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+    let seen = |text: &str| silent_repairs(&tokens_of(text)).len();
+    assert_eq!(seen("let B = A.try_inverse().unwrap_or(Matrix3::identity());"), 1);
+    assert_eq!(seen("let y = if x.is_nan() { 0.0 } else { x };"), 1);
+    assert_eq!(seen("let y = if x.is_finite() { x } else { 0.0 };"), 1);
+    assert_eq!(seen("let B = A.try_inverse().ok_or(Error::Singular)?;"), 0);
+    for text in [
+        "match A.try_inverse() { Some(B) => B, None => Matrix3::identity() }",
+        "let B = match A.try_inverse() { Some(B) => B, _ => Matrix3::identity() };",
+        "if let Some(B) = A.try_inverse() { B } else { Matrix3::identity() }",
+        "A.cholesky().map(|c| c.inverse()).unwrap_or(Matrix3::identity())",
+        "solve(A, b).ok().unwrap_or(zero)",
+    ] {
+        assert!(seen(text) > 0, "{text}");
+    }
+    for text in [
+        "match A.try_inverse() { Some(B) => Ok(B), None => Err(Error::Singular) }",
+        "let Some(B) = A.try_inverse() else { return Err(Error::Singular) };",
+        "if let Some(B) = A.try_inverse() { B } else { return None; }",
+        "if let Some(B) = A.try_inverse() { found.push(B); }",
+        "let B = solve(A, b)?.get(0).unwrap_or(zero);",
+    ] {
+        assert_eq!(seen(text), 0, "{text}");
+    }
+}
