@@ -22,14 +22,45 @@ const ASSERTIONS: [&str; 10] = [
 /// Methods that fail a test where something goes right that should not. `unwrap` and `expect` claim only that nothing went wrong.
 const EXPECTATIONS: [&str; 2] = ["expect_err", "unwrap_err"];
 
-/// Whether the tokens assert something by themselves.
+/// Macros whose argument may be a constant and that fail all the same.
+const FAILURES: [&str; 3] = ["panic", "unreachable", "compile_fail"];
+
+/// Whether an assertion of these arguments can fail: they name something, constants of the language apart.
+fn can_fail(arguments: &[TokenTree]) -> bool {
+    let condition: Vec<TokenTree> = arguments.iter().take_while(|token| !is(token, ",")).cloned().collect();
+    let names = |tokens: &[TokenTree]| paths(tokens).into_iter().flatten().any(|word| !["true", "false"].contains(&word.as_str()));
+    // `assert_eq!(1, f())`: the name may be on either side.
+    names(&condition) || condition.len() < arguments.len() && !is_boolean(&condition) && names(&arguments[condition.len()..])
+}
+
+fn is_boolean(tokens: &[TokenTree]) -> bool {
+    matches!(tokens, [token] if is(token, "true") || is(token, "false"))
+}
+
+/// Whether the tokens assert something by themselves: a constant asserts nothing, nor does the body of a loop over nothing.
 fn asserts_itself(body: &[TokenTree]) -> bool {
-    let mut found = false;
-    walk(body, &mut |tokens| {
-        found |= tokens.windows(2).any(|pair| ASSERTIONS.iter().any(|name| is(&pair[0], name)) && is(&pair[1], "!"));
-        found |= tokens.windows(2).any(|pair| is(&pair[0], ".") && EXPECTATIONS.iter().any(|name| is(&pair[1], name)));
-    });
-    found
+    for (at, token) in body.iter().enumerate() {
+        let is_named = |names: &[&str]| names.iter().any(|name| is(token, name)) && body.get(at + 1).is_some_and(|next| is(next, "!"));
+        let is_method = at > 0 && is(&body[at - 1], ".") && EXPECTATIONS.iter().any(|name| is(token, name));
+        if is_method || is_named(&FAILURES) {
+            return true;
+        }
+        let TokenTree::Group(group) = token else {
+            if let (true, Some(TokenTree::Group(arguments))) = (is_named(&ASSERTIONS), body.get(at + 2))
+                && can_fail(&arguments.stream().into_iter().collect::<Vec<_>>())
+            {
+                return true;
+            }
+            continue;
+        };
+        let over_nothing = at > 1
+            && is(&body[at - 2], "in")
+            && matches!(&body[at - 1], TokenTree::Group(list) if list.delimiter() == Delimiter::Bracket && list.stream().is_empty());
+        if !over_nothing && asserts_itself(&group.stream().into_iter().collect::<Vec<_>>()) {
+            return true;
+        }
+    }
+    false
 }
 
 /// Whether a body asserts something, itself or through functions of the list that it calls.
@@ -73,6 +104,26 @@ fn silent_ends(body: &[TokenTree]) -> usize {
     found
 }
 
+/// `if has_python(…) { … }` without an `else`: what could not run is reported by `skipped`, not passed over.
+fn silent_conditions(body: &[TokenTree]) -> usize {
+    let mut found = 0;
+    walk(body, &mut |tokens| {
+        for (at, _) in tokens.iter().enumerate().filter(|(_, token)| is(token, "if")) {
+            let is_block = |token: &TokenTree| matches!(token, TokenTree::Group(group) if group.delimiter() == Delimiter::Brace);
+            let Some(block) = tokens[at..].iter().position(is_block).map(|length| at + length) else { continue };
+            let asks =
+                tokens[at..block].iter().any(|token| matches!(token, TokenTree::Ident(name) if name.to_string().starts_with("has_")));
+            let reports = tokens[block..]
+                .iter()
+                .take_while(|token| !is(token, ";"))
+                .take(3)
+                .any(|part| paths(std::slice::from_ref(part)).into_iter().flatten().any(|word| word == "skipped"));
+            found += usize::from(asks && !reports);
+        }
+    });
+    found
+}
+
 #[test]
 fn every_test_claims_something_and_none_ends_in_silence() {
     let workspace = source::workspace();
@@ -92,6 +143,9 @@ fn every_test_claims_something_and_none_ends_in_silence() {
                     }
                     if silent_ends(&function.body) > 0 {
                         wrong.push(format!("{place} returns early without `return skipped(why)`"));
+                    }
+                    if file.path.starts_with("tests/system") && silent_conditions(&function.body) > 0 {
+                        wrong.push(format!("{place} passes over what cannot run without `skipped(why)`"));
                     }
                     let bare = function.attributes.iter().any(|attribute| attribute.len() == 1 && is(&attribute[0], "ignore"));
                     if bare {
@@ -124,6 +178,13 @@ fn the_check_sees_a_test_without_a_claim() {
     assert!(claims("#[test] fn t() { check(3); } fn check(n: u32) { assert!(n > 2); }"), "through a helper");
     assert!(!claims("#[test] fn t() { f().expect(\"a file\"); }"));
     assert!(!claims("#[test] fn t() { f().unwrap(); }") && !claims("#[test] fn t() { check(3); } fn check(_: u32) {}"));
+    assert!(!claims("#[test] fn t() { assert!(true); }") && !claims("#[test] fn t() { assert_eq!(1, 1); f(); }"), "constants");
+    assert!(!claims("#[test] fn t() { assert!(true, \"{}\", f()); }"), "the text names something, the condition does not");
+    assert!(!claims("#[test] fn t() { for x in [] { assert!(f(x)); } }") && claims("#[test] fn t() { for x in [1] { assert!(f(x)); } }"));
+    let silent = |text: &str| silent_conditions(&of(text)[0].body);
+    assert_eq!(silent("#[test] fn t() { if has_python(\"\") { assert!(f()); } }"), 1);
+    assert_eq!(silent("#[test] fn t() { if has_python(\"\") { assert!(f()); } else { skipped(\"no python\") } }"), 0);
+    assert_eq!(silent("#[test] fn t() { if !has_python(\"\") { return skipped(\"no python\"); } assert!(f()); }"), 0);
     let ends = |text: &str| silent_ends(&of(text)[0].body);
     assert_eq!(ends("#[test] fn t() { let Some(x) = f() else { return }; assert!(x); }"), 1);
     assert_eq!(ends("#[test] fn t() { let Some(x) = f() else { return skipped(\"no ptrace\") }; assert!(x); }"), 0);
