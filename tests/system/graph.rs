@@ -125,6 +125,23 @@ fn a_message_that_the_graph_declares_otherwise_is_refused_with_both_layouts() {
 }
 
 #[test]
+fn a_process_that_never_opens_a_topic_of_its_writes_is_refused() {
+    let desk = Desk::new();
+    let path = graph(&desk);
+    let text = std::fs::read_to_string(&path).unwrap().replace("writes = [\"energy\"]", "writes = [\"spare\", \"energy\"]");
+    desk.file(
+        "graph.toml",
+        &format!("{text}\n[[topic]]\nname = \"spare\"\ntype = \"own.Spare.v1\"\nfields = [\"header: Header\", \"x: f64\"]\n"),
+    );
+    for mode in [&["--no-record"][..], &["--no-record", "--mode", "realtime"]] {
+        let said = desk.armplane(&[&["run", &scenario(&desk, "plain.toml", ""), "--graph", &path], mode].concat());
+        assert_eq!(said.code, 1, "{}", said.err);
+        assert!(said.err.contains("energy has no writer for topic \"spare\", which stands in its `writes`"), "{}", said.err);
+        assert_nothing_left(said.launcher);
+    }
+}
+
+#[test]
 fn graphs_that_cannot_run_are_refused_before_anything_starts() {
     let desk = Desk::new();
     let process = |more: &str| format!("extends = \"armplane\"\n[[process]]\nname = \"mine\"\n{more}\n");

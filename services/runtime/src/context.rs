@@ -24,6 +24,7 @@ use crate::stamping::Stamping;
 use crate::wait::{Interrupted, Wait, Waited};
 
 mod cut;
+mod outputs;
 mod view;
 mod volume;
 
@@ -34,6 +35,8 @@ pub(crate) trait Connect {
 
 /// An end of the process that a closing tick concerns: messages held back for it are sent, and its readers are woken.
 pub(crate) trait Outlet {
+    /// Its topic.
+    fn topic(&self) -> &'static str;
     /// Sends what is due at `tick` or before.
     fn flush(&self, tick: u64);
     /// Wakes the readers.
@@ -160,6 +163,7 @@ impl Context {
 
     #[cold]
     fn begin(&self) -> Result<Waited<()>, Interrupted> {
+        self.has_all_outputs()?;
         self.entry().set_state(State::Ready);
         if matches!(self.wait_for_phase(Phase::Connect)?, Waited::Stopped) {
             return Ok(Waited::Stopped);
@@ -239,15 +243,6 @@ impl Context {
             _ if self.manifest.wait_limit.is_some_and(|limit| waited >= limit) => Patience::Exhausted(waited),
             _ => Patience::Sleep(deadline_ns.map(|deadline| deadline - now)),
         }
-    }
-
-    /// Notes that an output of a tick is about to leave; whether it is the last of those that the graph declares.
-    #[inline]
-    pub(crate) fn is_last_output(&self, tick: u64, output: usize) -> bool {
-        let (of, sent) = self.attached.outputs_sent.get();
-        let sent = if of == tick { sent } else { 0 } | 1 << output;
-        self.attached.outputs_sent.set((tick, sent));
-        sent.count_ones() as usize >= self.manifest.processes[self.me].writes.len()
     }
 
     /// Commits the checkpoint that was written for a tick.

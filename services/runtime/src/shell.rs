@@ -237,7 +237,7 @@ impl Shell {
         Ok(ForeignCollector::new(Rc::clone(&self.shared), self.receiver(Format::foreign(message), RECORDER_DEPTH)?))
     }
 
-    /// Writes a topic; wakes the processes that the graph names as its readers.
+    /// Writes a topic; wakes the processes that the graph names as its readers. A process opens all topics that it declares before its first wait.
     ///
     /// # Errors
     /// When the graph does not list this process as its writer, or the wire formats differ.

@@ -61,8 +61,14 @@ fn stage_of(mode: Mode, names: &[&str]) -> Stage {
 }
 
 impl Stage {
+    /// The shell of a process that has its declared outputs open, or opens them next.
     fn shell(&self, process: &str) -> Shell {
-        Shell::open(self.run.path(), process).unwrap()
+        let shell = Shell::open(self.run.path(), process).unwrap();
+        if process == "estimator" {
+            // Its end stays attached to the shell.
+            drop(shell.writer::<StateEstimate>().unwrap());
+        }
+        shell
     }
 }
 
@@ -180,7 +186,7 @@ fn what_is_not_finite_does_not_leave() {
 #[test]
 fn stamps_tell_the_way_of_the_data() {
     let stage = stage(Mode::Lockstep);
-    let (plant, estimator) = (stage.shell("plant"), stage.shell("estimator"));
+    let (plant, estimator) = (stage.shell("plant"), Shell::open(stage.run.path(), "estimator").unwrap());
     let (mut sensors, mut inlet) = (plant.writer().unwrap(), estimator.reader::<SensorSample>().unwrap());
     let mut estimates = estimator.writer::<StateEstimate>().unwrap();
     let key = || {
@@ -299,6 +305,22 @@ fn only_declared_topics_open() {
     manifest.processes[0].writes = vec!["weather".into()];
     let error = Hub::create(&RunDir::create().unwrap(), &manifest).unwrap_err();
     assert!(error.to_string().contains("\"weather\"") && error.to_string().contains("singularity"), "{error}");
+}
+
+#[test]
+fn a_process_without_a_writer_for_a_declared_topic_does_not_begin() {
+    for mode in [Mode::Lockstep, Mode::Realtime] {
+        let stage = stage(mode);
+        let estimator = Shell::open(stage.run.path(), "estimator").unwrap();
+        let mut inlet = estimator.reader::<SensorSample>().unwrap();
+        let error = inlet.next().map(|_| ()).unwrap_err();
+        assert_eq!(error, Interrupted::Unopened { process: "estimator".into(), topic: "estimate".into() });
+        assert!(error.to_string().contains("no writer for topic \"estimate\"") && error.to_string().contains("`Shell::writer`"), "{error}");
+        assert_ne!(stage.control_page.process(1).state(), State::Ready, "it does not report itself ready");
+        let plant = stage.shell("plant");
+        let error = plant.tick_source(0).next().unwrap_err();
+        assert!(matches!(&error, Interrupted::Unopened { topic, .. } if topic == "sensor"), "{error}");
+    }
 }
 
 #[test]

@@ -29,6 +29,17 @@ pub enum Interrupted {
         /// The tick that came.
         found: u64,
     },
+    /// The graph declares an output that the process has not opened.
+    #[error(
+        "{process} has no writer for topic {topic:?}, which stands in its `writes` in the graph: \
+         open one with `Shell::writer` before the first tick, or take the topic out of `writes`"
+    )]
+    Unopened {
+        /// The process.
+        process: String,
+        /// The topic without a writer.
+        topic: String,
+    },
     /// iceoryx2 failed.
     #[error("{process} cannot use topic {topic:?}: {reason}")]
     Port {

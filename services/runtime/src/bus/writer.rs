@@ -312,6 +312,10 @@ impl<M: Message> Sending<M> {
 }
 
 impl<M: Message> Outlet for Sending<M> {
+    fn topic(&self) -> &'static str {
+        M::TOPIC
+    }
+
     fn flush(&self, tick: u64) {
         let mut held = self.held.borrow_mut();
         let mut place = 0;
