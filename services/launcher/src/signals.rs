@@ -6,12 +6,12 @@ use std::sync::atomic::{AtomicI32, AtomicUsize, Ordering};
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
-/// In real time whoever mends a death comes before ordinary work: the launcher, and a process until it has a priority of its own. Children
-/// inherit it.
+/// In real time the launcher, and a process until it has a priority of its own, come before ordinary work, so that a death is mended at once. Children
+/// inherit the priority.
 ///
-/// Several launchers, their threads and the processes that they start may share one core. Under `SCHED_FIFO` one that waits in the kernel for a lock by
-/// spinning, as a writer of an address space's lock does, would keep its equal that holds the lock from running: both stand still for ever, and no
-/// signal ends them. So equals take turns.
+/// Several launchers, their threads and the processes that they start may share one core; equals take turns on it. With `SCHED_FIFO` here three soaks
+/// pinned to one core stood still, no signal ended their processes, and a change of the policy released them. The supposed cause, not shown: one
+/// spins in the kernel for a lock, and keeps its equal that holds the lock from running.
 pub(crate) struct Urgency {
     is_raised: bool,
 }

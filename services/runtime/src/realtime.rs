@@ -64,7 +64,7 @@ pub fn enter(priority: Option<u8>) -> Vec<Missing> {
     missing
 }
 
-/// Takes a `SCHED_FIFO` priority for this thread, and for whoever it starts from now on.
+/// Takes a `SCHED_FIFO` priority for this thread, and for the processes that it starts from now on.
 ///
 /// # Errors
 /// When this process may not.
@@ -72,8 +72,7 @@ pub fn set_fifo_priority(priority: u8) -> Result<(), Missing> {
     schedule(libc::SCHED_FIFO, priority).map_err(|error| Missing::Fifo { priority, reason: error.to_string() })
 }
 
-/// Takes a `SCHED_RR` priority for this thread, and for whoever it starts from now on: as `SCHED_FIFO`, but equals take turns, so that one of them
-/// that does not sleep cannot keep the others from a core for ever.
+/// Takes a `SCHED_RR` priority for this thread, and for the processes that it starts from now on: as `SCHED_FIFO`, but equals on a core take turns.
 ///
 /// # Errors
 /// [`Missing::Fifo`] where the kernel does not grant it.
