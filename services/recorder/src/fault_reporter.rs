@@ -43,7 +43,7 @@ impl FaultReporter {
             let process = shell.manifest().processes.get(scheduled.process as usize).map_or("?", |process| process.name.as_str());
             let Some(fault) = graph.target(process).and_then(|target| scheduled.fault(process, &target)) else { continue };
             let since_ms = |ns: u64| ns.saturating_sub(injected_ns) as f64 * 1e-6;
-            // A process that is gone has recovered when it works again; what happens to messages, sensors and drives ends with its ticks.
+            // A process that is gone has recovered when it sends again; a fault of messages, sensors or drives ends with its ticks.
             let is_over = match fault.kind {
                 Kind::Kill | Kind::Crash | Kind::Hang => recovered_ns != 0,
                 _ => tape.next_tick() >= scheduled.until,
@@ -68,7 +68,7 @@ impl FaultReporter {
             }
             if recovered_ns != 0 && *reported & RECOVERED == 0 {
                 *reported |= RECOVERED;
-                tape.event(scheduled.until, Level::Info, &format!("the {process} works again, {:.0} ms later", since_ms(recovered_ns)));
+                tape.event(scheduled.until, Level::Info, &format!("{process} is back, {:.0} ms later", since_ms(recovered_ns)));
             }
         }
     }

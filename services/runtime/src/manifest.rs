@@ -60,7 +60,7 @@ pub struct Process {
     pub core: Option<usize>,
     /// Its `SCHED_FIFO` priority in real time, 1 to 99.
     pub priority: Option<u8>,
-    /// Trouble that `verify` makes; none in an ordinary run.
+    /// The disturbance that `verify` applies to it; none in an ordinary run.
     #[serde(default)]
     pub disturbance: Disturbance,
 }

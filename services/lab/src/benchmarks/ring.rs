@@ -79,7 +79,7 @@ pub(super) struct Ring {
     pub topics: Vec<String>,
     /// Blocks of so many bytes go around instead of the topics' messages.
     pub block_bytes: Option<usize>,
-    /// The core of each process; `None` is wherever the kernel likes, without FIFO.
+    /// The core of each process; with `None` the kernel chooses it, without FIFO.
     pub cores: Vec<Option<usize>>,
     pub mechanisms: Vec<Mechanism>,
     /// Blocks of each mechanism that are measured; one more comes before, which warms everything up.

@@ -26,7 +26,7 @@ const REST: f64 = 0.05;
 /// Why a torque is not a fresh one.
 const NOT_FRESH: u32 = DRIVE_ABSENT | DRIVE_REFUSED | DRIVE_STALE;
 
-/// A drive that fails does what it likes with its torque: its own faults are not the promise, the limits are.
+/// A fault of a drive: it excuses a step of its own joint's torque while it lasts, and the speed until shortly after.
 #[derive(Clone, Copy, Debug)]
 struct DriveFault {
     joint: usize,

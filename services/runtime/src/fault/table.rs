@@ -33,7 +33,7 @@ pub enum Origin {
     Planned = 0,
     /// By `armplane fault`, while the run went on.
     Live = 1,
-    /// Noticed by the launcher: a process ended, or fell silent, and no plan had it.
+    /// Detected by the launcher: an unplanned end of a process, or its silence.
     Detected = 2,
 }
 
@@ -87,7 +87,7 @@ pub struct FaultRecord {
     pub injected_ns: u64,
     /// When it was detected: by the launcher as an end or a silence, by a reader as a refused or missing message.
     pub detected_ns: u64,
-    /// When the process worked again.
+    /// When the process sent again.
     pub recovered_ns: u64,
     /// How the process ended, where no plan had the end.
     pub exit: Option<Exit>,
@@ -202,7 +202,7 @@ impl FaultTable {
         injected.filter(|entry| entry.is_at_work(tick)).for_each(|entry| first(&entry.detected_ns, now_ns));
     }
 
-    /// This process works again.
+    /// This process sends again.
     pub(crate) fn mark_recovered(&self, process: usize, now_ns: u64) {
         self.of(process)
             .filter(|entry| entry.injected_ns.load(Ordering::Relaxed) != 0 && entry.scheduled().kind().is_some_and(Kind::takes_down))
