@@ -288,7 +288,7 @@ fn a_full_volume_ends_the_recording_and_nothing_else() {
     let desk = Desk::new();
     // A mount of our own, where the machine lets us have one.
     let script = "mkdir small && mount -t tmpfs -o size=3m none small && touch mounted || exit 0
-        \"$1\" run --set segment.1.duration_s=6 --json --out small/run > said.json && ls -A small/run > left && cp small/run/*.json . && \"$1\" export small/run --out out";
+        \"$1\" run --set segment.1.duration_s=6 --json --out small/run > said.json && ls -A small/run > left && cp small/run/*.json . && \"$1\" export small/run --out out; test $? = 1";
     let said = Command::new("unshare")
         .args(["--map-root-user", "--mount", "sh", "-c", script, "sh", env!("CARGO_BIN_EXE_armplane")])
         .current_dir(desk.path())
@@ -307,6 +307,10 @@ fn a_full_volume_ends_the_recording_and_nothing_else() {
     assert!(summary["recorder"]["error"].as_str().unwrap().contains("No space left on device"), "{}", summary["recorder"]);
     assert_eq!(serde_json::from_str::<Value>(&read("summary.json")).unwrap(), summary);
     assert!(read("left").contains("job.json") && !read("left").contains(".armplane"), "{}", read("left"));
+    assert!(
+        String::from_utf8_lossy(&said.stderr).contains("No space left on device"),
+        "the export says that the recording was cut: {said:?}"
+    );
     assert!(read("out/signals.csv").lines().count() > 100, "what came before the end is readable");
 }
 

@@ -221,5 +221,39 @@ fn what_is_no_run_is_said_in_one_sentence() {
     }
     std::fs::write(desk.path().join("plain/run.rrd"), "not a recording").expect("a file");
     let said = desk.armplane(&["export", "plain"]);
-    assert!(said.code == 1 && said.err.contains("is not a recording of armplane"), "{}", said.err);
+    assert!(said.code == 2 && said.err.contains("is not a recording of armplane"), "{}", said.err);
+}
+
+/// Of a recording that was cut what is left is exported, with a sentence about the rest.
+#[test]
+fn a_recording_that_lacks_something_is_said_to() {
+    let desk = Desk::new();
+    let ticks = desk.run(&[&SHORT[..], &["--out", "run"]].concat())["ticks"].as_u64().expect("a number");
+    let path = desk.path().join("run/run.rrd");
+    let whole = std::fs::read(&path).expect("bytes");
+    let cut = |bytes: usize| std::fs::write(&path, &whole[..bytes]).expect("room");
+    for bytes in [0, 5_000, whole.len() / 2, whole.len() - 1] {
+        cut(bytes);
+        for format in ["csv", "parquet", "mcap", "rrd"] {
+            let out = format!("out-{bytes}-{format}");
+            let said = desk.armplane(&["export", "run", "--format", format, "--out", &out]);
+            assert_eq!(said.err.lines().count(), 1, "{bytes}: {}", said.err);
+            assert!(said.err.contains("`armplane run run/scenario.toml` makes the run again"), "{bytes}: {}", said.err);
+            let is_left = desk.path().join(&out).exists();
+            assert_eq!((said.code, is_left), if bytes > 5_000 { (1, true) } else { (2, false) }, "{bytes} {format}: {}", said.err);
+            if is_left && format == "csv" {
+                let rows = desk.read(&format!("{out}/signals.csv")).lines().count() - 1;
+                assert!(rows > 100 && (rows as u64) <= ticks, "{rows} of {ticks}");
+                assert!(said.err.contains(&format!("{rows} of {ticks} rows")), "{}", said.err);
+            }
+        }
+        let said = desk.armplane(&["report", "run", "--out", "page.html"]);
+        assert!((1..=2).contains(&said.code) && said.err.contains("makes the run again"), "{bytes}: {}", said.err);
+    }
+    assert!(desk.read("page.html").contains(" rows of the recording can be read"), "the page says it, too");
+    cut(whole.len());
+    assert_eq!(desk.armplane(&["export", "run", "--out", "out"]).code, 0, "whole again");
+    std::fs::remove_file(&path).expect("the file");
+    let said = desk.armplane(&["view", "run"]);
+    assert!(said.code == 2 && said.err.contains("0 of ") && !said.err.contains("--no-record"), "{}", said.err);
 }

@@ -9,7 +9,7 @@ mod parquet;
 
 use std::path::{Path, PathBuf};
 
-use crate::read::{Damage, Piece, read};
+use crate::read::{Piece, ReadNews, read};
 use crate::signals::TickRow;
 use csv::Csv;
 use format::{Columns, Event, Format, Place};
@@ -25,15 +25,6 @@ pub enum ExportFormat {
     Parquet,
     /// `run.mcap`, as Foxglove reads it.
     Mcap,
-}
-
-/// Progress of [`export`].
-#[derive(Clone, Copy, Debug)]
-pub enum ExportNews<'a> {
-    /// So many rows more are written.
-    Rows(u64),
-    /// A part of the recording cannot be read.
-    Damaged(&'a Damage<'a>),
 }
 
 /// The messages of a run as they were on the wire, by tick.
@@ -60,7 +51,7 @@ pub fn export(
     what: Exported<'_>,
     format: ExportFormat,
     out: &Path,
-    news: &mut dyn FnMut(ExportNews<'_>),
+    news: &mut dyn FnMut(ReadNews<'_>),
 ) -> Result<Vec<PathBuf>, ExportError> {
     let Exported { parts, mut messages, slides } = what;
     let mut format = opened(format, out)?;
@@ -74,7 +65,7 @@ pub fn export(
                 format.begin(columns.insert(Columns::new(about, messages.is_some(), slides)))
             }
             (Piece::Rows(rows), Some(columns)) => {
-                news(ExportNews::Rows(rows.ticks.len() as u64));
+                news(ReadNews::Rows(rows.ticks.len() as u64));
                 let block = columns.block(rows, |tick, take| {
                     if let Some(messages) = &mut messages {
                         messages.at(tick, take);
@@ -87,7 +78,7 @@ pub fn export(
             (Piece::Solid(solid), _) => format.solid(&solid),
             (Piece::Place { tick, of, p, xyzw }, _) => format.place(&Place { t_s: tick as f64 / rate_hz, of, p, xyzw }),
             (Piece::Damaged(damage), _) => {
-                news(ExportNews::Damaged(&damage));
+                news(ReadNews::Damaged(&damage));
                 Ok(())
             }
             _ => Ok(()),

@@ -155,6 +155,15 @@ impl std::fmt::Display for Damage<'_> {
     }
 }
 
+/// Progress of reading a recording.
+#[derive(Clone, Copy, Debug)]
+pub enum ReadNews<'a> {
+    /// So many rows more are read.
+    Rows(u64),
+    /// A part of the recording cannot be read.
+    Damaged(&'a Damage<'a>),
+}
+
 /// Some successive ticks' numbers.
 #[derive(Debug, Default)]
 pub struct Rows {

@@ -14,6 +14,7 @@ mod state;
 mod write;
 
 pub use file::save_blueprint;
+pub(crate) use merge::is_complete;
 pub use merge::{MergeError, complete, merge};
 pub use parts::{part_name, parts_in};
 pub(crate) use pieces::eye;

@@ -18,7 +18,8 @@ use shared_types::summary::{Machine, Summary};
 
 use crate::blueprint::{ACROSS, ALONG, JOINTS};
 use crate::plot::{Axis, Color, PlotError, RED, digits, numbered};
-use crate::read::{Damage, ReadError};
+use crate::read::ReadError;
+use crate::shortfall::{Reading, Shortfall};
 use crate::signals::Signal;
 use crate::tint::ink;
 use drawing::Named;
@@ -40,19 +41,23 @@ pub enum ReportError {
     Plot(#[from] PlotError),
 }
 
-/// The page of a run; `parts` are its recording's files, none where there is no recording. Errors name `path`, where the page shall go; what a
-/// damaged recording lacks goes to `damaged`.
+/// A run's page.
+#[derive(Clone, Debug)]
+pub struct Report {
+    /// HTML.
+    pub text: String,
+    /// What its recording lacks; the page says it, too.
+    pub shortfall: Option<Shortfall>,
+}
+
+/// The page of a run; `parts` are its recording's files, none where there is no recording. Errors name `path`, where the page shall go.
 ///
 /// # Errors
 /// [`ReportError`] where the recording cannot be read or a plot not be drawn.
-pub fn report(
-    summary: &Summary,
-    job: &Job,
-    parts: &[PathBuf],
-    path: &Path,
-    damaged: &mut dyn FnMut(&Damage),
-) -> Result<String, ReportError> {
-    let recorded = &Recorded::read(parts, summary, damaged)?;
+pub fn report(summary: &Summary, job: &Job, parts: &[PathBuf], path: &Path) -> Result<Report, ReportError> {
+    let mut reading = Reading::default();
+    let recorded = &Recorded::read(parts, summary, &mut reading)?;
+    let shortfall = reading.shortfall(parts, Some(summary));
     let mut page = Html::default();
     let title = if job.scenario.title.is_empty() { &summary.scenario } else { &job.scenario.title };
     let title = escaped(title);
@@ -71,6 +76,9 @@ pub fn report(
     ));
     if !job.scenario.about.is_empty() {
         page.add(format_args!("<p>{}</p>", escaped(&job.scenario.about)));
+    }
+    if let Some(shortfall) = &shortfall {
+        page.add(format_args!("<p class=\"bad\">{}</p>", escaped(&shortfall.to_string())));
     }
     let singularities = Named::all(&recorded.singularities);
     let RobotText { name, description, urdf } = job.robot.clone();
@@ -99,7 +107,7 @@ pub fn report(
         stage.script(&mut page);
     }
     page.add(format_args!("</body></html>"));
-    Ok(page.text)
+    Ok(Report { text: page.text, shortfall })
 }
 
 fn tables(page: &mut Html, summary: &Summary) {

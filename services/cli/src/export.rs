@@ -53,7 +53,7 @@ pub(crate) fn export(args: &ExportArgs, as_json: bool) -> Result<ExitCode, Failu
         ExportFormat::Rrd => Form::Whole,
     };
     let terminal = Terminal::default();
-    let files = session::export(&run, form, &out, &|news| terminal.show(news))?;
+    let session::Export { files, shortfall } = session::export(&run, form, &out, &|news| terminal.show(news))?;
     let bytes = |path: &PathBuf| std::fs::metadata(path).map_or(0, |file| file.len());
     if as_json {
         let files: Vec<_> = files.iter().map(|path| serde_json::json!({"file": path, "bytes": bytes(path)})).collect();
@@ -61,5 +61,5 @@ pub(crate) fn export(args: &ExportArgs, as_json: bool) -> Result<ExitCode, Failu
     } else {
         files.iter().for_each(|path| say!("{}  {:.1} MB", path.display(), bytes(path) as f64 / 1e6));
     }
-    Ok(ExitCode::SUCCESS)
+    shortfall.map_or(Ok(ExitCode::SUCCESS), |shortfall| Err(Failure::Work(shortfall)))
 }

@@ -22,7 +22,10 @@ pub(crate) fn report(args: &ReportArgs, as_json: bool) -> Result<ExitCode, Failu
     let run = Run::find(args.run.as_deref())?;
     let (summary, job) = (run.summary()?, run.job()?);
     let path = args.out.clone().unwrap_or_else(|| run.folder.join("report.html"));
-    let text = viz::report(&summary, &job, &run.parts, &path, &mut |damage| eprintln!("{damage}")).map_err(Failure::work)?;
+    let viz::Report { text, shortfall } = viz::report(&summary, &job, &run.parts, &path).map_err(|error| match error {
+        viz::ReportError::Read(error) => Failure::Input(run.with_remedy(&error)),
+        other => Failure::work(other),
+    })?;
     std::fs::write(&path, &text)
         .map_err(|error| Failure::Work(format!("cannot write {}: {error}; name another file with --out", path.display())))?;
     if as_json {
@@ -30,5 +33,5 @@ pub(crate) fn report(args: &ReportArgs, as_json: bool) -> Result<ExitCode, Failu
     } else {
         say!("{}  {:.1} MB; open it with any browser", path.display(), text.len() as f64 / 1e6);
     }
-    Ok(ExitCode::SUCCESS)
+    shortfall.map_or(Ok(ExitCode::SUCCESS), |shortfall| Err(Failure::Work(run.with_remedy(&shortfall))))
 }

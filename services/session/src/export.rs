@@ -6,7 +6,7 @@ use model::JointKind;
 use recorder::{MESSAGES, MessageRows, Row};
 use shared_types::scenario::Layout;
 use shared_types::summary::Summary;
-use viz::{ExportNews, Exported, Messages, TickRow};
+use viz::{Exported, Messages, ReadNews, Reading, TickRow};
 
 use crate::failure::Failure;
 use crate::layout::save_blueprint;
@@ -28,24 +28,37 @@ pub enum ExportFormat {
     Layout(Option<Layout>),
 }
 
-/// Writes a run in another form into a folder; the files.
+/// The result of [`export`].
+#[derive(Clone, Debug)]
+pub struct Export {
+    /// The files.
+    pub files: Vec<PathBuf>,
+    /// One sentence, where the recording holds less than its run: how much of it, why, and the remedy.
+    pub shortfall: Option<String>,
+}
+
+/// Writes a run in another form into a folder, as far as its recording can be read.
 ///
 /// # Errors
-/// [`Failure::Input`] where the run has no recording; [`Failure::Work`] where it cannot be read or a file not be written.
-pub fn export(run: &Run, format: ExportFormat, out: &Path, observer: Observer<'_>) -> Result<Vec<PathBuf>, Failure> {
+/// [`Failure::Input`] where the run has no recording, or no row of it can be read: nothing is written then; [`Failure::Work`] where a file cannot be
+/// written.
+pub fn export(run: &Run, format: ExportFormat, out: &Path, observer: Observer<'_>) -> Result<Export, Failure> {
+    if !matches!(format, ExportFormat::Layout(_)) {
+        run.check_readable()?;
+    }
     std::fs::create_dir_all(out).map_err(|error| Failure::Input(format!("cannot write to {}: {error}", out.display())))?;
-    let damaged = |damage: &viz::Damage<'_>| observer(Progress::Line(&damage.to_string()));
-    match format {
+    let mut reading = Reading::default();
+    let files = match format {
         ExportFormat::Layout(layout) => {
             let layout = layout.map_or_else(|| run.job().map(|job| job.scenario.view.layout), Ok)?;
             let path = out.join(format!("{}.rbl", layout.name()));
             save_blueprint(run, layout, &path)?;
-            Ok(vec![path])
+            return Ok(Export { files: vec![path], shortfall: None });
         }
         ExportFormat::Whole => {
             let path = out.join(WHOLE);
-            viz::merge(run.recording()?, &path, damaged).map_err(Failure::work)?;
-            Ok(vec![path])
+            viz::merge(run.recording()?, &path, |news| reading.add(news)).map_err(Failure::work)?;
+            vec![path]
         }
         ExportFormat::Numbers(format) => {
             let parts = run.recording()?;
@@ -56,18 +69,18 @@ pub fn export(run: &Run, format: ExportFormat, out: &Path, observer: Observer<'_
             let messages = messages.as_mut().ok().map(|kept| kept as &mut dyn Messages);
             let ticks = run.summary().map_or(0, |summary| summary.ticks);
             observer(Progress::Begin { title: "export", length: ticks, unit: "rows" });
-            let mut rows = 0;
-            let written = viz::export(Exported { parts, messages, slides: &slides }, format, out, &mut |news| match news {
-                ExportNews::Rows(more) => {
-                    rows += more;
-                    observer(Progress::Position(rows));
+            let written = viz::export(Exported { parts, messages, slides: &slides }, format, out, &mut |news| {
+                reading.add(news);
+                if let ReadNews::Rows(_) = news {
+                    observer(Progress::Position(reading.rows()));
                 }
-                ExportNews::Damaged(damage) => damaged(damage),
             });
             observer(Progress::End);
-            written.map_err(Failure::work)
+            written.map_err(Failure::work)?
         }
-    }
+    };
+    let shortfall = reading.shortfall(&run.parts, run.summary().ok().as_ref());
+    Ok(Export { files, shortfall: shortfall.map(|shortfall| run.with_remedy(&shortfall)) })
 }
 
 /// The messages in a run's folder.

@@ -31,7 +31,7 @@ mod text;
 mod viewer;
 
 pub use catalogue::Catalogue;
-pub use export::{ExportFormat, WHOLE, export};
+pub use export::{Export, ExportFormat, WHOLE, export};
 pub use failure::Failure;
 pub use fault_kinds::FaultKinds;
 pub use graph_text::{GraphText, Topics};

@@ -1,12 +1,14 @@
 //! Finding a finished run: by its folder, by one of its files, or the latest one.
 
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use shared_types::job::{JOB, Job};
 use shared_types::summary::Summary;
+use viz::Reading;
 
 use crate::failure::Failure;
-use crate::results::{RUNS, SUMMARY};
+use crate::results::{RUNS, SCENARIO, SUMMARY};
 
 /// A run's folder and what is in it.
 pub struct Run {
@@ -55,12 +57,46 @@ impl Run {
     /// The recording's files; the run may have been made without.
     ///
     /// # Errors
-    /// [`Failure::Input`] where it has none.
+    /// [`Failure::Input`] where it has none, or its files are empty or gone.
     pub fn recording(&self) -> Result<&[PathBuf], Failure> {
         if self.parts.is_empty() {
+            let summary = self.summary().ok();
+            if summary.as_ref().is_none_or(|summary| !summary.recorder.file.is_empty()) {
+                let shortfall = Reading::default().shortfall(&[], summary.as_ref());
+                let lack = shortfall.map_or_else(|| "its recording is empty".to_owned(), |shortfall| shortfall.to_string());
+                return Err(Failure::Input(self.with_remedy(&lack)));
+            }
             return Err(Failure::Input(format!("{} has no recording; run it again without --no-record", self.folder.display())));
         }
         Ok(&self.parts)
+    }
+
+    /// Whether the recording has anything to be read.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] where it has no row, though its run has.
+    pub(crate) fn check_readable(&self) -> Result<(), Failure> {
+        let lack = match viz::has_rows(self.recording()?) {
+            Ok(true) => return Ok(()),
+            Ok(false) => Reading::default().shortfall(&self.parts, self.summary().ok().as_ref()).map(|shortfall| shortfall.to_string()),
+            Err(error) => Some(error.to_string()),
+        };
+        // A run without a tick has a whole recording without a row.
+        lack.map_or(Ok(()), |lack| Err(Failure::Input(self.with_remedy(&lack))))
+    }
+
+    /// A sentence about what the recording lacks, with the way to a whole one.
+    #[must_use]
+    pub fn with_remedy(&self, lack: &impl Display) -> String {
+        let folder = self.folder.display();
+        let remedy = if !self.parts.is_empty() && self.parts != viz::parts_in(&self.folder) {
+            "the folder of its run may have the whole one".to_owned()
+        } else if self.folder.join(SCENARIO).exists() {
+            format!("`armplane run {folder}/{SCENARIO}` makes the run again")
+        } else {
+            format!("where the run has ended, `armplane recover {folder}` makes it anew from its messages")
+        };
+        format!("{folder}: {lack}; {remedy}")
     }
 
     /// The run's summary.

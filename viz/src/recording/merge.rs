@@ -11,8 +11,9 @@ use re_log_encoding::StreamFooter;
 use re_log_types::{StoreId, StoreKind};
 
 use super::parts::create;
+use crate::entity;
 use crate::frames::Frames;
-use crate::read::{Damage, ReadError};
+use crate::read::{Damage, ReadError, ReadNews};
 use crate::sink::Sink;
 use crate::storage::RecordError;
 
@@ -62,11 +63,11 @@ impl Constants {
 }
 
 /// Writes the parts of one recording into one file, with its footer: every row of every part, constants that the parts repeat once, and the
-/// blueprint of the last part that has one. What is damaged ends its part and is given to `damaged`.
+/// blueprint of the last part that has one. What is damaged ends its part and is given to `news`, as the counts of rows are.
 ///
 /// # Errors
 /// [`MergeError`] where a part cannot be read or is of another recording, or the file cannot be written.
-pub fn merge(parts: &[PathBuf], to: &Path, mut damaged: impl FnMut(&Damage<'_>)) -> Result<u64, MergeError> {
+pub fn merge(parts: &[PathBuf], to: &Path, mut news: impl FnMut(ReadNews<'_>)) -> Result<u64, MergeError> {
     let mut sink: Option<(Sink, StoreId)> = None;
     let mut constants = Constants::default();
     let mut blueprint: Option<(StoreId, Vec<Chunk>)> = None;
@@ -78,7 +79,7 @@ pub fn merge(parts: &[PathBuf], to: &Path, mut damaged: impl FnMut(&Damage<'_>))
                 Ok(Some(stored)) => stored,
                 Ok(None) => break,
                 Err(reason) if any => {
-                    damaged(&Damage::new(path, frames.place(), reason));
+                    news(ReadNews::Damaged(&Damage::new(path, frames.place(), reason)));
                     break;
                 }
                 Err(reason) => return Err(ReadError::NotARecording { path: path.clone(), reason }.into()),
@@ -98,6 +99,9 @@ pub fn merge(parts: &[PathBuf], to: &Path, mut damaged: impl FnMut(&Damage<'_>))
             };
             if *known != store {
                 return Err(MergeError::Foreign { path: path.clone(), first: parts[0].clone() });
+            }
+            if !chunk.is_static() && *chunk.entity_path() == EntityPath::from(entity::SIGNALS) {
+                news(ReadNews::Rows(chunk.num_rows() as u64));
             }
             if !chunk.is_static() || constants.add(&chunk) {
                 sink.chunk(known, Ok(chunk));
@@ -119,7 +123,7 @@ pub fn merge(parts: &[PathBuf], to: &Path, mut damaged: impl FnMut(&Damage<'_>))
 }
 
 /// Whether a recording has its footer: one of a recorder that was killed has none.
-pub(super) fn is_complete(path: &Path) -> std::io::Result<bool> {
+pub(crate) fn is_complete(path: &Path) -> std::io::Result<bool> {
     let mut file = File::open(path)?;
     let mut end = [0; StreamFooter::ENCODED_SIZE_BYTES];
     if file.metadata()?.len() < end.len() as u64 {
@@ -142,7 +146,7 @@ pub fn complete(part: &Path) -> Result<(), MergeError> {
     }
     let draft = part.with_file_name(format!(".{}", part.file_name().unwrap_or_default().display()));
     let mut is_damaged = false;
-    let written = merge(std::slice::from_ref(&part.to_owned()), &draft, |_| is_damaged = true);
+    let written = merge(std::slice::from_ref(&part.to_owned()), &draft, |news| is_damaged |= matches!(news, ReadNews::Damaged(_)));
     let placed = written.and_then(|_| {
         let failed = |source| RecordError::Create { path: part.display().to_string(), source };
         if is_damaged { Ok(()) } else { std::fs::rename(&draft, part).map_err(|source| failed(source).into()) }

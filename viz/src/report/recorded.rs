@@ -7,7 +7,8 @@ use shared_types::summary::Summary;
 
 use super::poses::Poses;
 use crate::plot::{Axis, Color, GREY, Panel, RED};
-use crate::read::{Damage, Piece, ReadError, read};
+use crate::read::{Piece, ReadError, ReadNews, read};
+use crate::shortfall::Reading;
 use crate::signals::{Signal, Width};
 
 /// Times at which a plotted line has points: more would not be seen.
@@ -102,7 +103,7 @@ impl Line {
 }
 
 impl Recorded {
-    pub(super) fn read(parts: &[PathBuf], summary: &Summary, damaged: &mut dyn FnMut(&Damage)) -> Result<Self, ReadError> {
+    pub(super) fn read(parts: &[PathBuf], summary: &Summary, reading: &mut Reading) -> Result<Self, ReadError> {
         let stride = summary.ticks.div_ceil(POINTS).max(1);
         let mut recorded = Self::default();
         let mut rate_hz = f64::from(summary.rate_hz.max(1));
@@ -124,6 +125,7 @@ impl Recorded {
                     }
                 }
                 Piece::Rows(rows) => {
+                    reading.add(ReadNews::Rows(rows.ticks.len() as u64));
                     for (row, tick) in rows.ticks.iter().enumerate() {
                         let t_s = *tick as f64 / rate_hz;
                         recorded.end_s = recorded.end_s.max(t_s);
@@ -139,7 +141,7 @@ impl Recorded {
                 Piece::State { tick, lane, state } => recorded.states.push((tick, lane, state)),
                 Piece::Place { tick, of, p, xyzw } => recorded.poses.place(tick, of, p, xyzw),
                 Piece::Label { tick, of, text } => recorded.poses.label(tick, of, &text),
-                Piece::Damaged(damage) => damaged(&damage),
+                Piece::Damaged(damage) => reading.add(ReadNews::Damaged(&damage)),
                 Piece::Solid(_) => {}
             }
             Ok::<(), ReadError>(())

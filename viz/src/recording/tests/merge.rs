@@ -3,13 +3,14 @@
 use super::*;
 use crate::frames::Frames;
 use crate::recording::merge::is_complete;
-use crate::{MergeError, complete, merge};
+use crate::{MergeError, ReadNews, complete, merge};
 
 /// A recording of two parts of 600 ticks, the last without an end: its recorder was killed.
 fn two_parts(folder: &Path, run: &str) -> [std::path::PathBuf; 2] {
     let robot = puma();
     let scenario = Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid");
-    let info = RunInfo { scenario: &scenario, robot: &robot, run, version: "0", seed: 1, hops: Some([0, 1, 2, 3]) };
+    let info =
+        RunInfo { scenario: &scenario, robot: &robot, run, version: "0", seed: 1, hops: Some([0, 1, 2, 3]) };
     let (mut recording, mut messages) = (Recording::create(folder, &info).expect("room"), Run::new(&robot));
     for tick in 0..1200 {
         if tick == 600 {
@@ -58,7 +59,13 @@ fn parts_are_merged_with_every_row_and_constants_once() {
     let folder = tempfile::tempdir().expect("a folder");
     let parts = two_parts(folder.path(), "one");
     let whole = folder.path().join("whole.rrd");
-    let bytes = merge(&parts, &whole, |damage| panic!("{damage}")).expect("room");
+    let mut rows = 0;
+    let bytes = merge(&parts, &whole, |news| match news {
+        ReadNews::Rows(more) => rows += more,
+        ReadNews::Damaged(damage) => panic!("{damage}"),
+    });
+    let bytes = bytes.expect("room");
+    assert_eq!(rows, 1200);
     assert_eq!(bytes, std::fs::metadata(&whole).expect("the file").len());
     assert!(is_complete(&whole).expect("the file"));
     assert_eq!(ticks_of(&whole), (0..1200).collect::<Vec<_>>());

@@ -1,0 +1,96 @@
+//! How much of its run a recording holds.
+
+use std::fmt;
+use std::path::PathBuf;
+
+use shared_types::summary::Summary;
+
+use crate::read::{Piece, ReadError, ReadNews, read};
+use crate::recording::{is_complete, parts_in};
+
+/// What has been read of a recording.
+#[derive(Clone, Debug, Default)]
+pub struct Reading {
+    rows: u64,
+    damages: Vec<String>,
+}
+
+impl Reading {
+    /// Takes a piece of news in.
+    pub fn add(&mut self, news: ReadNews<'_>) {
+        match news {
+            ReadNews::Rows(more) => self.rows += more,
+            ReadNews::Damaged(damage) => self.damages.push(damage.to_string()),
+        }
+    }
+
+    /// Rows read so far.
+    #[must_use]
+    pub fn rows(&self) -> u64 {
+        self.rows
+    }
+
+    /// What the files lack, after all of them have been read: by themselves, and by the summary of their run. A file with a name of its own may be a
+    /// part of a run, or of another run than the summary beside it: it is judged by itself only.
+    #[must_use]
+    pub fn shortfall(self, parts: &[PathBuf], summary: Option<&Summary>) -> Option<Shortfall> {
+        let is_own = parts.first().is_none_or(|part| part.parent().is_some_and(|folder| parts_in(folder) == parts));
+        let run = summary.filter(|summary| is_own && !summary.recorder.file.is_empty());
+        let mut causes = self.damages;
+        for part in parts.iter().filter(|part| !is_complete(part).unwrap_or(false)) {
+            causes.push(format!("{} has no end", part.display()));
+        }
+        if let Some(run) = run {
+            let bytes: u64 = parts.iter().filter_map(|part| std::fs::metadata(part).ok()).map(|file| file.len()).sum();
+            let is_short = self.rows < run.ticks;
+            if bytes < run.recorder.bytes {
+                causes.push(format!("there are {bytes} of the {} bytes that the recorder wrote", run.recorder.bytes));
+            }
+            if !run.recorder.error.is_empty() {
+                causes.push(run.recorder.error.clone());
+            } else if is_short && run.recorder.lost > 0 {
+                causes.push(format!("the recorder lost {} messages while the run lasted", run.recorder.lost));
+            } else if is_short && run.completed && run.mode == "lockstep" && causes.is_empty() {
+                causes.push("a part of its bytes is passed over".to_owned());
+            }
+        }
+        (!causes.is_empty()).then(|| Shortfall { rows: self.rows, of: run.map(|run| run.ticks), causes })
+    }
+}
+
+/// A recording that holds less than its run: a sentence without its end.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Shortfall {
+    rows: u64,
+    of: Option<u64>,
+    causes: Vec<String>,
+}
+
+impl fmt::Display for Shortfall {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { rows, of, causes } = self;
+        let of = of.map_or(String::new(), |of| format!(" of {of}"));
+        write!(f, "{rows}{of} rows of the recording can be read: {}", causes.join("; "))
+    }
+}
+
+/// Whether a recording has a row that can be read.
+///
+/// # Errors
+/// [`ReadError`] where a file before it cannot be opened or holds no recording.
+pub fn has_rows(parts: &[PathBuf]) -> Result<bool, ReadError> {
+    enum Stop {
+        Found,
+        Unreadable(ReadError),
+    }
+    impl From<ReadError> for Stop {
+        fn from(error: ReadError) -> Self {
+            Self::Unreadable(error)
+        }
+    }
+    match read(parts, |piece| if matches!(piece, Piece::Rows(_)) { Err(Stop::Found) } else { Ok(()) }) {
+        Ok(()) => Ok(false),
+        Err(Stop::Found) => Ok(true),
+        Err(Stop::Unreadable(error)) => Err(error),
+    }
+}
