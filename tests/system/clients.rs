@@ -48,7 +48,7 @@ assert table.num_rows == ticks and file.metadata.row_group(0).column(3).compress
 assert table.schema.metadata[b"scenario"] == b"fig5-wrist-rotation" and table.schema.metadata[b"rate_hz"] == b"1000"
 unit = {field.name: field.metadata[b"unit"].decode() for field in table.schema}
 assert (unit["t_s"], unit["joint.q.1"], unit["torque.applied.6"], unit["hand.position.x"]) == ("s", "rad", "N*m", "m")
-assert (unit["hand.angular_velocity.z"], unit["error.orientation_deg.along"], unit["latency.us.plant_to_estimator"]) == ("rad/s", "deg", "us")
+assert (unit["hand.angular_velocity.z"], unit["error.orientation_deg.along"], unit["latency.us.hop_sensor"]) == ("rad/s", "deg", "us")
 assert json.loads(file.metadata.metadata[b"armplane:columns"])["singularity.zeta.wrist.wx"]["unit"] == "1"
 assert all(name.isascii() for name in table.column_names), table.column_names
 

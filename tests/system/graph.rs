@@ -124,6 +124,23 @@ fn a_message_that_the_graph_declares_otherwise_is_refused_with_both_layouts() {
     assert_nothing_left(said.launcher);
 }
 
+/// The names of the processes are the graph's, in the summary and in the recording.
+#[test]
+fn a_process_keeps_its_name_in_the_recording() {
+    let desk = Desk::new();
+    let text = include_str!("../../services/graph.toml");
+    assert!(text.contains("name = \"controller\""), "{text}");
+    desk.file("renamed.toml", &text.replace("name = \"controller\"", "name = \"c\"\nprogram = \"controller\""));
+    let short = ["--set", "segment.0.duration_s=0.5", "--set", "segment.1.duration_s=0.5"];
+    let summary = desk.run(&[&["--graph", "renamed.toml", "--out", "run"], &short[..]].concat());
+    assert!(summary["processes"].as_array().expect("processes").iter().any(|process| process["name"] == "c"), "{summary}");
+    assert_eq!(desk.armplane(&["export", "run"]).code, 0);
+    let read = |name: &str| std::fs::read_to_string(desk.path().join("run").join(name)).expect("a file");
+    let events = read("events.csv");
+    assert!(events.contains("state,process/c,up") && events.contains("state,process/analyzer,up"), "{events}");
+    assert!(!events.contains("controller") && !read("signals.csv").lines().next().expect("headings").contains("controller"));
+}
+
 #[test]
 fn a_process_that_never_opens_a_topic_of_its_writes_is_refused() {
     let desk = Desk::new();

@@ -147,7 +147,7 @@ fn csv_has_a_row_for_every_tick_of_every_part() {
     let column = |name: &str| names.iter().position(|known| *known == name).unwrap_or_else(|| panic!("no {name} in {names:?}"));
     let (tick, s, q5) = (column("tick"), column("singularity.s.wrist"), column("joint.q.5"));
     column("error.position_mm.orthogonal");
-    column("latency.us.sensor_sent_to_torque_sent");
+    column("latency.us.sensor_to_torque");
     column("hand.position.x");
     let rows: Vec<Vec<f64>> = lines
         .map(|line| {

@@ -32,6 +32,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         version: env!("CARGO_PKG_VERSION"),
         seed: 1,
         hops: Some([0, 1, 2, 3]),
+        lives: viz::Lives::default(),
     };
     let mut motion = synthetic::Run::new(&robot);
     let messages: Vec<_> = (0..(synthetic::Run::DURATION_S * 1e3) as u64).map(|_| motion.step()).collect();

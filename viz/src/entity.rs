@@ -2,6 +2,8 @@
 
 use shared_types::process::Program;
 
+use crate::signals::LIVES;
+
 /// Numbers at the control rate.
 pub(crate) const SIGNALS: &str = "/signals";
 /// Numbers that are only drawn, at a lower rate.
@@ -103,33 +105,34 @@ pub(crate) fn label(name: &str) -> String {
 /// Between the time and the words of a line of the log.
 pub(crate) const AFTER_TIME: &str = " s\u{2003}";
 
-/// Processes that have a lane of the state timeline.
-pub(crate) const PROCESSES: [&str; Program::ALL.len()] = Program::NAMES;
 /// The other lanes that are no singularity's.
 const LANES: [&str; 3] = ["drive", "phase", "fault"];
 
 /// A lane of the state timeline. The viewer names a lane by its path and orders lanes by it, so it is as short as can be, with a number where lanes
-/// have an order: `/wrist` for `mode/wrist`; `/0.fault`, `/1.plant` and so on in the order of the data, `/6.drive`.
+/// have an order: `/wrist` for `mode/wrist`; `/0.fault`, the processes' ([`life`]), `/6.drive`.
 pub(crate) fn state(lane: &str) -> String {
-    let name = lane.rsplit('/').next().unwrap_or(lane);
-    let place = match lane {
-        "fault" => Some(0),
-        "drive" => Some(PROCESSES.len() + 1),
-        lane if lane.starts_with("process/") => PROCESSES.iter().position(|process| *process == name).map(|place| place + 1),
-        _ => None,
-    };
-    place.map_or_else(|| format!("/{name}"), |place| format!("/{place}.{name}"))
+    match lane {
+        "fault" => format!("/0.{lane}"),
+        "drive" => format!("/{}.{lane}", LIVES + 1),
+        _ => format!("/{}", lane.rsplit('/').next().unwrap_or(lane)),
+    }
+}
+
+/// The lane of a process: `/1.plant` and so on in the order of the data.
+pub(crate) fn life((place, name): (usize, &str)) -> String {
+    format!("/{}.{name}", place + 1)
 }
 
 /// The lane at a path.
 pub(crate) fn lane(path: &str) -> String {
     let path = path.trim_start_matches('/');
-    // Without its number; older recordings have none.
-    let name = path.split_once('.').filter(|(place, _)| place.bytes().all(|byte| byte.is_ascii_digit())).map_or(path, |(_, name)| name);
-    match name {
-        name if PROCESSES.contains(&name) => format!("process/{name}"),
-        name if LANES.contains(&name) => name.to_owned(),
-        name => format!("mode/{name}"),
+    match path.split_once('.').and_then(|(place, name)| Some((place.parse().ok()?, name))) {
+        Some((1..=LIVES, name)) => format!("process/{name}"),
+        Some((_, name)) => name.to_owned(),
+        // Older recordings have no numbers.
+        None if Program::NAMES.contains(&path) => format!("process/{path}"),
+        None if LANES.contains(&path) => path.to_owned(),
+        None => format!("mode/{path}"),
     }
 }
 
@@ -139,11 +142,14 @@ mod tests {
 
     #[test]
     fn a_lane_is_known_by_its_path() {
-        for name in ["mode/wrist", "mode/s1", "process/plant", "process/recorder", "drive", "phase", "fault"] {
+        for name in ["mode/wrist", "mode/s1", "drive", "phase", "fault"] {
             assert_eq!(lane(&state(name)), name);
         }
+        for (place, name) in ["plant", "c", "drive", "a.b", "recorder"].into_iter().enumerate() {
+            assert_eq!(lane(&life((place, name))), format!("process/{name}"), "a process may have any name");
+        }
         assert_eq!((lane("/plant"), lane("/fault")), ("process/plant".to_owned(), "fault".to_owned()), "as in older recordings");
-        let order = ["fault", "process/plant", "process/estimator", "process/recorder", "drive"].map(state);
+        let order = [state("fault"), life((0, "plant")), life((1, "estimator")), life((4, "recorder")), state("drive")];
         assert!(order.is_sorted(), "{order:?}");
     }
 }

@@ -7,6 +7,7 @@ use model::Robot;
 use nalgebra::{Matrix3, Vector3};
 use shared_types::graph::Graph;
 use shared_types::messages::{ControlState, PlantState, SingularityState};
+use shared_types::process::Program;
 use shared_types::topics::{ByTopic, Lent};
 use shared_types::wire::Stamps;
 
@@ -197,16 +198,10 @@ impl Signal {
     }
 }
 
-/// The parts of [`Signal::Latency`].
-pub const HOP_NAMES: [&str; 7] = [
-    "plant → estimator",
-    "estimator",
-    "estimator → analyzer",
-    "analyzer",
-    "analyzer → controller",
-    "controller",
-    "sensor sent → torque sent",
-];
+/// The parts of [`Signal::Latency`], named by topic: a process may have any name. `hop sensor`: from the sending of `sensor` until the writer of
+/// the chain's next topic has received it; `step estimate`: from there until `estimate` is sent.
+pub const HOP_NAMES: [&str; 7] =
+    ["hop sensor", "step estimate", "hop estimate", "step singularity", "hop singularity", "step torque", "sensor to torque"];
 
 /// The places in the stamps of the writers of `sensor`, `estimate`, `singularity` and `torque`: the chain that [`HOP_NAMES`] describes.
 pub type ChainHops = [usize; 4];
@@ -217,6 +212,44 @@ pub fn chain_hops(graph: &Graph) -> Option<ChainHops> {
     let hops = graph.hops();
     let place = |topic| hops.iter().position(|hop| hop.writes.iter().any(|one| one == topic));
     Some([place("sensor")?, place("estimate")?, place("singularity")?, place("torque")?])
+}
+
+/// The names of the processes whose lanes the state timeline has: the writers of `sensor`, `estimate`, `singularity` and `torque`, and the recorder.
+/// Empty where no process is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Lives(pub(crate) [String; LIVES]);
+
+/// How many.
+pub(crate) const LIVES: usize = 5;
+
+impl Lives {
+    /// Those of a graph. A process that writes several of the topics has one lane.
+    #[must_use]
+    pub fn of(graph: &Graph) -> Self {
+        let recorder = graph.process.iter().find(|process| process.program() == Some(Program::Recorder));
+        let writers = ["sensor", "estimate", "singularity", "torque"].map(|topic| graph.writer(topic));
+        let [sensor, estimate, singularity, torque] = writers.map(|writer| writer.map_or(String::new(), |process| process.name.clone()));
+        let mut names = [sensor, estimate, singularity, torque, recorder.map_or(String::new(), |process| process.name.clone())];
+        for i in 1..LIVES {
+            if names[..i].contains(&names[i]) {
+                names[i].clear();
+            }
+        }
+        Self(names)
+    }
+
+    /// Place and name of each.
+    pub(crate) fn named(&self) -> impl Iterator<Item = (usize, &str)> {
+        self.0.iter().map(String::as_str).enumerate().filter(|(_, name)| !name.is_empty())
+    }
+}
+
+impl Default for Lives {
+    /// Those of the built-in graph.
+    fn default() -> Self {
+        use Program::{Analyzer, Controller, Estimator, Plant, Recorder};
+        Self([Plant, Estimator, Analyzer, Controller, Recorder].map(|program| program.name().to_owned()))
+    }
 }
 
 /// The limits that make ratios of joint quantities.

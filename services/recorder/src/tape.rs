@@ -74,6 +74,7 @@ impl Tape {
             version: &job.version,
             seed: job.scenario.seed,
             hops: viz::chain_hops(&job.graph),
+            lives: viz::Lives::of(&job.graph),
         };
         let first = RecorderSummary { file: viz::part_name(0), ..RecorderSummary::default() };
         if incarnation > 1 {

@@ -32,6 +32,7 @@ pub fn save_blueprint(run: &Run, layout: Layout, path: &Path) -> Result<(), Fail
         version: &job.version,
         seed: job.scenario.seed,
         hops: viz::chain_hops(&job.graph),
+        lives: viz::Lives::of(&job.graph),
     };
     let row = TickRow::new(0, first.lent());
     viz::save_blueprint(path, &info, &row, layout).map_err(Failure::work)

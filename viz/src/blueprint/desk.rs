@@ -125,13 +125,12 @@ impl<'a> Desk<'a> {
 
     fn modes(&mut self) -> EntityPath {
         let lanes = self.singularity_names("mode/");
-        self.sheet.states("What control does at each singularity", lanes.into_iter())
+        self.sheet.states("What control does at each singularity", lanes.iter().map(|lane| entity::state(lane)))
     }
 
     fn lives(&mut self) -> EntityPath {
-        let processes = entity::PROCESSES.iter().map(|process| format!("process/{process}"));
-        let lanes: Vec<String> = ["fault", "drive"].map(str::to_owned).into_iter().chain(processes).collect();
-        self.sheet.states("Fault, processes, drive", lanes.into_iter())
+        let processes = self.subject.lives.named().map(entity::life);
+        self.sheet.states("Fault, processes, drive", ["fault", "drive"].map(entity::state).into_iter().chain(processes))
     }
 
     /// log₁₀(|s_i| / η_i), the band below 1 hatched.

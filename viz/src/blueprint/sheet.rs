@@ -212,9 +212,9 @@ impl Sheet {
         path
     }
 
-    /// Lanes, in the viewer's own order.
+    /// Lanes by their paths, in the viewer's own order.
     pub(super) fn states(&mut self, name: &str, lanes: impl Iterator<Item = String>) -> EntityPath {
-        let contents: Vec<String> = lanes.map(|lane| entity::state(&lane)).collect();
+        let contents: Vec<String> = lanes.collect();
         let (_, path) = self.view("StateTimeline", name, "/", &contents);
         self.log(path.join(&"TimeAxis".into()), &TimeAxis::new().with_link(LinkAxis::LinkToGlobal));
         path

@@ -2,6 +2,7 @@
 
 use glam::Vec3;
 
+use crate::signals::Lives;
 use crate::solid::Rgba;
 
 /// Colours of joints, in order.
@@ -44,6 +45,8 @@ pub(crate) struct Subject {
     /// Near the singular frame, across ζ.
     pub(crate) close_up: Eye,
     pub(crate) floor_m: f32,
+    /// The processes that have lanes.
+    pub(crate) lives: Lives,
 }
 
 /// From where the arm is seen; base axes, m.

@@ -211,9 +211,9 @@ impl Columns {
     }
 }
 
-/// A heading of a table that every tool takes: `plant → estimator` is `plant_to_estimator`.
+/// A heading of a table that every tool takes: `hop sensor` is `hop_sensor`.
 fn ascii(element: &str) -> String {
-    element.replace('→', "to").chars().map(|c| if c.is_ascii_graphic() { c } else { '_' }).collect()
+    element.chars().map(|c| if c.is_ascii_graphic() { c } else { '_' }).collect()
 }
 
 /// The unit of a joint that slides, where that of one that turns is given.

@@ -113,6 +113,7 @@ impl Recording {
         let unlimited = |limits: fn(&model::Joint) -> f64| robot.joints.iter().any(|joint| !limits(joint).is_finite());
         let judged = |bound: f64, most: f64| Some(bound).filter(|bound| *bound < most);
         let subject = Subject {
+            lives: run.lives.clone(),
             joints: robot.joints.len(),
             floor_m,
             goal: [judged(scenario.goal.position_mm, 1000.0), judged(scenario.goal.orientation_deg, 180.0)],

@@ -4,7 +4,7 @@ use re_sdk_types::archetypes::{StateChange, TextDocument};
 use shared_types::codes::{DRIVES, MODES, PHASES, name_of};
 use shared_types::{MAX_SINGULARITIES, Message};
 
-use super::state::{Fault, Level, PROCESSES, Recording};
+use super::state::{Fault, Level, Recording, WRITERS};
 use crate::narration::{FAULT_COLOUR, NO_FAULT, Run};
 use crate::signals::TickRow;
 use crate::{entity, narration};
@@ -103,10 +103,12 @@ impl Recording {
         ];
         let has_input = [true, row.sensor.is_some(), row.estimate.is_some(), row.estimate.is_some() && row.singularity.is_some()];
         let freshness = u64::from(self.rate_hz) * 3 / 10;
-        for (i, incarnation) in now.into_iter().enumerate() {
+        let lives = self.subject.lives.clone();
+        for (i, name) in lives.named() {
+            let Some(&incarnation) = now.get(i) else { continue };
             if incarnation > self.incarnations[i] {
                 if self.incarnations[i] > 0 {
-                    self.event(row.tick, Level::Warning, &format!("{} is back as incarnation {incarnation}", PROCESSES[i]));
+                    self.event(row.tick, Level::Warning, &format!("{name} is back as incarnation {incarnation}"));
                     self.lanes.fresh_until[i] = row.tick + freshness;
                 }
                 self.incarnations[i] = incarnation;
@@ -121,19 +123,21 @@ impl Recording {
             };
             if self.lanes.life[i] != Some(text) {
                 self.lanes.life[i] = Some(text);
-                self.lane(row.tick, &format!("process/{}", PROCESSES[i]), text);
+                self.log(row.tick, entity::life((i, name)), &StateChange::single(text));
             }
         }
-        let text = if row.tick < self.lanes.fresh_until[PROCESSES.len()] { "restarted" } else { "up" };
-        if self.lanes.recorder != Some(text) {
+        let text = if row.tick < self.lanes.fresh_until[WRITERS] { "restarted" } else { "up" };
+        if let Some(recorder) = lives.named().find(|(place, _)| *place == WRITERS)
+            && self.lanes.recorder != Some(text)
+        {
             self.lanes.recorder = Some(text);
-            self.lane(row.tick, "process/recorder", text);
+            self.log(row.tick, entity::life(recorder), &StateChange::single(text));
         }
     }
 
     /// The recorder that writes this part has taken up where one before it ended: its lane says so from tick `from` on.
     pub fn recorder_restarted(&mut self, from: u64) {
-        self.lanes.fresh_until[PROCESSES.len()] = from + u64::from(self.rate_hz) * 3 / 10;
+        self.lanes.fresh_until[WRITERS] = from + u64::from(self.rate_hz) * 3 / 10;
     }
 
     pub(super) fn lane(&mut self, tick: u64, lane: &str, state: &str) {
@@ -145,8 +149,8 @@ impl Recording {
         for (lane, states) in [("drive", narration::DRIVE_STATES), ("phase", narration::PHASE_STATES)] {
             self.style(entity::state(lane), states);
         }
-        for process in entity::PROCESSES {
-            self.style(entity::state(&format!("process/{process}")), narration::LIFE_STATES);
+        for life in self.subject.lives.clone().named() {
+            self.style(entity::life(life), narration::LIFE_STATES);
         }
     }
 }

@@ -8,7 +8,6 @@ use re_chunk::external::arrow::buffer::ScalarBuffer;
 use re_chunk::{Chunk, ChunkBuilder, ChunkComponents, ChunkId, EntityPath, RowId, TimeColumn, TimePoint, Timeline};
 use re_log_types::{StoreId, TimeCell};
 use re_sdk_types::{AsComponents, SerializedComponentColumn};
-use shared_types::process::Program;
 use shared_types::scenario::{Layout, Scenario};
 use shared_types::{MAX_DOF, MAX_SINGULARITIES};
 
@@ -19,11 +18,11 @@ use crate::blueprint::Subject;
 use crate::entity;
 use crate::narration::{History, Situation};
 use crate::scene::{Look, NullMotion};
-use crate::signals::{ChainHops, Limits};
+use crate::signals::{ChainHops, LIVES, Limits, Lives};
 use crate::sink::{FileInfo, Sink};
 
 /// Which run a recording is of.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct RunInfo<'a> {
     /// The request.
     pub scenario: &'a Scenario,
@@ -37,6 +36,8 @@ pub struct RunInfo<'a> {
     pub seed: u64,
     /// The chain's places in the stamps: [`chain_hops`](crate::chain_hops) of the run's graph.
     pub hops: Option<ChainHops>,
+    /// The processes that have lanes: [`Lives::of`] the run's graph.
+    pub lives: Lives,
 }
 
 /// How much is recorded, and how often it is written.
@@ -156,7 +157,7 @@ pub struct Recording {
     /// Ticks since the last command.
     pub(super) unheard: u64,
     pub(super) lanes: Lanes,
-    pub(super) incarnations: [u32; PROCESSES.len()],
+    pub(super) incarnations: [u32; WRITERS],
     pub(super) hops: Option<ChainHops>,
 }
 
@@ -187,9 +188,8 @@ pub(super) struct Swept {
     pub(super) is_over: bool,
 }
 
-/// The programs that write the topics of the chain: a lane of the state timeline each.
-pub(super) const PROCESSES: [&str; 4] =
-    [Program::Plant.name(), Program::Estimator.name(), Program::Analyzer.name(), Program::Controller.name()];
+/// How many of the processes with a lane write a topic: all but the recorder.
+pub(super) const WRITERS: usize = LIVES - 1;
 
 /// The text of each lane of the state timeline.
 #[derive(Debug, Default)]
@@ -197,11 +197,11 @@ pub(super) struct Lanes {
     pub(super) modes: [Option<u32>; MAX_SINGULARITIES],
     pub(super) drive: Option<u32>,
     pub(super) phase: Option<u32>,
-    pub(super) life: [Option<&'static str>; PROCESSES.len()],
+    pub(super) life: [Option<&'static str>; WRITERS],
     /// Ticks for which each writer's message has been missing.
-    pub(super) missing: [u64; PROCESSES.len()],
+    pub(super) missing: [u64; WRITERS],
     /// Until when each writer, and the recorder, counts as restarted.
-    pub(super) fresh_until: [u64; PROCESSES.len() + 1],
+    pub(super) fresh_until: [u64; LIVES],
     pub(super) recorder: Option<&'static str>,
     pub(super) fault: Option<String>,
 }

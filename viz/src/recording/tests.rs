@@ -11,7 +11,7 @@ use re_log_types::{LogMsg, StoreKind};
 use super::*;
 use crate::arm::Figure;
 use crate::entity;
-use crate::signals::{Limits, Signal, TickRow, sample};
+use crate::signals::{Limits, Lives, Signal, TickRow, sample};
 use crate::storage::RecordError;
 use crate::synthetic::{Messages, Run, SCENARIO};
 use model::{Model, Robot};
@@ -27,7 +27,7 @@ fn puma() -> Robot {
 
 fn begin(volume: &Volume, robot: &Robot) -> Result<Recording, RecordError> {
     let scenario = Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid");
-    let run = RunInfo { scenario: &scenario, robot, run: "test", version: "0", seed: 1, hops: Some([0, 1, 2, 3]) };
+    let run = RunInfo { scenario: &scenario, robot, run: "test", version: "0", seed: 1, hops: Some([0, 1, 2, 3]), lives: Lives::default() };
     Recording::with_storage(volume.clone(), 0, &run, Options::default())
 }
 
@@ -288,7 +288,15 @@ fn every_part_opens_alone_and_all_together() {
 fn a_recorder_that_takes_up_writes_the_next_part_of_the_same_recording() {
     let (killed, taken_up, robot) = (Volume::new(usize::MAX), Volume::new(usize::MAX), puma());
     let scenario = Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid");
-    let about = RunInfo { scenario: &scenario, robot: &robot, run: "test", version: "0", seed: 1, hops: Some([0, 1, 2, 3]) };
+    let about = RunInfo {
+        scenario: &scenario,
+        robot: &robot,
+        run: "test",
+        version: "0",
+        seed: 1,
+        hops: Some([0, 1, 2, 3]),
+        lives: Lives::default(),
+    };
     let mut run = Run::new(&robot);
     let messages: Vec<Messages> = (0..200).map(|_| run.step()).collect();
     let mut recording = begin(&killed, &robot).expect("room");
@@ -353,7 +361,15 @@ fn missing_messages_leave_gaps_and_are_told() {
 fn a_recording_at_a_frame_that_the_arm_does_not_have_is_refused() {
     let robot = Robot::builtin("iiwa14").expect("built in");
     let scenario = Scenario::parse("synthetic.toml", SCENARIO, &["frame=\"nowhere\"".to_owned()]).expect("valid");
-    let run = RunInfo { scenario: &scenario, robot: &robot, run: "test", version: "0", seed: 1, hops: Some([0, 1, 2, 3]) };
+    let run = RunInfo {
+        scenario: &scenario,
+        robot: &robot,
+        run: "test",
+        version: "0",
+        seed: 1,
+        hops: Some([0, 1, 2, 3]),
+        lives: Lives::default(),
+    };
     let error = Recording::with_storage(Volume::new(usize::MAX), 0, &run, Options::default()).err().expect("there is no such frame");
     assert!(error.to_string().contains("iiwa14") && error.to_string().contains("nowhere"), "{error}");
 }
@@ -369,7 +385,15 @@ fn a_smaller_arm_has_its_own_links_only() {
 #[test]
 fn a_folder_that_does_not_exist_is_named() {
     let (scenario, robot) = (Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid"), puma());
-    let run = RunInfo { scenario: &scenario, robot: &robot, run: "test", version: "0", seed: 1, hops: Some([0, 1, 2, 3]) };
+    let run = RunInfo {
+        scenario: &scenario,
+        robot: &robot,
+        run: "test",
+        version: "0",
+        seed: 1,
+        hops: Some([0, 1, 2, 3]),
+        lives: Lives::default(),
+    };
     let error = Recording::create(Path::new("/there/is/no/such"), &run).err().expect("no folder");
     assert!(error.to_string().contains("/there/is/no/such/run.rrd") && error.to_string().contains("--out"), "{error}");
 }
@@ -395,7 +419,15 @@ fn what_is_recorded_is_read_back() {
     let folder = std::env::temp_dir().join(format!("armplane-read-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
     let (scenario, robot) = (Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid"), puma());
-    let about = RunInfo { scenario: &scenario, robot: &robot, run: "test", version: "0", seed: 7, hops: Some([0, 1, 2, 3]) };
+    let about = RunInfo {
+        scenario: &scenario,
+        robot: &robot,
+        run: "test",
+        version: "0",
+        seed: 7,
+        hops: Some([0, 1, 2, 3]),
+        lives: Lives::default(),
+    };
     let mut recording = Recording::create(&folder, &about).expect("room");
     let mut run = Run::new(&robot);
     let sent: Vec<Messages> = (0..250).map(|_| run.step()).collect();

@@ -10,7 +10,7 @@ fn two_parts(folder: &Path, run: &str) -> [std::path::PathBuf; 2] {
     let robot = puma();
     let scenario = Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid");
     let info =
-        RunInfo { scenario: &scenario, robot: &robot, run, version: "0", seed: 1, hops: Some([0, 1, 2, 3]) };
+        RunInfo { scenario: &scenario, robot: &robot, run, version: "0", seed: 1, hops: Some([0, 1, 2, 3]), lives: Lives::default() };
     let (mut recording, mut messages) = (Recording::create(folder, &info).expect("room"), Run::new(&robot));
     for tick in 0..1200 {
         if tick == 600 {

@@ -89,8 +89,15 @@ pub fn race(
     observer(Progress::Step);
 
     let run = format!("race-{}-{}", scenario.name, scenario.seed);
-    let info =
-        RunInfo { scenario: &scenario, robot: &robot, run: &run, version: env!("CARGO_PKG_VERSION"), seed: scenario.seed, hops: None };
+    let info = RunInfo {
+        scenario: &scenario,
+        robot: &robot,
+        run: &run,
+        version: env!("CARGO_PKG_VERSION"),
+        seed: scenario.seed,
+        hops: None,
+        lives: viz::Lives::default(),
+    };
     let options = Options { signal_chunk_s: 1.0, picture_chunk_s: 10.0, ..Options::default() };
     let mut recording = Recording::create_part(&results.folder, 0, &info, options).map_err(Failure::work)?;
     let (mut racer, mut words, mut failed) = (Racer::default(), String::new(), None);
