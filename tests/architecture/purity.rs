@@ -263,7 +263,7 @@ fn platform_calls(code: &[TokenTree]) -> BTreeSet<String> {
             let owner = if of_a_path { owner(&tokens[..at - 2]) } else { String::new() };
             let is_platform = PLATFORM.contains(&name.as_str()) && owner != "libm";
             let is_rotation = TRIGONOMETRIC.contains(&name.as_str()) || name == "new" && ROTATIONS.contains(&owner.as_str());
-            if (is_platform && (is_method || of_a_path)) || (is_rotation && (is_method || of_a_path)) {
+            if (is_platform || is_rotation) && (is_method || of_a_path) {
                 found.insert(format!("{owner}{}{name}", if of_a_path { "::" } else { "." }));
             }
         }

@@ -161,6 +161,15 @@ impl Context {
         if self.has_started.get() { Ok(Waited::Ready(())) } else { self.begin() }
     }
 
+    /// A tick closes with the last of the declared outputs: one without a writer would keep every tick open.
+    fn has_all_outputs(&self) -> Result<(), Interrupted> {
+        let (writes, outlets) = (&self.manifest.processes[self.me].writes, self.attached.outlets.borrow());
+        match writes.iter().find(|declared| !outlets.iter().any(|outlet| outlet.topic() == *declared)) {
+            None => Ok(()),
+            Some(topic) => Err(Interrupted::Unopened { process: self.name().to_owned(), topic: topic.clone() }),
+        }
+    }
+
     #[cold]
     fn begin(&self) -> Result<Waited<()>, Interrupted> {
         self.has_all_outputs()?;
