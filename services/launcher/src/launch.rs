@@ -72,9 +72,11 @@ impl Supervised {
         for index in 0..self.plan.children.len() {
             self.start(index, commands)?;
         }
+        let mut has_begun = false;
         let end = match self.await_beginning(commands, &mut signals, report)? {
             Some(end) => end,
             None => {
+                has_begun = true;
                 report(Event::Go);
                 self.watch(commands, &mut signals, report)
             }
@@ -86,6 +88,9 @@ impl Supervised {
             (End::Completed, Some(failure)) => End::Failed(failure),
             (end, _) => end,
         };
+        if has_begun && let End::Failed(Failure::Died { process, .. }) = &end {
+            self.enter_last_death(&process.clone());
+        }
         let faults = self.control_page.fault_table().records().map(|(_, account)| account).collect();
         let last_lines = std::mem::take(&mut self.last_lines);
         let outcome = Outcome { end, ticks: self.ticks(), processes: self.process_outcomes(), faults, last_lines };

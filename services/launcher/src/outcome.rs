@@ -65,7 +65,7 @@ pub enum Failure {
         pid: u32,
         /// How.
         exit: Exit,
-        /// Ticks it had done.
+        /// The first tick that it did not answer.
         tick: u64,
         /// How often it had been started again.
         restarts: u32,
@@ -117,11 +117,11 @@ fn stranger(exit: Exit, tick: u64) -> &'static str {
 }
 
 fn hint(suspect: &Option<String>) -> String {
-    suspect.as_ref().map(|name| format!(" ({name} had stood still before)")).unwrap_or_default()
+    suspect.as_ref().map(|name| format!(" ({name} was behind)")).unwrap_or_default()
 }
 
 fn said(last_words: &[String]) -> String {
-    if last_words.is_empty() { String::new() } else { format!("; it said:\n  {}", last_words.join("\n  ")) }
+    if last_words.is_empty() { String::new() } else { format!("; its last lines:\n  {}", last_words.join("\n  ")) }
 }
 
 /// How a run ended.

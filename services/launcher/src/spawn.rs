@@ -151,13 +151,16 @@ impl Supervised {
 
     pub(crate) fn died(&self, index: usize) -> Failure {
         let slot = &self.slots.0[index];
+        let exit = slot.exit.unwrap_or(Exit::Code(0));
+        // A process that gave up a wait ends by itself; of a signal the others are innocent.
+        let suspect = self.stood_still().filter(|&other| other != index && matches!(exit, Exit::Code(_)));
         Failure::Died {
             process: self.name(index).to_owned(),
             pid: slot.pid,
-            exit: slot.exit.unwrap_or(Exit::Code(0)),
-            tick: self.control_page.process(index).ticks(),
+            exit,
+            tick: self.tick_of_end(index),
             restarts: slot.restarts,
-            suspect: self.stood_still().filter(|&other| other != index).map(|other| self.name(other).to_owned()),
+            suspect: suspect.map(|other| self.name(other).to_owned()),
             last_words: slot.last_words.clone(),
         }
     }

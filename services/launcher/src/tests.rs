@@ -306,7 +306,7 @@ fn a_process_that_hangs_is_named_by_who_waited_and_killed_in_the_end() {
     let End::Failed(failure) = &outcome.end else { panic!("{outcome:?}") };
     let text = failure.to_string();
     assert!(text.contains("plant waited") && text.contains("tick 0 of topic \"torque\""), "{text}");
-    assert!(text.contains("controller had stood still before"), "{text}");
+    assert!(text.contains("controller was behind"), "{text}");
     assert_eq!(outcome.processes[1].exit, Exit::Signal(9), "it ignored the stop and SIGTERM");
     assert!(!is_left_behind(&ran.name));
 }

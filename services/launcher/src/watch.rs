@@ -73,14 +73,7 @@ impl Supervised {
     /// so that the run can be repeated.
     fn enter_death(&mut self, index: usize) -> Result<(), Failure> {
         let table = self.control_page.fault_table();
-        // Each fault that ends its process has ended one incarnation. Where more have ended, the last one was killed from outside, perhaps
-        // before it could take the place of one that a fault had ended.
-        let has_ended = |account: &FaultRecord| {
-            account.scheduled.process as usize == index && ends_process(&account.scheduled) && account.injected_ns != 0
-        };
-        let explained = table.records().filter(|(_, account)| has_ended(account)).count();
-        let is_known = explained >= self.control_page.process(index).incarnation() as usize;
-        if !is_known {
+        if self.listed_end(index).is_none() {
             let (tick, sent) = self.left_off(index);
             let death = unplanned_death(index, tick, sent, self.plan.rate_hz);
             let Some(place) = table.enter(&death, Origin::Detected) else {
@@ -100,6 +93,34 @@ impl Supervised {
             self.last_lines.extend(last.map(|(_, account)| (index, account.scheduled.at, line.clone())));
         }
         Ok(())
+    }
+
+    /// Enters the death that has ended the run, which no replacement follows. After the stop: until then the others would go on without the dead process.
+    pub(crate) fn enter_last_death(&mut self, process: &str) {
+        let index = (0..self.plan.children.len()).find(|&index| self.name(index) == process);
+        // One that was to be replaced has been entered.
+        if let Some(index) = index.filter(|&index| self.slots.0[index].due.is_none()) {
+            // A full table leaves the failure of the run, which has the same words.
+            let _ = self.enter_death(index);
+        }
+    }
+
+    /// The first tick that a process which has ended did not answer, as the fault table has it or will have it.
+    pub(crate) fn tick_of_end(&self, index: usize) -> u64 {
+        self.listed_end(index).unwrap_or_else(|| self.left_off(index).0)
+    }
+
+    /// The tick at which the fault table has the end of a process's last incarnation, where it has one.
+    ///
+    /// Each fault that ends its process has ended one incarnation. Where more have ended, the last one was killed from outside, perhaps before it could
+    /// take the place of one that a fault had ended.
+    fn listed_end(&self, index: usize) -> Option<u64> {
+        let has_ended = |account: &FaultRecord| {
+            account.scheduled.process as usize == index && ends_process(&account.scheduled) && account.injected_ns != 0
+        };
+        let ends = || self.control_page.fault_table().records().map(|(_, account)| account).filter(has_ended);
+        let is_listed = ends().count() >= self.control_page.process(index).incarnation() as usize;
+        if is_listed { ends().last().map(|account| account.scheduled.at) } else { None }
     }
 
     /// Where a death has left the outputs of a process: the first tick that is not whole, and how many messages of it have left.

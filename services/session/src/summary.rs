@@ -39,10 +39,14 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
             summary.completed = false;
             summary.outcome = "failed".to_owned();
             if !is_listed(&job.graph, outcome, failure) {
+                let (tick, kind) = match failure {
+                    Failure::Died { tick, exit, .. } => (*tick, kind_of(*exit)),
+                    _ => (outcome.ticks, "exit"),
+                };
                 summary.faults.push(FaultSummary {
-                    tick: outcome.ticks,
+                    tick,
                     process: named_in(&job.graph, &first),
-                    kind: "exit".to_owned(),
+                    kind: kind.to_owned(),
                     detail: first.clone(),
                     origin: Origin::Detected.name().to_owned(),
                     occurred: true,
@@ -58,7 +62,7 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
         let is_it =
             |(process, at, _): &&(usize, u64, String)| (*process, *at) == (account.scheduled.process as usize, account.scheduled.at);
         if let Some((.., line)) = outcome.last_lines.iter().find(is_it) {
-            fault.detail = format!("{}; it said: {}", fault.detail, line.trim_start_matches("armplane: "));
+            fault.detail = format!("{}; its last line: {}", fault.detail, line.trim_start_matches("armplane: "));
         }
     }
     faults.append(&mut summary.faults);
@@ -93,14 +97,7 @@ pub(crate) fn fault_summary(job: &Job, account: &FaultRecord) -> FaultSummary {
     let fault = job.graph.target(&process).and_then(|target| account.scheduled.fault(&process, &target));
     let since_ms = |ns: u64| (account.injected_ns != 0 && ns != 0).then(|| ns.saturating_sub(account.injected_ns) as f64 * 1e-6);
     let (kind, detail) = match (account.exit, &fault) {
-        (Some(exit), _) => {
-            let kind = match exit {
-                Exit::Code(_) => "exit",
-                Exit::Signal(SIGKILL) => "kill",
-                Exit::Signal(_) => "signal",
-            };
-            (kind, ended(&process, exit, &account.scheduled, account.recovered_ns != 0))
-        }
+        (Some(exit), _) => (kind_of(exit), ended(&process, exit, &account.scheduled, account.recovered_ns != 0)),
         (None, Some(fault)) => (fault.kind.name(), fault.to_string()),
         (None, None) => ("", String::new()),
     };
@@ -117,6 +114,15 @@ pub(crate) fn fault_summary(job: &Job, account: &FaultRecord) -> FaultSummary {
     }
 }
 
+/// The kind of an end that no plan had.
+fn kind_of(exit: Exit) -> &'static str {
+    match exit {
+        Exit::Code(_) => "exit",
+        Exit::Signal(SIGKILL) => "kill",
+        Exit::Signal(_) => "signal",
+    }
+}
+
 /// `estimator ended with exit code 3 at tick 1200; its replacement answers from tick 1300 on`.
 fn ended(process: &str, exit: Exit, scheduled: &ScheduledFault, is_replaced: bool) -> String {
     let after = match scheduled.after_outputs() {
@@ -130,7 +136,7 @@ fn ended(process: &str, exit: Exit, scheduled: &ScheduledFault, is_replaced: boo
 /// The failure on one line: with the reason that the process itself gave, where it gave one.
 fn sentence(failure: &Failure) -> String {
     let text = failure.to_string();
-    let first = text.lines().next().unwrap_or_default().trim_end_matches("; it said:");
+    let first = text.lines().next().unwrap_or_default().trim_end_matches("; its last lines:");
     let own = match failure {
         Failure::Died { last_words, .. } => last_words.iter().rev().find_map(|line| line.strip_prefix("armplane: ")),
         _ => None,
