@@ -108,10 +108,11 @@ fn topics_of(graph: &Graph, process: &Process) -> Result<Vec<(MessageLayout, u32
     named.map(|(name, usage)| Ok((layout(name)?, usage))).collect()
 }
 
-/// Enters the death of a program into the fault table: the launcher finds it there when this process ends, and the run can be repeated.
+/// Enters the death of a program into the fault table: the launcher finds it there when this process ends, and the run can be repeated. Not after an
+/// early stop: the program ends with the run then.
 fn death(shell: &Shell, name: &str, tick: u64, failure: &Failure) -> ProcessError {
     let manifest = shell.manifest();
-    if let Some(me) = manifest.index_of(name).filter(|_| tick > 0 || shell.incarnation() == 1) {
+    if let Some(me) = manifest.index_of(name).filter(|_| !shell.is_stopping_early() && (tick > 0 || shell.incarnation() == 1)) {
         let table = shell.fault_table();
         if let Some(place) = table.enter(&unplanned_death(me, tick, 0, manifest.rate_hz), Origin::Detected) {
             // As this process is about to end.

@@ -81,7 +81,8 @@ pub(crate) struct Program<'a> {
     group: Option<Pid>,
     pub(crate) page: Page,
     limit: Duration,
-    /// Whether a stop of the run ends a wait: not for an observer, which takes in what is still there.
+    /// Whether a stop of the run ends a wait at once: not for an observer, which takes in what is still there. A stop before the end of the run ends
+    /// every wait that has lasted for longer than [`GRACE`].
     is_hasty: bool,
 }
 
@@ -168,7 +169,8 @@ impl<'a> Program<'a> {
             if futex::wait(self.page.answers(), futex::Flags::empty(), found, Some(&limit)).is_ok() {
                 continue;
             }
-            if self.is_hasty && self.shell.is_stopping() {
+            let is_early = || self.shell.is_stopping_early() && began.elapsed() > GRACE;
+            if self.is_hasty && self.shell.is_stopping() || is_early() {
                 return Ok(Answer::Stopped);
             }
             // One that fails ends behind its answer, which counts.
@@ -204,7 +206,7 @@ impl<'a> Program<'a> {
         }
     }
 
-    /// Whether the program still runs. of one that was started separately that is not known.
+    /// Whether the program still runs; not known of one that was started separately.
     fn look(&mut self, at: &str) -> Result<(), Failure> {
         match self.child.as_mut().map(Child::try_wait) {
             Some(Ok(Some(status))) => {

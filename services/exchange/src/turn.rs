@@ -118,19 +118,20 @@ pub(crate) fn observer(shell: &Shell, topics: Topics<'_>, program: &mut Program<
                 || gathered.iter().any(|topic| topic.oldest().is_some_and(|(_, waiting)| waiting > MOST_WAITING))
         };
         while is_whole(&gathered) {
-            show_oldest(program, &mut gathered)?;
+            if !show_oldest(program, &mut gathered)? {
+                return Ok(());
+            }
         }
     }
     while show_oldest(program, &mut gathered)? {}
     Ok(())
 }
 
-/// Shows the oldest tick; `false` where there is none.
+/// Shows the oldest tick; `false` where there is none, or where the program is not waited for any longer.
 fn show_oldest(program: &mut Program<'_>, gathered: &mut [Box<dyn Gathered>]) -> Result<bool, Ended> {
     let Some(tick) = gathered.iter().filter_map(|topic| topic.oldest()).map(|(tick, _)| tick).min() else { return Ok(false) };
     for topic in gathered.iter_mut() {
         topic.show(&program.page, tick);
     }
-    step(program, &mut [], tick)?;
-    Ok(true)
+    Ok(step(program, &mut [], tick)? != Answer::Stopped)
 }

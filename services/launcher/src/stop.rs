@@ -43,7 +43,7 @@ impl Supervised {
         let ending = |polled, limit| Ending { polled, limit, is_complete, is_patient };
         self.control_page.request_stop(Stop::Chain);
         let chain = self.stop_those(&ending(false, stop), commands, signals, report);
-        self.control_page.request_stop(Stop::Everything);
+        self.control_page.request_stop(if is_complete { Stop::Everything } else { Stop::Early });
         let polled = self.stop_those(&ending(true, stop_polled), commands, signals, report);
         chain.or(polled)
     }

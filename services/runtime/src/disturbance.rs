@@ -1,8 +1,10 @@
-//! Deliberate pauses, with which `verify` disturbs a process.
+//! The disturbances of a process in a run of `verify`: a delay of its start, a nice value, deliberate pauses.
 
 use std::time::Duration;
 
 use shared_types::random::at as random;
+
+use crate::manifest::Disturbance;
 
 /// Seeded short pauses before a process looks for its next message.
 #[derive(Debug)]
@@ -27,6 +29,18 @@ impl Pauses {
         let random = random(self.seed, self.looks);
         let length = Duration::from_micros((random >> 32) % (Self::LONGEST_US + 1));
         random.is_multiple_of(Self::ONE_IN).then_some(length)
+    }
+}
+
+/// Applies the disturbance's nice value and the delay of its start.
+pub(crate) fn begin(Disturbance { start_delay, nice, .. }: Disturbance) {
+    if nice != 0
+        && let Err(errno) = rustix::process::setpriority_process(None, nice)
+    {
+        tracing::warn!("cannot take the nice value {nice}: {errno}");
+    }
+    if !start_delay.is_zero() {
+        std::thread::sleep(start_delay);
     }
 }
 

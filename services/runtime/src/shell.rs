@@ -23,10 +23,10 @@ use crate::checkpoint::CheckpointSlots;
 use crate::clock::now_ns;
 use crate::context::{Attached, Connect, Context, FaultState, StopFlag};
 use crate::control_page::{ANYTHING, ControlPage, ControlPageError, Count, PROGRESS, ProcessEntry, Stop, Watchdog};
-use crate::disturbance::Pauses;
+use crate::disturbance::{self, Pauses};
 use crate::fault::table::FaultTable;
 use crate::lockstep::RECORDER_LAG;
-use crate::manifest::{Disturbance, Manifest, ManifestError, Mode};
+use crate::manifest::{Manifest, ManifestError, Mode};
 use crate::realtime;
 use crate::run_dir::{RunDir, RunDirError};
 use crate::stamping::Stamping;
@@ -181,7 +181,7 @@ impl Shell {
         Watchdog::start(&control_page, me).map_err(OpenError::Watchdog)?;
         settle(&manifest, me);
         let disturbance = manifest.processes[me].disturbance;
-        begin_disturbed(disturbance);
+        disturbance::begin(disturbance);
         let bus = join(&run, process, false)?;
         let stops_at = if manifest.processes[me].polled { Stop::Everything } else { Stop::Chain };
         let foreign = manifest.messages.iter().map(|message| depth(message.bytes));
@@ -427,6 +427,12 @@ impl Shell {
         self.shared.is_stopping()
     }
 
+    /// Whether the run stops before its end: nobody waits for more than what is there.
+    #[must_use]
+    pub fn is_stopping_early(&self) -> bool {
+        self.shared.control_page.stop() == Stop::Early
+    }
+
     /// One of this process's counts so far.
     #[must_use]
     pub fn count(&self, count: Count) -> u64 {
@@ -465,18 +471,6 @@ impl Shell {
             true => Ok(()),
             false => Err(TopicError::Undeclared { process: process.name.clone(), action, topic: M::TOPIC }),
         }
-    }
-}
-
-/// Applies the disturbance's nice value and pauses.
-fn begin_disturbed(Disturbance { start_delay, nice, .. }: Disturbance) {
-    if nice != 0
-        && let Err(errno) = rustix::process::setpriority_process(None, nice)
-    {
-        tracing::warn!("cannot take the nice value {nice}: {errno}");
-    }
-    if !start_delay.is_zero() {
-        std::thread::sleep(start_delay);
     }
 }
 

@@ -47,6 +47,8 @@ pub enum Stop {
     Chain = 1,
     /// Everybody stops.
     Everything = 2,
+    /// Everybody stops, and the run has not come to its end: it was interrupted, or it has failed.
+    Early = 3,
 }
 
 #[repr(C, align(64))]
@@ -218,7 +220,8 @@ impl ControlPage {
         match self.page().stop.load(Ordering::Acquire) {
             0 => Stop::No,
             1 => Stop::Chain,
-            _ => Stop::Everything,
+            2 => Stop::Everything,
+            _ => Stop::Early,
         }
     }
 
