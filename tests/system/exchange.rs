@@ -9,6 +9,7 @@ use serde_json::Value;
 use shared_types::PlantState;
 
 use crate::command::{Desk, Said, assert_nothing_left, finish, run_of, skipped, until};
+use crate::life::signal;
 use crate::wire::wire;
 
 /// The folder of the repository.
@@ -112,6 +113,8 @@ class Estimator(armplane.Process):
             self.save = lambda: None
         if HOW == "raises":
             raise ValueError("no idea")
+        if HOW == "cut":
+            os.truncate(exchange.path, 0)
         if HOW == "garbage":
             exchange._map[:] = b"\xff" * len(exchange._map)
             os._exit(0)
@@ -185,6 +188,7 @@ fn bad_programs_are_named_in_the_log_and_among_the_faults() {
         ("state", "says of its checkpoint of tick 200 that it has 1073741824 bytes; there is room for 4096"),
         ("raises", "cannot go on at tick 200: ValueError: no idea"),
         ("garbage", "wrote the count of answers 4294967295 at tick 200"),
+        ("cut", "has cut its exchange page short"),
         ("version", "speaks version 7 of the exchange page, armplane speaks version 1"),
         ("layout", "uses armplane.SensorSample.v2 (0000000000000123) for `sensor`, armplane uses armplane.SensorSample.v"),
         ("absent", "ended with exit code 0 before it joined"),
@@ -196,8 +200,16 @@ fn bad_programs_are_named_in_the_log_and_among_the_faults() {
         let said = run(&desk, &["run", "short.toml", "--no-record", "--json"]);
         assert_eq!(said.code, 1, "{how}: {}", said.err);
         assert!(said.err.contains(&format!("the program of estimator {expected}")), "{how}: {}", said.err);
-        let faults = &summary(&said)["faults"];
+        let summary = summary(&said);
+        let faults = &summary["faults"];
         assert_eq!((&faults[0]["plan"]["process"], &faults[0]["origin"]), (&"estimator".into(), &"detected".into()), "{how}: {faults}");
+        assert_eq!(
+            (faults.as_array().unwrap().len(), &faults[0]["kind"]),
+            (1, &Value::from(if how == "cut" { "signal" } else { "exit" })),
+            "{faults}"
+        );
+        let (tick, reason) = (&faults[0]["tick"], summary["reason"].as_str().unwrap());
+        assert!(reason.contains(&format!(" at tick {tick}: the program of estimator")), "{how}: {reason}: {faults}");
     }
 }
 
@@ -216,7 +228,7 @@ fn the_graph_decides_whether_a_bad_program_is_started_again() {
     assert_eq!((faults.len(), &faults[0]["plan"]["at_tick"]), (1, &Value::from(200)), "{faults:?}");
     assert!(faults[0]["recovered_ms"].is_number(), "{faults:?}");
     let detail = faults[0]["detail"].as_str().unwrap();
-    let expected = "estimator ended with exit code 1 at tick 200; its replacement answers from tick 300 on; it said: the program of estimator ended with exit code 7";
+    let expected = "estimator ended with exit code 1 at tick 200; its replacement answers from tick 300 on; its last line: the program of estimator ended with exit code 7";
     assert!(faults[0]["kind"] == "exit" && detail.starts_with(expected), "{faults:?}");
     // The run leaves the scenario in which that death is planned; the program lives, and the shell dies instead: the same bytes.
     estimator(&desk, "", "always", "");
@@ -327,6 +339,53 @@ fn an_observer_in_python_sees_every_tick() {
     assert_eq!(said.code, 0, "{}", said.err);
     let ticks = summary(&said)["ticks"].as_u64().expect("ticks");
     assert!(said.err.contains(&format!("saw {ticks} ticks")), "{ticks}: {}", said.err);
+}
+
+/// An observer that at tick 100 does this.
+fn watch(desk: &Desk, at_100: &str) {
+    let program = "import armplane, os, time\nclass W(armplane.Observer):\n    def see(self, tick, plant_state=None):\n        if tick == 100:\n            ";
+    desk.file("watch.py", &format!("{program}{at_100}\nW.run()\n"));
+    let process = "[[process]]\nname = \"watch\"\ncommand = [\"python3\", \"watch.py\"]\nexchange = true\nreads = [\"plant_state\"]\n";
+    desk.file("graph.toml", &format!("extends = \"armplane\"\n{process}"));
+    scenario(desk, "");
+}
+
+#[test]
+fn the_end_of_an_observer_has_one_tick() {
+    if !has_python("") {
+        return skipped("there is no python3");
+    }
+    for (at_100, kind) in [("os.kill(os.getpid(), 9)", "exit"), ("os.kill(os.getppid(), 9)", "kill")] {
+        let desk = Desk::new();
+        watch(&desk, at_100);
+        let said = run(&desk, &["run", "short.toml", "--no-record", "--json"]);
+        let summary = summary(&said);
+        let (fault, reason) = (&summary["faults"][0], summary["reason"].as_str().unwrap());
+        let at = format!(" at tick {}", fault["tick"]);
+        assert_eq!((said.code, &fault["kind"], &fault["plan"]["at_tick"]), (1, &kind.into(), &fault["tick"]), "{}", said.err);
+        assert!(reason.contains(&at) && fault["detail"].as_str().unwrap().contains(&at), "{reason}: {fault}");
+        assert!(kind == "kill" || fault["tick"] == 100, "{fault}");
+    }
+}
+
+#[test]
+fn a_program_that_hangs_ends_quietly_with_an_interrupted_run() {
+    if !has_python("") {
+        return skipped("there is no python3");
+    }
+    let desk = Desk::new();
+    watch(&desk, "print('hangs', flush=True); time.sleep(600)");
+    let mut launcher = armplane(&desk, &["run", "short.toml", "--no-record", "--json"]).spawn().expect("armplane starts");
+    let mut lines = BufReader::new(launcher.stderr.take().expect("piped")).lines().map_while(Result::ok);
+    assert!(lines.by_ref().any(|line| line.contains("hangs")), "it does not come to tick 100");
+    signal(launcher.id().cast_signed(), "INT");
+    let rest: Vec<String> = lines.collect();
+    let said = finish(launcher);
+    let summary = summary(&said);
+    assert_eq!((&summary["outcome"], summary["faults"].as_array().map(Vec::len)), (&"interrupted".into(), Some(0)), "{summary}");
+    assert!(!rest.iter().any(|line| line.contains("has not answered")), "{rest:?}");
+    assert_nothing_left(said.launcher);
+    assert_eq!(programs_of(said.launcher), Vec::<i32>::new());
 }
 
 #[test]

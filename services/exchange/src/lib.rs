@@ -6,11 +6,13 @@
 //!
 //! ```text
 //! page.rs       the page in memory            program.rs   the program: started or awaited, asked, ended
+//! cut.rs        its end by a program          ended.rs     why a turn ends before the run does
 //! ports.rs      topics to and from the page   turn.rs      the turns of the three roles
 //! describe/     the wire for other languages: `armplane wire`
 //! ```
 
 mod checkpoint;
+mod cut;
 pub mod describe;
 mod ended;
 mod page;
@@ -51,6 +53,7 @@ pub fn run(shell: &Shell, graph: &Graph, name: &str, dof: usize, length: u64, co
     };
     let failed = |error: std::io::Error| ProcessError::setup(format!("cannot make the exchange page of {name}: {error}"));
     let page = Page::create(shell.run_dir(), name, about, &topics).map_err(failed)?;
+    cut::explain(name, page.range());
     let limit = if process.answer_limit_s == 0 { USUAL_LIMIT } else { Duration::from_secs(u64::from(process.answer_limit_s)) };
     let is_hasty = process.role() != Role::Observer;
     let died = |tick, failure| Err(death(shell, name, tick, &failure));

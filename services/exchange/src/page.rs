@@ -84,6 +84,12 @@ impl Page {
         Ok(Self { start, bytes: end, messages, state_at, topics_at, path })
     }
 
+    /// Its addresses in this process.
+    pub(crate) fn range(&self) -> std::ops::Range<usize> {
+        let start = self.start.as_ptr() as usize;
+        start..start + self.bytes
+    }
+
     pub(crate) fn path(&self) -> &Path {
         &self.path
     }
