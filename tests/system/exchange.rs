@@ -209,7 +209,7 @@ fn bad_programs_are_named_in_the_log_and_among_the_faults() {
             "{faults}"
         );
         let (tick, reason) = (&faults[0]["tick"], summary["reason"].as_str().unwrap());
-        assert!(reason.contains(&format!(" at tick {tick}: the program of estimator")), "{how}: {reason}: {faults}");
+        assert!(reason.contains(&format!(" at tick {tick}")) && reason.contains(": the program of estimator"), "{how}: {reason}: {faults}");
     }
 }
 
