@@ -48,6 +48,6 @@ impl fmt::Display for FaultKinds {
             rows.add_row([kind.name().to_owned(), kind.about().to_owned(), processes, length, ways.collect::<Vec<_>>().join(", ")]);
         }
         writeln!(f, "{rows}")?;
-        writeln!(f, "The same words in a scenario, under [[fault]], with at_tick or at_s: they take effect at that tick of every run.")
+        writeln!(f, "The same words in a scenario, under [[fault]], with at_tick or at_s:\nthey take effect at that tick of every run.")
     }
 }

@@ -4,7 +4,7 @@ use std::fmt;
 
 use message_log::{Difference, FieldDifference};
 use serde_json::{Value, json};
-use session::table::{Cell, number, table};
+use session::table::{fitted, number};
 use shared_types::job::Job;
 use shared_types::scenario::Scenario;
 use shared_types::summary::TopicSummary;
@@ -23,26 +23,29 @@ pub struct VerifiedText<'a> {
 }
 
 /// Why the first run is the reference, where it is.
-const WHY: &str =
-    "one thread has no processes to which faults could happen, and none of the graph's own programs: run 1 is the reference of the others";
+const WHY: &str = "one thread has no processes to which faults could happen, and none of the graph's own programs:\n\
+                   run 1 is the reference of the others";
 
 impl fmt::Display for VerifiedText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { scenario, verified: Verified { reference, runs, place, is_identical } } = self;
-        let names = reference.ran.topics.iter().map(|(name, _)| name.as_str());
-        let headings: Vec<_> = ["", "condition", "ticks/s"].into_iter().chain(names).collect();
-        let mut rows = table(&headings);
-        let row = |name: String, ran: &Ran, marks: Vec<String>| {
-            let head = [name.into(), ran.condition.clone().into(), number(format!("{:.0}", ran.ticks_per_s))];
-            head.into_iter().chain(marks.into_iter().map(Into::into)).collect::<Vec<Cell>>()
+        let mut hashes = fitted(&["topic", "messages", "hash of the contents in the reference"]);
+        for (name, topic) in &reference.ran.topics {
+            hashes.add_row([name.into(), number(topic.count), topic.hash.clone().into()]);
+        }
+        writeln!(f, "{hashes}")?;
+        let mut rows = fitted(&["", "condition", "ticks/s", "topics"]);
+        let mut row = |name: String, ran: &Ran, topics: String| {
+            rows.add_row([name.into(), ran.condition.clone().into(), number(format!("{:.0}", ran.ticks_per_s)), topics.into()]);
         };
         let (name, first) = if reference.is_run { ("run 1, reference", 2) } else { ("reference", 1) };
-        rows.add_row(row(name.to_owned(), &reference.ran, reference.ran.topics.iter().map(|(_, topic)| topic.hash.clone()).collect()));
+        row(name.to_owned(), &reference.ran, String::new());
         for (number, ran) in (first..).zip(runs) {
-            let mut wanted = reference.ran.topics.iter();
-            let mark = |topic| if wanted.next() == Some(topic) { "equal".to_owned() } else { format!("≠ {}", topic.1.hash) };
-            let marks = ran.topics.iter().map(mark).collect();
-            rows.add_row(row(format!("run {number}"), ran, marks));
+            let others = ran.topics.iter().filter(|topic| !reference.ran.topics.contains(topic)).map(|(name, _)| name.as_str());
+            let missing = reference.ran.topics.iter().filter(|(name, _)| ran.topics.iter().all(|(one, _)| one != name));
+            let others: Vec<_> = others.chain(missing.map(|(name, _)| name.as_str())).collect();
+            let topics = if others.is_empty() { "all equal".to_owned() } else { format!("≠ {}", others.join(", ")) };
+            row(format!("run {number}"), ran, topics);
         }
         writeln!(f, "{rows}")?;
         let all = reference.is_run.then_some(&reference.ran).into_iter().chain(runs);
@@ -50,7 +53,7 @@ impl fmt::Display for VerifiedText<'_> {
             writeln!(f, "run {number} did not come to its end: {}", ran.failure)?;
         }
         if let Some(Place { run, tick, topic, difference: Difference { field, expected, found } }) = place {
-            writeln!(f, "run {} first differs at tick {tick}, topic {topic}, field {field}: {found} instead of {expected}", run + 1)?;
+            writeln!(f, "run {} first differs at tick {tick}, topic {topic}, field {field}:\n{found} instead of {expected}", run + 1)?;
         }
         if reference.is_run {
             writeln!(f, "{WHY}")?;
@@ -101,23 +104,21 @@ impl fmt::Display for ReplayedText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { process, job, replayed } = self;
         if let Some((tick, topic, Difference { field, expected, found })) = replayed.first() {
-            let mut rows = table(&["topic", "field", "messages", "largest", "at tick", "element", "recorded", "replayed"]);
+            let mut rows = fitted(&["topic and element", "messages", "largest", "at tick", "recorded", "replayed"]);
             for topic in &replayed.topics {
-                for FieldDifference { field, messages, largest, tick, difference } in &topic.fields {
+                for FieldDifference { messages, largest, tick, difference, .. } in &topic.fields {
                     rows.add_row([
-                        topic.name.into(),
-                        field.clone().into(),
-                        number(format!("{messages} of {}", topic.messages)),
+                        format!("{} {}", topic.name, difference.field).into(),
+                        number(messages),
                         number(digits(*largest)),
                         number(tick),
-                        difference.field.clone().into(),
                         number(&difference.expected),
                         number(&difference.found),
                     ]);
                 }
             }
             writeln!(f, "{rows}")?;
-            writeln!(f, "{process} first differs at tick {tick}, topic {topic}, field {field}: {found} instead of {expected}")?;
+            writeln!(f, "{process} first differs at tick {tick}, topic {topic}, field {field}:\n{found} instead of {expected}")?;
         }
         if replayed.without_input > 0 {
             writeln!(f, "{} outputs could not be computed: their inputs are not in the record", replayed.without_input)?;

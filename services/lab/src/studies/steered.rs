@@ -10,7 +10,7 @@ use model::Robot;
 use recorder::{Judge, TaskError};
 use serde::Serialize;
 use session::load::Loaded;
-use session::table::{number, table};
+use session::table::{fitted, number};
 use session::{Failure, Observer, Steering};
 use shared_types::bounds::{larger, share};
 use shared_types::codes::{
@@ -250,22 +250,8 @@ pub struct ScoresText<'a>(pub &'a [Score]);
 
 impl fmt::Display for ScoresText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let heads = [
-            "robot",
-            "s",
-            "speed",
-            "torque",
-            "step/rate",
-            "limits",
-            "orth. mm",
-            "°",
-            "stalled s",
-            "at limit s",
-            "reach s",
-            "slowed s",
-            "stops",
-        ];
-        let mut rows = table(&heads);
+        let heads = ["robot", "s", "speed", "torque", "step", "limits", "⊥ ζ, mm", "°", "stalled", "at limit", "reach", "stops"];
+        let mut rows = fitted(&heads);
         for score in self.0 {
             rows.add_row([
                 score.robot.clone().into(),
@@ -279,18 +265,16 @@ impl fmt::Display for ScoresText<'_> {
                 number(digits(score.stalled_s)),
                 number(digits(score.limit_s)),
                 number(digits(score.reach_s)),
-                number(digits(score.slowed_s)),
                 number(score.stops),
             ]);
         }
         writeln!(f, "{rows}")?;
         writeln!(
             f,
-            "speed, torque: largest share of a limit; step: largest change of torque in a tick over what the drive accepts; limits: sessions in which"
-        )?;
-        writeln!(
-            f,
-            "a joint left its range; stalled: less than 2 % of the speed asked for, for longer than 0.5 s, neither reach nor a joint limit the reason"
+            "speed, torque: largest share of a limit; step: largest change of torque in a tick over what the\n\
+             drive accepts; limits: sessions in which a joint left its range; ⊥ ζ: largest error orthogonal to ζ;\n\
+             stalled: seconds at less than 2 % of the speed asked for, for longer than 0.5 s, neither reach nor a\n\
+             joint limit the reason; at limit, reach: seconds slowed there; --json has more"
         )?;
         let events = self.0.iter().flat_map(|score| score.events.iter().map(|event| (&score.robot, event)));
         for (robot, event) in events {

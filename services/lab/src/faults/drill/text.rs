@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use session::table::{number, table};
+use session::table::{fitted, number};
 use viz::plot::digits;
 
 use super::matrix::Drilled;
@@ -10,24 +10,8 @@ use super::matrix::Drilled;
 /// A row a cell, how many ended how, and whether a guarantee does not hold.
 impl fmt::Display for Drilled {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let headings = [
-            "process",
-            "fault",
-            "detected, ms",
-            "stale",
-            "torque",
-            "speed",
-            "step",
-            "off path, mrad",
-            "mm",
-            "recovered after, ms",
-            "end",
-            "restarts",
-            "lost",
-            "repeated",
-            "",
-        ];
-        let mut rows = table(&headings);
+        let headings = ["process", "fault", "detected", "stale", "torque", "step", "mrad", "mm", "recovered", "end", "again"];
+        let mut rows = fitted(&headings);
         for cell in &self.cells {
             let name =
                 if cell.way.trim_matches([' ', '+']).is_empty() { cell.kind.clone() } else { format!("{} ({})", cell.kind, cell.way) };
@@ -43,19 +27,24 @@ impl fmt::Display for Drilled {
                 number(optional(cell.detected_ms)),
                 number(cell.stale_ticks),
                 number(format!("{:.0} %", cell.torque_max_ratio * 100.0)),
-                number(format!("{:.0} %", cell.speed_max_ratio * 100.0)),
                 number(format!("{:.1} %", cell.torque_step_max_ratio * 100.0)),
                 number(digits(cell.excursion_max_rad * 1e3)),
                 number(digits(cell.excursion_max_mm)),
                 number(optional(cell.settled_ms)),
                 end.into(),
-                number(cell.restarts),
-                number(cell.messages_lost),
                 if cell.replayed_identically { "same" } else { "OTHER" }.into(),
-                cell.invariants_broken.join("; ").into(),
             ]);
         }
         writeln!(f, "{rows}")?;
+        writeln!(
+            f,
+            "stale: ticks without a fresh torque; torque, step: largest share of a limit, of a change in a tick;\n\
+             mrad, mm: off the path, joints and hand; detected, recovered: after so many ms;\n\
+             again: whether a repetition has the same bytes; --json has more"
+        )?;
+        for cell in self.cells.iter().filter(|cell| !cell.invariants_broken.is_empty()) {
+            writeln!(f, "{}, {} {}: {}", cell.process, cell.kind, cell.way, cell.invariants_broken.join("; "))?;
+        }
         let broken = self.cells.iter().filter(|cell| !cell.invariants_broken.is_empty()).count();
         let goals = self.cells.iter().filter(|cell| cell.goal_reached).count();
         writeln!(
@@ -65,7 +54,7 @@ impl fmt::Display for Drilled {
             self.cells.len() - goals
         )?;
         if !self.passed {
-            writeln!(f, "a guarantee does not hold: see the last column")?;
+            writeln!(f, "a guarantee does not hold: see the lines below the table")?;
         }
         Ok(())
     }
