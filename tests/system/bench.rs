@@ -87,7 +87,7 @@ fn a_short_soak_strikes_and_judges_and_leaves_nothing() {
     assert_eq!(number("sent"), number("taken_in") + number("refused") + number("fenced") + number("lost"), "{}", round["messages"]);
     let times: u64 = soak["kinds"].as_array().unwrap().iter().map(|kind| kind["times"].as_u64().unwrap()).sum();
     assert_eq!(times, injected.len() as u64);
-    assert_eq!(desk.path().join("soak/round-001").exists(), !passed, "what kept every promise is not kept");
+    assert_eq!(desk.path().join("soak/round-001").exists(), !passed, "what kept every guarantee is not kept");
     for (file, begins) in [("bench.json", &b"{"[..]), ("soak.svg", b"<svg"), ("soak.png", b"\x89PNG")] {
         assert!(std::fs::read(desk.path().join("soak").join(file)).unwrap().starts_with(begins), "{file}");
     }

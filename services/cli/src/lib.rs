@@ -89,10 +89,10 @@ enum Command {
     #[command(
         long_about = "Draws small graphs, deaths at random moments and planned ones, and processes that are slow to wake, and takes them through the \
                       protocol that lockstep runs use, the launcher's part included: where a death is placed, which messages are taken from the \
-                      keepers, from which checkpoint a replacement goes on. Each history must end, without a tick answered twice, and the plan that \
-                      it leaves must give the same messages under other schedules. A history that breaks a promise is shrunk to the smallest one \
+                      retainers, from which checkpoint a replacement goes on. Each history must end, without a tick answered twice, and the plan that \
+                      it leaves must give the same messages under other schedules. A history that breaks a guarantee is shrunk to the smallest one \
                       found. The numbers that processes compute are stand-ins; files and volumes are not simulated.",
-        after_help = "Examples:\n  armplane simulate\n  armplane simulate --seed 7 --histories 1000000 --json\n\nExit code 1: a promise is broken."
+        after_help = "Examples:\n  armplane simulate\n  armplane simulate --seed 7 --histories 1000000 --json\n\nExit code 1: a guarantee is broken."
     )]
     Simulate(simulate::SimulateArgs),
     /// Feed a run's recorded inputs to one process and show where its outputs first differ.

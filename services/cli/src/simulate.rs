@@ -38,7 +38,7 @@ pub(crate) fn simulate(args: &SimulateArgs, as_json: bool) -> Result<ExitCode, F
         failures.iter().take(5).for_each(|failure| say!("{failure}"));
         let verdict = match failures.len() {
             0 => "each ends, and its plan repeats it".to_owned(),
-            count => format!("{count} of {} batches hold one that does not keep its promises", args.histories.div_ceil(250)),
+            count => format!("{count} of {} batches hold one that does not keep its guarantees", args.histories.div_ceil(250)),
         };
         say!("seed {}: {histories} histories, {deaths} deaths, {steps} steps, {per_minute:.0} a minute: {verdict}", args.seed);
     }

@@ -115,7 +115,7 @@ impl Supervised {
             if let Err(end) = self.await_all(state, until, commands, signals, report) {
                 return Ok(Some(end));
             }
-            // The keepers too have their connections before the first message.
+            // The retainers too have their connections before the first message.
             self.hub.connect()?;
             if next == Phase::Work {
                 // Nothing is larger from here on but for replacements.

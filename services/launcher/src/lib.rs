@@ -1,6 +1,6 @@
 //! Starts the processes of a run, watches them, stops them, and leaves nothing behind.
 //!
-//! The launcher knows names and process ids, never the contents of a message. Its promises:
+//! The launcher knows names and process ids, never the contents of a message. Its guarantees:
 //!
 //! * Nothing half-started: when a process cannot be started or does not get ready, the others are stopped and everything is removed.
 //! * No child outlives it, whatever kills it (`PR_SET_PDEATHSIG`), nor what the programs of others have started ([`Guard`]); what is left in shared

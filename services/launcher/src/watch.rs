@@ -82,7 +82,7 @@ impl Supervised {
             // Before the others learn of it: their words say how it ended.
             self.slots.0[index].exit.into_iter().for_each(|exit| table.mark_exit(index, exit));
             table.mark_injected(place, now_ns());
-            // After the entry: a reader that finds the tick closed looks for its messages in the keepers' files.
+            // After the entry: a reader that finds the tick closed looks for its messages in the retainers' files.
             self.control_page.process(index).close_before(tick);
         }
         table.mark_detected(index, self.ticks(), now_ns());
@@ -125,7 +125,7 @@ impl Supervised {
 
     /// Where a death has left the outputs of a process: the first tick that is not whole, and how many messages of it have left.
     ///
-    /// A process may die between sending and closing a tick, or between two messages of one tick. The keepers of its topics show which; the ticks
+    /// A process may die between sending and closing a tick, or between two messages of one tick. The retainers of its topics show which; the ticks
     /// that its readers have closed do not, because a tick closes without a message too. In real time no reader waits.
     fn left_off(&self, index: usize) -> (u64, u32) {
         let closed = self.control_page.process(index).ticks();

@@ -278,7 +278,7 @@ impl Context {
         now
     }
 
-    /// Waits until the launcher has handed over all that the keepers of the topics held at the call: for a process that misses messages of `topic`.
+    /// Waits until the launcher has handed over all that the retainers of the topics held at the call: for a process that misses messages of `topic`.
     ///
     /// Not ended by a stop of the run: what is missing is taken in before the process ends.
     pub(crate) fn await_hand_over(&self, topic: &'static str) -> Result<(), Interrupted> {

@@ -271,7 +271,7 @@ impl<'a, V: View> Protocol<'a, V> {
     }
 
     /// The first tick of which a process has sent nothing more when it died without a plan: 0 where it has not. A message of an earlier tick may
-    /// have reached the keeper of its topic and not all of its readers.
+    /// have reached the retainer of its topic and not all of its readers.
     pub(crate) fn sent_before_death(&self, process: usize) -> u64 {
         let is_it = |outage: &Outage| outage.process == process && outage.is_unplanned && outage.is_death;
         self.view.outages().filter(is_it).map(|outage| outage.at + u64::from(outage.after_outputs > 0)).max().unwrap_or(0)

@@ -31,7 +31,7 @@ fn a_process_that_dies_again_before_it_answers_has_the_incarnation_of_both_death
     let mut state = State::new(&graph, &outages, 0, Defect::None);
     finish(&graph, &mut state);
     assert_eq!((state.progress[1].incarnation, state.broken), (3, None));
-    let has_sent = |tick| state.keeper.contains_key(&(1, 0, tick));
+    let has_sent = |tick| state.retainer.contains_key(&(1, 0, tick));
     assert_eq!([4, 5, 11, 12].map(has_sent), [true, false, false, true]);
 }
 

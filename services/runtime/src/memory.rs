@@ -1,4 +1,4 @@
-//! Messages in files of the run, where no death of a process reaches them: what the keeper of a topic has handed over for a replacement of the
+//! Messages in files of the run, where no death of a process reaches them: what the retainer of a topic has handed over for a replacement of the
 //! recorder, and the last two messages made by a writer whose messages faults shape.
 //!
 //! Neither lies on the path of a message in a run without faults. At every instant all slots but the one being written are whole.
@@ -91,7 +91,7 @@ impl Drop for Slots {
     }
 }
 
-/// The messages of a topic that its keeper has handed over, the last of them: written by the launcher, read by a replacement of the recorder.
+/// The messages of a topic that its retainer has handed over, the last of them: written by the launcher, read by a replacement of the recorder.
 pub(crate) struct HandedOver(Slots);
 
 impl HandedOver {
@@ -100,7 +100,7 @@ impl HandedOver {
         Slots::open(&run.path().join(format!("handed-over-{topic}")), 2 * depth(bytes), bytes).map(Self)
     }
 
-    /// Messages that stay: twice as many as the keeper holds.
+    /// Messages that stay: twice as many as the retainer holds.
     pub(crate) fn length(&self) -> u64 {
         self.0.slots as u64
     }

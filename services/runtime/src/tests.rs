@@ -366,7 +366,7 @@ fn a_reader_of_everything_that_comes_back_gets_what_it_missed_and_nothing_twice(
             }
             (ticks, [Count::Lost, Count::Repeated, Count::Fenced].map(|count| second.count(count)))
         });
-        // The launcher's part, while messages go on: those before the recorder is connected come from the keeper, then from both.
+        // The launcher's part, while messages go on: those before the recorder is connected come from the retainer, then from both.
         let mut next = 200;
         while !recorder.is_finished() {
             stage.hub.answer(page).unwrap();
@@ -386,7 +386,7 @@ fn a_reader_of_everything_that_comes_back_gets_what_it_missed_and_nothing_twice(
 }
 
 #[test]
-fn a_message_that_reached_the_keeper_alone_reaches_its_readers_after_the_death() {
+fn a_message_that_reached_the_retainer_alone_reaches_its_readers_after_the_death() {
     let stage = stage(Mode::Lockstep);
     let plant = stage.shell("plant");
     let mut sensors = plant.writer::<SensorSample>().unwrap();

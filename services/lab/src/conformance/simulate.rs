@@ -17,7 +17,7 @@ pub struct Simulated {
     pub deaths: u64,
     /// Steps of processes and launchers, repetitions included.
     pub steps: u64,
-    /// The failures of the first histories that broke a promise, at most one of each [`BATCH`].
+    /// The failures of the first histories that broke a guarantee, at most one of each [`BATCH`].
     pub failures: Vec<String>,
 }
 

@@ -36,7 +36,7 @@ struct DriveFault {
 
 /// The guaranteed bounds of an arm's motion.
 #[derive(Clone, Debug)]
-pub(super) struct Promise {
+pub(super) struct Guarantee {
     limits: Limits,
     hold_ticks: u32,
     step: f64,
@@ -45,7 +45,7 @@ pub(super) struct Promise {
     drive_faults: Vec<DriveFault>,
 }
 
-impl Promise {
+impl Guarantee {
     /// For a robot in a scenario, with the faults that came to pass; `speed` is the most that is allowed, over the limit.
     pub(super) fn new<'a>(robot: &Robot, scenario: &Scenario, speed: f64, faults: impl Iterator<Item = &'a Fault>) -> Self {
         let rate_hz = f64::from(scenario.rate_hz);
@@ -77,7 +77,7 @@ impl Promise {
 /// The arm's motion, message by message.
 #[derive(Clone, Debug)]
 pub(super) struct Motion {
-    promise: Promise,
+    guarantee: Guarantee,
     /// Largest torque over its limit.
     pub torque_max_ratio: f64,
     /// Largest joint speed over its limit.
@@ -100,9 +100,9 @@ pub(super) struct Motion {
 
 impl Motion {
     /// Of an arm that has not moved yet.
-    pub(super) fn new(promise: Promise) -> Self {
+    pub(super) fn new(guarantee: Guarantee) -> Self {
         Self {
-            promise,
+            guarantee,
             torque_max_ratio: 0.0,
             speed_max_ratio: 0.0,
             torque_step_max_ratio: 0.0,
@@ -121,22 +121,22 @@ impl Motion {
         let tick = state.header.tick;
         let before = self.last.filter(|before| before.header.tick + 1 == tick);
         let ratio = |value: f64, limit: f64| if limit.is_finite() { value.abs() / limit } else { 0.0 };
-        for i in 0..self.promise.limits.effort.len() {
+        for i in 0..self.guarantee.limits.effort.len() {
             if !(state.tau[i].is_finite() && state.q[i].is_finite() && state.qdot[i].is_finite()) {
                 self.not_finite.get_or_insert(tick);
             }
-            let (effort, velocity) = (self.promise.limits.effort[i], self.promise.limits.velocity[i]);
+            let (effort, velocity) = (self.guarantee.limits.effort[i], self.guarantee.limits.velocity[i]);
             let (torque, speed) = (ratio(state.tau[i], effort), ratio(state.qdot[i], velocity));
             raise(&mut self.torque, torque, tick);
             self.torque_max_ratio = self.torque_max_ratio.max(torque);
             self.speed_max_ratio = self.speed_max_ratio.max(speed);
-            if !self.promise.excuses_speed(tick) {
+            if !self.guarantee.excuses_speed(tick) {
                 raise(&mut self.speed, speed, tick);
             }
             if let Some(before) = before {
                 let step = ratio(state.tau[i] - before.tau[i], effort);
                 self.torque_step_max_ratio = self.torque_step_max_ratio.max(step);
-                if !self.promise.excuses_step(i, tick) {
+                if !self.guarantee.excuses_step(i, tick) {
                     raise(&mut self.step, step, tick);
                 }
             }
@@ -161,10 +161,10 @@ impl Motion {
 
     /// A drive fails at the end, or has only just failed: then the arm is where it carries it.
     pub(super) fn ends_with_a_failed_drive(&self) -> bool {
-        self.last.is_some_and(|state| self.promise.excuses_speed(state.header.tick))
+        self.last.is_some_and(|state| self.guarantee.excuses_speed(state.header.tick))
     }
 
-    /// The promises that were not kept, in words.
+    /// The guarantees that were not kept, in words.
     pub(super) fn broken(&self) -> Vec<String> {
         let mut broken = Vec::new();
         let mut unless = |is_kept: bool, what: &dyn Fn() -> String| {
@@ -176,12 +176,12 @@ impl Motion {
             format!("a number that is not finite reached the arm at tick {}", self.not_finite.unwrap_or_default())
         });
         unless(self.torque.0 <= 1.0 + 1e-9, &|| format!("torque {:.3} of its limit at tick {}", self.torque.0, self.torque.1));
-        let hold_ticks = self.promise.hold_ticks;
+        let hold_ticks = self.guarantee.hold_ticks;
         unless(self.stale_ticks <= hold_ticks, &|| {
             format!("a torque {} ticks old was in force, {hold_ticks} are allowed", self.stale_ticks)
         });
-        unless(self.step.0 <= self.promise.step, &|| format!("a torque step of {:.3} of its limit at tick {}", self.step.0, self.step.1));
-        unless(self.speed.0 <= self.promise.speed, &|| format!("speed {:.2} of its limit at tick {}", self.speed.0, self.speed.1));
+        unless(self.step.0 <= self.guarantee.step, &|| format!("a torque step of {:.3} of its limit at tick {}", self.step.0, self.step.1));
+        unless(self.speed.0 <= self.guarantee.speed, &|| format!("speed {:.2} of its limit at tick {}", self.speed.0, self.speed.1));
         unless(self.unfresh.is_none(), &|| {
             format!("the drives said they followed a fresh torque at tick {}, and there was none", self.unfresh.unwrap_or_default())
         });
@@ -207,7 +207,7 @@ mod tests {
 
     /// An arm at rest for 100 ticks, with one tick corrupted.
     fn broken(faults: &[Fault], corrupt: impl Fn(&mut PlantState, &mut SensorSample)) -> Vec<String> {
-        let mut motion = Motion::new(Promise::new(&Robot::builtin("puma560").unwrap(), &scenario(), SPEED_MARGIN, faults.iter()));
+        let mut motion = Motion::new(Guarantee::new(&Robot::builtin("puma560").unwrap(), &scenario(), SPEED_MARGIN, faults.iter()));
         for tick in 0..100 {
             let (mut state, mut sample) = (PlantState::default(), SensorSample::default());
             (state.header.tick, sample.header.tick) = (tick, tick);
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn each_promise_that_is_broken_is_caught_and_named_with_its_tick() {
+    fn each_guarantee_that_is_broken_is_caught_and_named_with_its_tick() {
         assert_eq!(broken(&[], |_, _| ()), Vec::<String>::new());
         let caught = |words: &str, corrupt: &dyn Fn(&mut PlantState, &mut SensorSample)| {
             let broken = broken(&[], corrupt);
@@ -240,7 +240,7 @@ mod tests {
             (state.drive, state.drive_flags) = (DRIVE_STOPPING, DRIVE_ABSENT);
             (sample.drive, sample.stale_ticks) = (DRIVE_STOPPING, 400);
         });
-        assert_eq!(fine, Vec::<String>::new(), "who stops without torque keeps every promise");
+        assert_eq!(fine, Vec::<String>::new(), "who stops without torque keeps every guarantee");
     }
 
     #[test]

@@ -84,7 +84,7 @@ pub fn run(request: &Request<'_>, observer: Observer<'_>) -> Result<Done, Failur
     for made in [rows_folder(&folder), journals_folder(&folder)] {
         std::fs::create_dir_all(made).map_err(cannot)?;
     }
-    let board = Board::begin(&sweep, &folder)?;
+    let board = Work::begin(&sweep, &folder)?;
     let (runs, pending) = (board.runs, board.pending.len() as u64);
     let cores = thread::available_parallelism().map_or(1, usize::from).min(board.pending.len());
     let began = Instant::now();
@@ -108,7 +108,7 @@ pub fn run(request: &Request<'_>, observer: Observer<'_>) -> Result<Done, Failur
 }
 
 /// The runs to compute, and those that are finished in partitions that are not.
-struct Board<'a> {
+struct Work<'a> {
     sweep: &'a Sweep,
     folder: &'a Path,
     /// Runs of this shard, finished or not.
@@ -127,7 +127,7 @@ struct Open {
     finished: Vec<Finished>,
 }
 
-impl<'a> Board<'a> {
+impl<'a> Work<'a> {
     fn begin(sweep: &'a Sweep, folder: &'a Path) -> Result<Self, Failure> {
         let (mut runs, mut pending, mut all) = (0, Vec::new(), BTreeMap::new());
         for partition in sweep.manifest.own_partitions() {

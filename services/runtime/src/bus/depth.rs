@@ -5,7 +5,7 @@ use shared_types::topics::{self, Each};
 
 /// Messages a reader of the chain can leave unread before the oldest is overwritten.
 pub const CHAIN_DEPTH: usize = 64;
-/// Messages the recorder can leave unread before the oldest is overwritten, and messages that the keeper of a topic holds; fewer where they are
+/// Messages the recorder can leave unread before the oldest is overwritten, and messages that the retainer of a topic holds; fewer where they are
 /// large: [`depth`].
 pub const RECORDER_DEPTH: usize = 1024;
 /// Bytes that unread messages of one reader may take, as far as that leaves [`LEAST_DEPTH`] of them.

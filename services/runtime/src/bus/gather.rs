@@ -11,7 +11,7 @@ use crate::control_page::Count;
 use crate::memory::HandedOver;
 use crate::wait::Interrupted;
 
-/// How often the keeper's messages are asked for again where they lack one that has come by its topic.
+/// How often the retainer's messages are asked for again where they lack one that has come by its topic.
 const ATTEMPTS: u32 = 5;
 
 /// Gathers everything of a topic; never waits.
@@ -49,10 +49,10 @@ impl Gathering {
         }
     }
 
-    /// First the keeper's messages, then those received since; returns the number left to recall.
+    /// First the retainer's messages, then those received since; returns the number left to recall.
     ///
-    /// A writer sends to the keeper first. So a message that has come by its topic is in the keeper too, with all that lies before it, and a
-    /// message that a writer sent without knowing of this reader is in the keeper alone.
+    /// A writer sends to the retainer first. So a message that has come by its topic is in the retainer too, with all that lies before it, and a
+    /// message that a writer sent without knowing of this reader is in the retainer alone.
     fn catch_up(&mut self, mut recall: Recall, take: &mut dyn FnMut(&[u8])) -> Result<Option<Recall>, Interrupted> {
         self.inlet.shared.await_hand_over(self.inlet.format().topic)?;
         while let Some(message) = recall.take() {
@@ -72,7 +72,7 @@ impl Gathering {
                     break;
                 }
             }
-            // Without a place the keeper has lost it again, by its depth: then what lay before it is lost too, and the gap is counted.
+            // Without a place the retainer has lost it again, by its depth: then what lay before it is lost too, and the gap is counted.
             while let Some(before) = place.and_then(|place| recall.take_before(place)) {
                 self.hand_over(&before, take);
             }

@@ -8,8 +8,8 @@ use shared_types::topics::{self, Each, TOPICS, wire_hash};
 
 use crate::bus::error::TopicError;
 use crate::bus::format::Format;
-use crate::bus::keeper::Keeper;
 use crate::bus::node::{Bus, join};
+use crate::bus::retainer::Retainer;
 use crate::control_page::ControlPage;
 use crate::manifest::Manifest;
 use crate::run_dir::RunDir;
@@ -17,7 +17,7 @@ use crate::run_dir::RunDir;
 /// The launcher's side: makes every topic of the run, keeps the last messages of each, and clears away what a dead process left in them.
 pub struct Hub {
     // Dropped in this order: the services first.
-    keepers: Vec<Keeper>,
+    retainers: Vec<Retainer>,
     node: Bus,
 }
 
@@ -39,34 +39,34 @@ impl Hub {
     pub(crate) fn create_speaking(run: &RunDir, manifest: &Manifest, wire: u64) -> Result<Self, TopicError> {
         let node = join(run, "launcher", true)?;
         run.make_private().map_err(|e| TopicError::Node { run: run.name().to_owned(), reason: e.to_string() })?;
-        let keepers = manifest.topics().into_iter().map(|topic| {
+        let retainers = manifest.topics().into_iter().map(|topic| {
             let (format, layout) = match manifest.message(topic) {
                 Some(message) => (Format::foreign(message), message.hash),
                 None => (format_by_name(topic)?, wire),
             };
-            Keeper::create(&node, run, format, manifest.readers_of(topic), layout)
+            Retainer::create(&node, run, format, manifest.readers_of(topic), layout)
         });
-        Ok(Self { keepers: keepers.collect::<Result<_, _>>()?, node })
+        Ok(Self { retainers: retainers.collect::<Result<_, _>>()?, node })
     }
 
-    /// Connects the keepers to writers that are new; one load per topic where there is none.
+    /// Connects the retainers to writers that are new; one load per topic where there is none.
     ///
     /// # Errors
     /// When iceoryx2 fails.
     pub fn connect(&self) -> Result<(), TopicError> {
-        self.keepers.iter().try_for_each(Keeper::connect)
+        self.retainers.iter().try_for_each(Retainer::connect)
     }
 
-    /// Copies the messages that the keepers hold to the files from which a replacement of the recorder recalls them.
+    /// Copies the messages that the retainers hold to the files from which a replacement of the recorder recalls them.
     ///
     /// # Errors
     /// When iceoryx2 fails.
     pub fn hand_over(&self) -> Result<(), TopicError> {
-        self.keepers.iter().try_for_each(Keeper::hand_over)
+        self.retainers.iter().try_for_each(Retainer::hand_over)
     }
 
     /// How many of these topics have a message of a tick or a later one: the outputs that their writer had sent when it was killed. All of them are
-    /// handed over: a writer sends to the keeper first, so that a message that any reader has is there too.
+    /// handed over: a writer sends to the retainer first, so that a message that any reader has is there too.
     ///
     /// # Errors
     /// When iceoryx2 fails.
@@ -74,8 +74,8 @@ impl Hub {
         // A replacement that lived for a moment only may not have been connected yet.
         self.connect()?;
         self.hand_over()?;
-        let written = self.keepers.iter().filter(|keeper| topics.iter().any(|topic| topic == keeper.topic()));
-        Ok(written.filter(|keeper| keeper.last_tick().is_some_and(|last| last >= tick)).count() as u32)
+        let written = self.retainers.iter().filter(|retainer| topics.iter().any(|topic| topic == retainer.topic()));
+        Ok(written.filter(|retainer| retainer.last_tick().is_some_and(|last| last >= tick)).count() as u32)
     }
 
     /// Hands over where a process has requested it; whether one has.
@@ -102,7 +102,7 @@ impl Hub {
             CallbackProgression::Continue
         });
         found.map_err(|e| TopicError::Node { run: self.node.config().global.prefix.to_string(), reason: e.to_string() })?;
-        // All that these have sent is delivered by now, and handed over before their ports go: a keeper has room for few dead writers. It is
+        // All that these have sent is delivered by now, and handed over before their ports go: a retainer has room for few dead writers. It is
         // handed over before a replacement can send, too: the files have the messages in the order in which they were sent.
         if let Err(error) = self.hand_over() {
             tracing::warn!("{error}");

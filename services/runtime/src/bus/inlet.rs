@@ -48,9 +48,9 @@ impl Inlet {
         self.missed.begin_at(tick);
     }
 
-    /// The next message in order, whether it counts or not: from the buffer, or what a dead writer had sent to the keeper alone.
+    /// The next message in order, whether it counts or not: from the buffer, or what a dead writer had sent to the retainer alone.
     pub(crate) fn receive_in_order(&mut self) -> Result<Option<Incoming>, Interrupted> {
-        // Before the look: what a process known to be dead has sent is in the buffer by now, or in the keeper alone.
+        // Before the look: what a process known to be dead has sent is in the buffer by now, or in the retainer alone.
         self.shared.learn();
         let message = match self.held.take() {
             Some(held) => Some(held),

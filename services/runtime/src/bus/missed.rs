@@ -1,13 +1,13 @@
-//! Messages that reached the keeper of a topic and not all of its readers, because their writer was killed while it sent them.
+//! Messages that reached the retainer of a topic and not all of its readers, because their writer was killed while it sent them.
 //!
-//! A writer sends to the keeper first, and the launcher hands over what the keepers hold before it enters a death in the fault table. So a reader
-//! that knows of the death and finds nothing more in its buffer takes from the keeper's file what the dead writer had sent beyond that.
+//! A writer sends to the retainer first, and the launcher hands over what the retainers hold before it enters a death in the fault table. So a reader
+//! that knows of the death and finds nothing more in its buffer takes from the retainer's file what the dead writer had sent beyond that.
 
 use crate::bus::format::header;
 use crate::context::Context;
 use crate::memory::HandedOver;
 
-/// One reader's view of the keeper of its topic, in lockstep; in real time no process acts on the word of a dead one.
+/// One reader's view of the retainer of its topic, in lockstep; in real time no process acts on the word of a dead one.
 pub(crate) struct Missed {
     writer: Option<usize>,
     topic: &'static str,

@@ -124,12 +124,12 @@ pub(crate) struct Incoming {
 enum Held {
     /// Shared memory.
     Sample { _sample: Sample<ipc::Service, Bytes, NoHeader> },
-    /// A copy of the keeper's: its writer was killed while it sent it.
+    /// A copy of the retainer's: its writer was killed while it sent it.
     Copy { _words: Box<[u64]> },
 }
 
 impl Incoming {
-    /// A message from the keeper of its topic.
+    /// A message from the retainer of its topic.
     pub(crate) fn copied(message: &[u8]) -> Self {
         let words: Box<[u64]> = message.chunks_exact(size_of::<u64>()).map(bytemuck::pod_read_unaligned).collect();
         Self { payload: words.as_ptr().cast(), bytes: size_of_val(&*words), _held: Held::Copy { _words: words } }

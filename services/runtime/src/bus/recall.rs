@@ -2,7 +2,7 @@
 
 use crate::memory::HandedOver;
 
-/// Takes the messages that the keeper of a topic has handed over, each once, until everything comes by their topic again.
+/// Takes the messages that the retainer of a topic has handed over, each once, until everything comes by their topic again.
 pub(crate) struct Recall {
     handed_over: HandedOver,
     /// Number of the next one to take from the file.
@@ -42,7 +42,7 @@ impl Recall {
         if self.next < place { self.take() } else { None }
     }
 
-    /// The number of a message that has not been taken, if the keeper has handed it over.
+    /// The number of a message that has not been taken, if the retainer has handed it over.
     pub(crate) fn place_ahead(&self, message: &[u8]) -> Option<u64> {
         self.place_of(message, self.next..self.handed_over.count())
     }

@@ -15,14 +15,14 @@ use crate::bus::port::{Bytes, NoHeader, Receiver, Sender};
 
 /// Samples that a reader holds at once: the one of the tick in hand, one that came before its time, and the next.
 const MAX_BORROWED: usize = 4;
-/// Readers beyond those that the graph names: the keeper, and two for tools that look at a topic from outside. A writer walks over all places
+/// Readers beyond those that the graph names: the retainer, and two for tools that look at a topic from outside. A writer walks over all places
 /// several times per message.
 pub(crate) const MORE_READERS: usize = 3;
 /// The living writer, and the dead one until it has been cleaned up.
 const MAX_WRITERS: usize = 2;
 const WIRE_ATTRIBUTE: &str = "armplane.wire";
 
-/// Shared memory that a topic with one reader takes at most, for messages of so many bytes: what the reader and the keeper may leave unread and hold.
+/// Shared memory that a topic with one reader takes at most, for messages of so many bytes: what the reader and the retainer may leave unread and hold.
 #[must_use]
 pub const fn topic_bytes(message_bytes: usize) -> u64 {
     ((1 + MORE_READERS) * (depth(message_bytes) + MAX_BORROWED) * message_bytes + 2 * depth(message_bytes) * message_bytes) as u64
@@ -35,7 +35,7 @@ pub(crate) struct Topic {
 }
 
 impl Topic {
-    /// Makes the topic for so many readers of the graph, and its keeper; it is marked with the hash `layout`.
+    /// Makes the topic for so many readers of the graph, and its retainer; it is marked with the hash `layout`.
     pub(crate) fn create(bus: &Bus, format: Format, readers: usize, layout: u64) -> Result<Self, TopicError> {
         let attribute = |reason: String| failed("create", &format, reason);
         let value = AttributeValue::new(format!("{layout:016x}").as_bytes()).map_err(|e| attribute(format!("{e:?}")))?;

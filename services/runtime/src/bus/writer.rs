@@ -262,7 +262,7 @@ impl<M: Message> Sending<M> {
     }
 
     /// The message before that of a tick, for a fault that repeats it. Where no fault has shaped messages until now, the writer has kept none: in
-    /// lockstep the keeper of the topic has it; in real time no process waits for that, and the first message that the fault meets is the one repeated.
+    /// lockstep the retainer of the topic has it; in real time no process waits for that, and the first message that the fault meets is the one repeated.
     fn before(&self, tick: u64) -> Option<M> {
         let kept = self.last_made.before(tick);
         if kept.is_some() || !self.shared.is_lockstep() {

@@ -58,7 +58,7 @@ struct Page {
     stop: AtomicU32,
     /// Origin of the real-time grid on `CLOCK_MONOTONIC`; 0 until the source of ticks has set it.
     grid_origin_ns: AtomicU64,
-    /// How often a process has asked for what the keepers hold, and which request the launcher has answered last.
+    /// How often a process has asked for what the retainers hold, and which request the launcher has answered last.
     hand_overs_requested: AtomicU64,
     hand_overs_done: AtomicU64,
     fault_table: FaultTable,
@@ -245,7 +245,7 @@ impl ControlPage {
         }
     }
 
-    /// Asks the launcher for what the keepers of the topics hold; the answer is the request's number.
+    /// Asks the launcher for what the retainers of the topics hold; the answer is the request's number.
     pub(crate) fn request_hand_over(&self) -> u64 {
         self.page().hand_overs_requested.fetch_add(1, Ordering::AcqRel) + 1
     }

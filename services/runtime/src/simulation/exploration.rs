@@ -52,7 +52,7 @@ fn explore(graph: &Graph, outages: &[Outage], kills: u32, defect: Defect) -> Exp
         }
         if state.at.iter().all(|at| *at == At::Done) {
             let key = state.outages.iter().map(|outage| (outage.process, outage.at, outage.after_outputs)).collect();
-            explored.ends.entry(key).or_insert_with(|| (state.plan(), BTreeSet::new())).1.insert(state.keeper);
+            explored.ends.entry(key).or_insert_with(|| (state.plan(), BTreeSet::new())).1.insert(state.retainer);
             continue;
         }
         let next = state.next(graph, defect);

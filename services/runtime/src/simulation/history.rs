@@ -17,7 +17,7 @@ pub struct Outcome {
     pub deaths: u64,
     /// Steps of all processes and of the launcher.
     pub steps: u64,
-    /// The promise that was broken, with the smallest history found that breaks one.
+    /// The guarantee that was broken, with the smallest history found that breaks one.
     pub failure: Option<String>,
 }
 
@@ -114,9 +114,9 @@ impl History {
             match self.run(&live.plan(), &[], random(self.schedule, repetition), defect) {
                 Ok((again, more)) => {
                     outcome.steps += more;
-                    let differs = |place| live.keeper.get(place) != again.keeper.get(place);
+                    let differs = |place| live.retainer.get(place) != again.retainer.get(place);
                     if let Some(place) =
-                        live.keeper.keys().chain(again.keeper.keys()).filter(|place| differs(*place)).min_by_key(|place| place.2)
+                        live.retainer.keys().chain(again.retainer.keys()).filter(|place| differs(*place)).min_by_key(|place| place.2)
                     {
                         let (process, output, tick) = place;
                         outcome.failure = Some(format!("its plan gives another message {output} of process {process} at tick {tick}"));
@@ -170,7 +170,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn random_histories_keep_every_promise_and_repeat_themselves() {
+    fn random_histories_keep_every_guarantee_and_repeat_themselves() {
         let mut deaths = 0;
         for number in 0..3_000 {
             let outcome = history(1, number, Defect::None);

@@ -1,6 +1,6 @@
 //! A graph of processes under the lockstep protocol, without processes: the launcher's and the ports' part in the protocol as steps of a state.
 //!
-//! The decisions are those of [`crate::lockstep`]. A state holds, besides what they read, the messages on their way: a message reaches the keeper of its
+//! The decisions are those of [`crate::lockstep`]. A state holds, besides what they read, the messages on their way: a message reaches the retainer of its
 //! topic first, then one reader after the other, and a death may come between any two of these. A value stands for the bytes: it depends on the tick,
 //! the incarnation, the inputs and the state that the process has kept in its checkpoint.
 
@@ -44,7 +44,7 @@ pub(crate) enum At {
     Starting,
     /// At the beginning of its tick in hand.
     Tick,
-    /// Before a step of sending an output: 0 commits the checkpoint, 1 reaches the keeper, the others a reader each.
+    /// Before a step of sending an output: 0 commits the checkpoint, 1 reaches the retainer, the others a reader each.
     Sending(usize, usize),
     /// All is sent, and the tick not closed.
     Closing,
@@ -69,14 +69,14 @@ pub(crate) struct State {
     value: Vec<u64>,
     /// The last two commits: tick and state.
     checkpoint: Vec<[Option<(u64, u64)>; 2]>,
-    pub(crate) keeper: BTreeMap<Place, u64>,
+    pub(crate) retainer: BTreeMap<Place, u64>,
     buffers: Vec<BTreeMap<Place, u64>>,
     pub(crate) kills_left: u32,
     chain_lag: u64,
     is_stopping: bool,
     /// A process died and the launcher detected it after the last tick: the run is reported as failed, and has no plan that repeats it.
     pub(crate) has_failed: bool,
-    /// The first promise of the machine itself that was broken.
+    /// The first guarantee of the machine itself that was broken.
     pub(crate) broken: Option<&'static str>,
 }
 
@@ -115,8 +115,8 @@ pub(crate) fn digest(of: impl Hash) -> u64 {
 pub enum Defect {
     /// The machine as it is.
     None,
-    /// A reader does not look into the keeper after a death.
-    NoKeeper,
+    /// A reader does not look into the retainer after a death.
+    NoRetainer,
     /// A death is placed by the ticks that the process has closed.
     PlacedByClosings,
     /// A death between two outputs is planned at the beginning of its tick.
@@ -132,7 +132,7 @@ pub enum Defect {
 impl Defect {
     /// All defects.
     pub const ALL: [Self; 6] =
-        [Self::NoKeeper, Self::PlacedByClosings, Self::NoDeathWithinTick, Self::NoFinish, Self::NoHoldBack, Self::NoLag];
+        [Self::NoRetainer, Self::PlacedByClosings, Self::NoDeathWithinTick, Self::NoFinish, Self::NoHoldBack, Self::NoLag];
 }
 
 impl State {
@@ -147,7 +147,7 @@ impl State {
             memory: vec![0; count],
             value: vec![0; count],
             checkpoint: vec![[None; 2]; count],
-            keeper: BTreeMap::new(),
+            retainer: BTreeMap::new(),
             buffers: vec![BTreeMap::new(); count],
             kills_left: kills,
             chain_lag: if defect == Defect::NoLag { u64::MAX } else { DEPTH / 2 },
@@ -164,8 +164,8 @@ impl State {
     /// The message of an output at a tick, as a reader finds it.
     fn message(&self, me: usize, (writer, output): (usize, usize), tick: u64, defect: Defect) -> Option<u64> {
         let place = (writer, output, tick);
-        let missed = || self.protocol(me).sent_before_death(writer) > tick && defect != Defect::NoKeeper;
-        self.buffers[me].get(&place).copied().or_else(|| if missed() { self.keeper.get(&place).copied() } else { None })
+        let missed = || self.protocol(me).sent_before_death(writer) > tick && defect != Defect::NoRetainer;
+        self.buffers[me].get(&place).copied().or_else(|| if missed() { self.retainer.get(&place).copied() } else { None })
     }
 
     pub(crate) fn die(&mut self, me: usize, at: At) {
@@ -200,7 +200,7 @@ impl State {
     /// A death that no plan had, as the launcher enters it.
     fn detect(&mut self, graph: &Graph, me: usize, defect: Defect) {
         let closed = self.progress[me].ticks;
-        let has_sent = |output: &usize| self.keeper.keys().any(|key| (key.0, key.1) == (me, *output) && key.2 >= closed);
+        let has_sent = |output: &usize| self.retainer.keys().any(|key| (key.0, key.1) == (me, *output) && key.2 >= closed);
         let sent = (0..graph.outputs[me]).filter(has_sent).count();
         let (at, after_outputs) = match sent {
             _ if defect == Defect::PlacedByClosings => (closed, 0),
@@ -255,7 +255,7 @@ impl State {
                 self.at[me] = At::Sending(output, 1);
             }
             At::Sending(output, 1) => {
-                if self.keeper.insert((me, output, tick), digest((self.value[me], output))).is_some() {
+                if self.retainer.insert((me, output, tick), digest((self.value[me], output))).is_some() {
                     self.broken.get_or_insert("a process sends a tick twice");
                 }
                 self.at[me] = At::Sending(output, 2);
@@ -329,7 +329,7 @@ impl State {
             if self.progress[reader].is_running && tick >= self.tick[reader] + DEPTH {
                 self.broken.get_or_insert("a message is lost: its reader is too far behind");
             }
-            self.buffers[reader].extend(self.keeper.get(&place).map(|message| (place, *message)));
+            self.buffers[reader].extend(self.retainer.get(&place).map(|message| (place, *message)));
         }
         if stage - 1 < readers.len() {
             self.at[me] = At::Sending(output, stage + 1);

@@ -1,4 +1,4 @@
-//! Arms by the geometry of their axes: the promises of [`Singularity`](crate::types::Singularity).
+//! Arms by the geometry of their axes: the guarantees of [`Singularity`](crate::types::Singularity).
 
 use crate::analyzer::Analyzer;
 use crate::arm_family::parallel_axes::ParallelAxes;
@@ -50,7 +50,7 @@ fn augmented_sigma<const N: usize>(report: &Report<N>, terms: &Terms<N>, engaged
     singular_values(&M).0[5]
 }
 
-fn a_promise_holds<const N: usize>(name: &str, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> Result<(), TestCaseError> {
+fn a_guarantee_holds<const N: usize>(name: &str, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> Result<(), TestCaseError> {
     let (report, terms) = analysed(name, q, qdot);
     let at = AtCentre::new(&terms, &report.p_BC, &terms.omega[N - 1]);
     let h = 1e-6;
@@ -104,13 +104,13 @@ proptest! {
     }
 
     #[test]
-    fn a_ur5_keeps_the_promises_of_a_source(q in posture(&model::<6>("ur5")), qdot in prop::array::uniform6(-1.0..1.0)) {
-        a_promise_holds("ur5", &q, &SVector::from(qdot))?;
+    fn a_ur5_keeps_the_guarantees_of_a_source(q in posture(&model::<6>("ur5")), qdot in prop::array::uniform6(-1.0..1.0)) {
+        a_guarantee_holds("ur5", &q, &SVector::from(qdot))?;
     }
 
     #[test]
-    fn an_iiwa_keeps_the_promises_of_a_source(q in posture(&model::<7>("iiwa14")), qdot in prop::array::uniform7(-1.0..1.0)) {
-        a_promise_holds("iiwa14", &q, &SVector::from(qdot))?;
+    fn an_iiwa_keeps_the_guarantees_of_a_source(q in posture(&model::<7>("iiwa14")), qdot in prop::array::uniform7(-1.0..1.0)) {
+        a_guarantee_holds("iiwa14", &q, &SVector::from(qdot))?;
     }
 
     #[test]

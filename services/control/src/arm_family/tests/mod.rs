@@ -1,4 +1,4 @@
-//! Each family's promises.
+//! Each family's guarantees.
 
 mod agreement;
 mod geometry;

@@ -21,7 +21,7 @@ use shared_types::scenario::Scenario;
 use shared_types::summary::{Summary, TopicSummary};
 use shared_types::{MAX_DOF, Message, PlantState, SensorSample};
 
-use super::super::motion::{Motion, Promise, SPEED_MARGIN};
+use super::super::motion::{Guarantee, Motion, SPEED_MARGIN};
 use super::cell::Cell;
 use super::limits;
 use super::picture::picture;
@@ -191,7 +191,7 @@ impl<'a> Drill<'a> {
         // Where the messages end early and the topics are the fault-free ones, the arm did what it did without a fault.
         let is_base = !base.topics.is_empty() && ran.topics == base.topics;
         let truth = if is_base { &base.truth } else { &ran.truth };
-        let mut motion = Motion::new(Promise::new(
+        let mut motion = Motion::new(Guarantee::new(
             self.robot,
             &self.job.scenario,
             SPEED_MARGIN,

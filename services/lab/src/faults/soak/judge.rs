@@ -94,7 +94,7 @@ pub(super) struct Evidence {
     pub left_over: Vec<String>,
 }
 
-/// The promises that a round did not keep, in words.
+/// The guarantees that a round did not keep, in words.
 pub(super) fn broken(seen: &Evidence) -> Vec<String> {
     let mut broken = seen.motion.broken();
     broken.extend(end(seen));
@@ -180,7 +180,7 @@ fn record(seen: &Evidence) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::motion::{Promise, SPEED_MARGIN_AT_FULL_TORQUE};
+    use super::super::super::motion::{Guarantee, SPEED_MARGIN_AT_FULL_TORQUE};
     use super::*;
     use model::Robot;
     use shared_types::scenario::Scenario;
@@ -191,7 +191,7 @@ mod tests {
         let name = "fig5-wrist-rotation";
         let scenario = Scenario::parse(name, sim::scenarios::text(name).unwrap(), &[]).unwrap();
         let mut motion =
-            Motion::new(Promise::new(&Robot::builtin("puma560").unwrap(), &scenario, SPEED_MARGIN_AT_FULL_TORQUE, std::iter::empty()));
+            Motion::new(Guarantee::new(&Robot::builtin("puma560").unwrap(), &scenario, SPEED_MARGIN_AT_FULL_TORQUE, std::iter::empty()));
         motion.add(&PlantState { drive: codes::DRIVE_BRAKED, ..PlantState::default() });
         let mut seen = Evidence {
             end: End::Completed,
@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn every_promise_that_is_broken_is_caught() {
+    fn every_guarantee_that_is_broken_is_caught() {
         let caught = |words: &str, corrupt: &dyn Fn(&mut Evidence)| {
             let broken = judged(corrupt);
             assert!(broken.len() == 1 && broken[0].contains(words), "{words}: {broken:?}");

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use launcher::{Event, Exit};
 use runtime::now_ns;
 
-/// Lines that processes wrote on their standard error, kept for a round with a broken promise.
+/// Lines that processes wrote on their standard error, kept for a round with a broken guarantee.
 const LINES: usize = 500;
 
 /// The events of the launcher while the round went on.

@@ -17,7 +17,7 @@ use shared_types::process::Program;
 use shared_types::scenario::Scenario;
 use shared_types::summary::{Deadlines, Summary};
 
-use super::super::motion::{Motion, Promise, SPEED_MARGIN_AT_FULL_TORQUE};
+use super::super::motion::{Guarantee, Motion, SPEED_MARGIN_AT_FULL_TORQUE};
 use super::draw::{Act, Planned, Signal};
 use super::inject::{Done, Executed, Injector};
 use super::judge::{Death, Ended, Evidence, Files, Messages, broken};
@@ -203,7 +203,7 @@ impl Seen {
         let rate_hz = job.scenario.rate_hz;
         let faults = self.summary.faults.iter().filter(|fault| fault.occurred).filter_map(|fault| fault.plan.as_ref());
         let (motion, stops, mut files, kept) =
-            read(Motion::new(Promise::new(setting.robot, &job.scenario, SPEED_MARGIN_AT_FULL_TORQUE, faults)), &out.join(MESSAGES));
+            read(Motion::new(Guarantee::new(setting.robot, &job.scenario, SPEED_MARGIN_AT_FULL_TORQUE, faults)), &out.join(MESSAGES));
         self.read_recording(out, &mut files);
         let mut injected: Vec<Injected> = self.executed.iter().filter_map(|executed| self.injected(executed, rate_hz)).collect();
         blame(&mut injected, &stops, rate_hz);

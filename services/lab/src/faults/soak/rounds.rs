@@ -82,7 +82,7 @@ pub struct Soak {
     pub rounds: Vec<Round>,
     /// After each round.
     pub usage: Vec<Usage>,
-    /// Where the rounds with a broken promise are kept.
+    /// Where the rounds with a broken guarantee are kept.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub kept: Option<PathBuf>,
 }

@@ -12,16 +12,16 @@ use crate::run_dir::RunDir;
 /// One more reader of a topic, in the launcher, that reads nothing: the last [`depth`] messages stay in shared memory, without a copy, whatever
 /// process of the run dies.
 ///
-/// When a reader of everything is replaced, what the keeper holds is copied to the file from which the replacement recalls it.
-pub(crate) struct Keeper {
+/// When a reader of everything is replaced, what the retainer holds is copied to the file from which the replacement recalls it.
+pub(crate) struct Retainer {
     format: Format,
     receiver: Receiver,
     handed_over: HandedOver,
     _topic: Topic,
 }
 
-impl Keeper {
-    /// Makes the topic, and its first reader: a message is in the keeper's buffer before any other reader has it.
+impl Retainer {
+    /// Makes the topic, and its first reader: a message is in the retainer's buffer before any other reader has it.
     pub(crate) fn create(bus: &Bus, run: &RunDir, format: Format, readers: usize, layout: u64) -> Result<Self, TopicError> {
         let topic = Topic::create(bus, format, readers, layout)?;
         let receiver = topic.receiver(depth(format.bytes))?;
