@@ -188,7 +188,11 @@ fn the_check_sees_what_is_missing() {
     assert_eq!(wrong_in(&format!("{code}// covers: CK95 Eq. 4 (inverse)\n#[test]\nfn t() {{ assert!(inverse() == ()); }}")), 0);
     assert_eq!(wrong_in(code), 1, "no test");
     assert_eq!(wrong_in(&format!("{code}// covers: CK95 Eq. 4 (inverse)\nfn t() {{ assert!(inverse() == ()); }}")), 2, "not a test");
-    assert_eq!(wrong_in(&format!("{code}// covers: CK95 Eq. 4 (inverse)\n#[test]\nfn t() {{ assert!(true); }}")), 2, "not called");
+    assert_eq!(
+        wrong_in(&format!("{code}// covers: CK95 Eq. 4 (inverse)\n#[test]\nfn t() {{ let x = other(); assert!(x == 1); }}")),
+        2,
+        "not called"
+    );
     assert_eq!(
         wrong_in(&format!("{code}// covers: CK95 Eq. 4 (inverse)\n#[test]\nfn t() {{ let inverse = 1; assert!(inverse > 0); }}")),
         2,

@@ -9,7 +9,6 @@ use serde_json::Value;
 use shared_types::PlantState;
 
 use crate::command::{Desk, Said, assert_nothing_left, finish, run_of, skipped, until};
-use crate::life::signal;
 use crate::wire::wire;
 
 /// The folder of the repository.
@@ -24,26 +23,26 @@ pub(crate) fn has_python(modules: &str) -> bool {
 }
 
 /// `armplane` with the Python package of the repository in the path of its programs.
-fn armplane(desk: &Desk, args: &[&str]) -> Command {
+pub(crate) fn armplane(desk: &Desk, args: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_armplane"));
     command.args(args).current_dir(desk.path()).env("PYTHONPATH", root().join("python")).env("PYTHONDONTWRITEBYTECODE", "1");
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     command
 }
 
-fn run(desk: &Desk, args: &[&str]) -> Said {
+pub(crate) fn run(desk: &Desk, args: &[&str]) -> Said {
     let said = finish(armplane(desk, args).spawn().expect("armplane starts"));
     assert_nothing_left(said.launcher);
     assert_eq!(programs_of(said.launcher), Vec::<i32>::new(), "a program outlives its run");
     said
 }
 
-fn summary(said: &Said) -> Value {
+pub(crate) fn summary(said: &Said) -> Value {
     serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}\n{}", said.out, said.err))
 }
 
 /// Programs that have an exchange page of a launcher's run in their environment.
-fn programs_of(launcher: u32) -> Vec<i32> {
+pub(crate) fn programs_of(launcher: u32) -> Vec<i32> {
     let marker = format!("-{launcher}-");
     let is_one = |pid: &i32| {
         let environment = std::fs::read(format!("/proc/{pid}/environ")).unwrap_or_default();
@@ -140,7 +139,7 @@ fn estimator(desk: &Desk, how: &str, restart: &str, faults: &str) -> PathBuf {
     scenario(desk, faults)
 }
 
-fn scenario(desk: &Desk, faults: &str) -> PathBuf {
+pub(crate) fn scenario(desk: &Desk, faults: &str) -> PathBuf {
     let text = "name = \"short\"\nrobot = \"puma560\"\ngraph = \"graph.toml\"\nsettle_s = 0.1\n[start]\nq_deg = [20, -60, 170, 0, 30, 0]\n\
                 [[segment]]\nby_m = [0.03, 0.0, -0.02]\nduration_s = 0.5\n";
     desk.file("short.toml", &format!("{text}{faults}"))
@@ -339,53 +338,6 @@ fn an_observer_in_python_sees_every_tick() {
     assert_eq!(said.code, 0, "{}", said.err);
     let ticks = summary(&said)["ticks"].as_u64().expect("ticks");
     assert!(said.err.contains(&format!("saw {ticks} ticks")), "{ticks}: {}", said.err);
-}
-
-/// An observer that at tick 100 does this.
-fn watch(desk: &Desk, at_100: &str) {
-    let program = "import armplane, os, time\nclass W(armplane.Observer):\n    def see(self, tick, plant_state=None):\n        if tick == 100:\n            ";
-    desk.file("watch.py", &format!("{program}{at_100}\nW.run()\n"));
-    let process = "[[process]]\nname = \"watch\"\ncommand = [\"python3\", \"watch.py\"]\nexchange = true\nreads = [\"plant_state\"]\n";
-    desk.file("graph.toml", &format!("extends = \"armplane\"\n{process}"));
-    scenario(desk, "");
-}
-
-#[test]
-fn the_end_of_an_observer_has_one_tick() {
-    if !has_python("") {
-        return skipped("there is no python3");
-    }
-    for (at_100, kind) in [("os.kill(os.getpid(), 9)", "exit"), ("os.kill(os.getppid(), 9)", "kill")] {
-        let desk = Desk::new();
-        watch(&desk, at_100);
-        let said = run(&desk, &["run", "short.toml", "--no-record", "--json"]);
-        let summary = summary(&said);
-        let (fault, reason) = (&summary["faults"][0], summary["reason"].as_str().unwrap());
-        let at = format!(" at tick {}", fault["tick"]);
-        assert_eq!((said.code, &fault["kind"], &fault["plan"]["at_tick"]), (1, &kind.into(), &fault["tick"]), "{}", said.err);
-        assert!(reason.contains(&at) && fault["detail"].as_str().unwrap().contains(&at), "{reason}: {fault}");
-        assert!(kind == "kill" || fault["tick"] == 100, "{fault}");
-    }
-}
-
-#[test]
-fn a_program_that_hangs_ends_quietly_with_an_interrupted_run() {
-    if !has_python("") {
-        return skipped("there is no python3");
-    }
-    let desk = Desk::new();
-    watch(&desk, "print('hangs', flush=True); time.sleep(600)");
-    let mut launcher = armplane(&desk, &["run", "short.toml", "--no-record", "--json"]).spawn().expect("armplane starts");
-    let mut lines = BufReader::new(launcher.stderr.take().expect("piped")).lines().map_while(Result::ok);
-    assert!(lines.by_ref().any(|line| line.contains("hangs")), "it does not come to tick 100");
-    signal(launcher.id().cast_signed(), "INT");
-    let rest: Vec<String> = lines.collect();
-    let said = finish(launcher);
-    let summary = summary(&said);
-    assert_eq!((&summary["outcome"], summary["faults"].as_array().map(Vec::len)), (&"interrupted".into(), Some(0)), "{summary}");
-    assert!(!rest.iter().any(|line| line.contains("has not answered")), "{rest:?}");
-    assert_nothing_left(said.launcher);
-    assert_eq!(programs_of(said.launcher), Vec::<i32>::new());
 }
 
 #[test]

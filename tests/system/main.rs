@@ -17,6 +17,7 @@ mod hostile;
 mod inspect;
 mod life;
 mod neighbours;
+mod observers;
 mod patience;
 mod properties;
 mod recording;

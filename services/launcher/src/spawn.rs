@@ -9,7 +9,7 @@ use rustix::time::Timespec;
 
 use crate::child;
 use crate::delay::Delay;
-use crate::outcome::{Failure, LaunchError, ProcessOutcome};
+use crate::outcome::{LaunchError, ProcessOutcome};
 use crate::plan::{Commands, Event, Plan, Report};
 use crate::unfinished::Sweeper;
 
@@ -147,22 +147,6 @@ impl Supervised {
             ended.push(index);
         }
         ended
-    }
-
-    pub(crate) fn died(&self, index: usize) -> Failure {
-        let slot = &self.slots.0[index];
-        let exit = slot.exit.unwrap_or(Exit::Code(0));
-        // A process that gave up a wait ends by itself; of a signal the others are innocent.
-        let suspect = self.stood_still().filter(|&other| other != index && matches!(exit, Exit::Code(_)));
-        Failure::Died {
-            process: self.name(index).to_owned(),
-            pid: slot.pid,
-            exit,
-            tick: self.tick_of_end(index),
-            restarts: slot.restarts,
-            suspect: suspect.map(|other| self.name(other).to_owned()),
-            last_words: slot.last_words.clone(),
-        }
     }
 
     /// The first process in the order of the data that is a tick behind its source and still runs: the others may have waited for it.

@@ -105,8 +105,24 @@ impl Supervised {
         }
     }
 
+    pub(crate) fn died(&self, index: usize) -> Failure {
+        let slot = &self.slots.0[index];
+        let exit = slot.exit.unwrap_or(Exit::Code(0));
+        // A process that gave up a wait ends by itself; of a signal the others are innocent.
+        let suspect = self.stood_still().filter(|&other| other != index && matches!(exit, Exit::Code(_)));
+        Failure::Died {
+            process: self.name(index).to_owned(),
+            pid: slot.pid,
+            exit,
+            tick: self.tick_of_end(index),
+            restarts: slot.restarts,
+            suspect: suspect.map(|other| self.name(other).to_owned()),
+            last_words: slot.last_words.clone(),
+        }
+    }
+
     /// The first tick that a process which has ended did not answer, as the fault table has it or will have it.
-    pub(crate) fn tick_of_end(&self, index: usize) -> u64 {
+    fn tick_of_end(&self, index: usize) -> u64 {
         self.listed_end(index).unwrap_or_else(|| self.left_off(index).0)
     }
 

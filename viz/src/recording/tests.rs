@@ -25,10 +25,13 @@ fn puma() -> Robot {
     Robot::builtin("puma560").expect("built in")
 }
 
+fn about<'a>(scenario: &'a Scenario, robot: &'a Robot) -> RunInfo<'a> {
+    RunInfo { scenario, robot, run: "test", version: "0", seed: 1, hops: Some([0, 1, 2, 3]), lives: Lives::default() }
+}
+
 fn begin(volume: &Volume, robot: &Robot) -> Result<Recording, RecordError> {
     let scenario = Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid");
-    let run = RunInfo { scenario: &scenario, robot, run: "test", version: "0", seed: 1, hops: Some([0, 1, 2, 3]), lives: Lives::default() };
-    Recording::with_storage(volume.clone(), 0, &run, Options::default())
+    Recording::with_storage(volume.clone(), 0, &about(&scenario, robot), Options::default())
 }
 
 fn row(tick: u64, m: &Messages) -> TickRow<'_> {
@@ -81,7 +84,9 @@ fn texts(chunks: &[&Chunk], component: &'static str) -> Vec<String> {
         // A row of another component of the same place has none.
         let rows = column.flat_map(|column| {
             let valid = (0..column.list_array.len()).filter(|row| column.list_array.is_valid(*row));
-            valid.map(|row| column.list_array.value(row).as_string::<i32>().value(0).to_owned()).collect::<Vec<_>>()
+            valid
+                .flat_map(|row| column.list_array.value(row).as_string::<i32>().iter().flatten().map(str::to_owned).collect::<Vec<_>>())
+                .collect::<Vec<_>>()
         });
         rows.collect::<Vec<_>>()
     };
@@ -187,7 +192,9 @@ fn a_recording_shows_what_happened() {
         assert!(p.iter().zip(&place).all(|(a, b)| (*a as f32 - b).abs() < 1e-6), "{p} {place:?}");
     }
     // Inside the wrist singularity ζ has been turned by 90°: the sector grows every 8°, and what was lost is free then.
-    let angles = texts(&of(&data, &entity::swept("wrist")), "LineStrips3D:labels");
+    let mut angles = texts(&of(&data, &entity::swept("wrist")), "LineStrips3D:labels");
+    // The lines themselves have no words: those stand on a line of their own.
+    angles.retain(|words| !words.is_empty());
     assert!((9..=12).contains(&angles.len()) && angles[0].starts_with("ζ turned "), "{angles:?}");
     let why = of(&data, &entity::reason("wrist", 3));
     assert!(!why.is_empty(), "the axis of joint 4 is drawn on its link");
@@ -288,15 +295,7 @@ fn every_part_opens_alone_and_all_together() {
 fn a_recorder_that_takes_up_writes_the_next_part_of_the_same_recording() {
     let (killed, taken_up, robot) = (Volume::new(usize::MAX), Volume::new(usize::MAX), puma());
     let scenario = Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid");
-    let about = RunInfo {
-        scenario: &scenario,
-        robot: &robot,
-        run: "test",
-        version: "0",
-        seed: 1,
-        hops: Some([0, 1, 2, 3]),
-        lives: Lives::default(),
-    };
+    let about = about(&scenario, &robot);
     let mut run = Run::new(&robot);
     let messages: Vec<Messages> = (0..200).map(|_| run.step()).collect();
     let mut recording = begin(&killed, &robot).expect("room");
@@ -351,9 +350,9 @@ fn missing_messages_leave_gaps_and_are_told() {
     let present: Vec<bool> = rows::<Float32Type>(&signals, Signal::Measure.name()).iter().map(Option::is_some).collect();
     assert_eq!(present, (0..100).map(|tick| !(20..60).contains(&tick)).collect::<Vec<bool>>());
     assert!(rows::<Float64Type>(&signals, Signal::Position.name()).iter().all(Option::is_some));
-    assert_eq!(texts(&of(&data, "/analyzer"), "StateChange:state"), ["up", "silent", "restarted"]);
-    assert_eq!(texts(&of(&data, "/estimator"), "StateChange:state"), ["up"]);
-    assert_eq!(texts(&of(&data, "/controller"), "StateChange:state"), ["up", "waiting", "up"], "it had no input");
+    assert_eq!(texts(&of(&data, "/3.analyzer"), "StateChange:state"), ["up", "silent", "restarted"]);
+    assert_eq!(texts(&of(&data, "/2.estimator"), "StateChange:state"), ["up"]);
+    assert_eq!(texts(&of(&data, "/4.controller"), "StateChange:state"), ["up", "waiting", "up"], "it had no input");
     assert!(texts(&of(&data, entity::LOG), "TextLog:text").iter().any(|line| line.ends_with("analyzer is back as incarnation 2")));
 }
 
@@ -361,15 +360,7 @@ fn missing_messages_leave_gaps_and_are_told() {
 fn a_recording_at_a_frame_that_the_arm_does_not_have_is_refused() {
     let robot = Robot::builtin("iiwa14").expect("built in");
     let scenario = Scenario::parse("synthetic.toml", SCENARIO, &["frame=\"nowhere\"".to_owned()]).expect("valid");
-    let run = RunInfo {
-        scenario: &scenario,
-        robot: &robot,
-        run: "test",
-        version: "0",
-        seed: 1,
-        hops: Some([0, 1, 2, 3]),
-        lives: Lives::default(),
-    };
+    let run = about(&scenario, &robot);
     let error = Recording::with_storage(Volume::new(usize::MAX), 0, &run, Options::default()).err().expect("there is no such frame");
     assert!(error.to_string().contains("iiwa14") && error.to_string().contains("nowhere"), "{error}");
 }
@@ -385,15 +376,7 @@ fn a_smaller_arm_has_its_own_links_only() {
 #[test]
 fn a_folder_that_does_not_exist_is_named() {
     let (scenario, robot) = (Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid"), puma());
-    let run = RunInfo {
-        scenario: &scenario,
-        robot: &robot,
-        run: "test",
-        version: "0",
-        seed: 1,
-        hops: Some([0, 1, 2, 3]),
-        lives: Lives::default(),
-    };
+    let run = about(&scenario, &robot);
     let error = Recording::create(Path::new("/there/is/no/such"), &run).err().expect("no folder");
     assert!(error.to_string().contains("/there/is/no/such/run.rrd") && error.to_string().contains("--out"), "{error}");
 }
@@ -419,15 +402,7 @@ fn what_is_recorded_is_read_back() {
     let folder = std::env::temp_dir().join(format!("armplane-read-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
     let (scenario, robot) = (Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid"), puma());
-    let about = RunInfo {
-        scenario: &scenario,
-        robot: &robot,
-        run: "test",
-        version: "0",
-        seed: 7,
-        hops: Some([0, 1, 2, 3]),
-        lives: Lives::default(),
-    };
+    let about = RunInfo { seed: 7, ..about(&scenario, &robot) };
     let mut recording = Recording::create(&folder, &about).expect("room");
     let mut run = Run::new(&robot);
     let sent: Vec<Messages> = (0..250).map(|_| run.step()).collect();
