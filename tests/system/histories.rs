@@ -47,7 +47,7 @@ fn deaths_during_start_up_repeat_themselves() {
     let desk = Desk::new();
     desk.file("s.toml", SHORT);
     let run = desk.start(&["run", "s.toml", "--json", "--out", "a"]);
-    for (process, name) in [("estimator", "KILL"), ("analyzer", "BUS"), ("recorder", "TERM"), ("controller", "KILL")] {
+    for (process, name) in [("estimator", "KILL"), ("analyzer", "BUS"), ("recorder", "SEGV"), ("controller", "KILL")] {
         let pid = || children_of_run(run.id()).into_iter().find(|(name, _)| name == process).map(|(_, pid)| pid);
         until("the process", || pid().is_some());
         signal(pid().unwrap(), name);
