@@ -260,6 +260,7 @@ fn in_lockstep_the_source_waits_at_the_end_of_a_death_for_who_has_not_died_yet()
     // It is through with tick 0 and it has had no core since.
     line.set_state(State::Running);
     line.set_ticks(1);
+    drop(plant.writer::<SensorSample>().unwrap());
     let mut tick_source = plant.tick_source(0);
     for tick in 0..3 {
         assert_eq!(tick_source.next().unwrap(), Some(tick), "no process waits for a dead one");
@@ -396,6 +397,7 @@ fn a_clock_that_is_behind_or_ahead_leaves_the_grid_where_it_is() {
             Fault { way: Some(Way::Jump), amount: Some(amount), at_tick: Some(3), for_ticks: Some(20), ..Fault::new("plant", Kind::Clock) };
         stage.control_page.fault_table().enter(&fault.schedule(&on(0), 1000, 0).unwrap(), crate::Origin::Planned);
         let plant = stage.shell("plant");
+        drop(plant.writer::<SensorSample>().unwrap());
         let mut tick_source = plant.tick_source(0);
         let (began, mut in_time) = (now_ns(), 0);
         for tick in 0..40 {
