@@ -32,7 +32,11 @@ pub fn abandoned() -> Vec<PathBuf> {
 /// The first folder that cannot be removed.
 pub fn remove_abandoned() -> io::Result<Vec<PathBuf>> {
     let folders = abandoned();
-    folders.iter().try_for_each(std::fs::remove_dir_all)?;
+    folders.iter().try_for_each(|folder| match std::fs::remove_dir_all(folder) {
+        // Another `clean` was quicker.
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        removed => removed,
+    })?;
     Ok(folders)
 }
 

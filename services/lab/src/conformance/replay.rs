@@ -30,6 +30,8 @@ pub struct Replayed {
     pub without_input: u64,
     /// Outputs that the run's summary counts and the record does not have: its files are damaged.
     pub missing: u64,
+    /// The run did not come to its end, so that its record may lack the last inputs.
+    pub is_cut: bool,
     /// Why the replay ended before the record did; empty where it did not.
     pub ended: String,
 }
@@ -38,7 +40,7 @@ impl Replayed {
     /// Whether every output of the run was computed again.
     #[must_use]
     pub fn is_complete(&self) -> bool {
-        self.without_input == 0 && self.missing == 0 && self.ended.is_empty()
+        (self.without_input == 0 || self.is_cut) && self.missing == 0 && self.ended.is_empty()
     }
 
     /// The earliest difference; of one tick, that of the topic that is sent first.
@@ -101,6 +103,7 @@ pub fn replay(run: &Path, process: Program, settings: &[String], observer: Obser
         Program::Recorder | Program::Operator => Err(Failure::Input(format!("the {} has no step that could be fed again", process.name()))),
     }?;
     observer(Progress::End);
+    replayed.is_cut = summary(run).is_none_or(|summary| !summary.completed);
     // A fault that shapes messages leaves fewer of them, or the same one again.
     if !tape.scheduled_faults.iter().any(|scheduled| scheduled.kind().is_some_and(Kind::shapes_messages)) {
         replayed.missing = missing(run, &replayed);
@@ -238,7 +241,7 @@ impl Tape<'_> {
             }
             (self.observer)(Progress::Position(header.tick));
         }
-        Ok(Replayed { topics: Out::topics(outputs), without_input, missing: 0, ended: String::new() })
+        Ok(Replayed { topics: Out::topics(outputs), without_input, missing: 0, is_cut: false, ended: String::new() })
     }
 
     fn was_shaped(&self, tick: u64) -> bool {
@@ -295,7 +298,7 @@ impl Tape<'_> {
             cycle.step(command.as_ref());
             (self.observer)(Progress::Position(tick));
         }
-        Ok(Replayed { topics: vec![sensor.topic(), state.topic()], without_input: 0, missing: 0, ended })
+        Ok(Replayed { topics: vec![sensor.topic(), state.topic()], without_input: 0, missing: 0, is_cut: false, ended })
     }
 }
 

@@ -250,7 +250,7 @@ pub struct ScoresText<'a>(pub &'a [Score]);
 
 impl fmt::Display for ScoresText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let heads = ["robot", "s", "speed", "torque", "step", "limits", "⊥ ζ, mm", "°", "stalled", "at limit", "reach", "stops"];
+        let heads = ["robot", "s", "speed", "torque", "step", "limits", "⊥ ζ, mm", "°", "stalled", "limit", "reach", "stop"];
         let mut rows = fitted(&heads);
         for score in self.0 {
             rows.add_row([
@@ -274,7 +274,7 @@ impl fmt::Display for ScoresText<'_> {
             "speed, torque: largest share of a limit; step: largest change of torque in a tick over what the\n\
              drive accepts; limits: sessions in which a joint left its range; ⊥ ζ: largest error orthogonal to ζ;\n\
              stalled: seconds at less than 2 % of the speed asked for, for longer than 0.5 s, neither reach nor a\n\
-             joint limit the reason; at limit, reach: seconds slowed there; --json has more"
+             joint limit the reason; limit, reach: seconds slowed there; stop: stops; --json has more"
         )?;
         let events = self.0.iter().flat_map(|score| score.events.iter().map(|event| (&score.robot, event)));
         for (robot, event) in events {
