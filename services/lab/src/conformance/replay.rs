@@ -30,7 +30,7 @@ pub struct Replayed {
     pub without_input: u64,
     /// Outputs that the run's summary counts and the record does not have: its files are damaged.
     pub missing: u64,
-    /// The run did not come to its end, so that its record may lack the last inputs.
+    /// The run did not come to its end, so that its record may lack the last messages.
     pub is_cut: bool,
     /// Why the replay ended before the record did; empty where it did not.
     pub ended: String,
@@ -40,7 +40,8 @@ impl Replayed {
     /// Whether every output of the run was computed again.
     #[must_use]
     pub fn is_complete(&self) -> bool {
-        (self.without_input == 0 || self.is_cut) && self.missing == 0 && self.ended.is_empty()
+        // The last messages of the topics of a cut run do not end at one tick.
+        (self.is_cut || self.without_input == 0 && self.missing == 0) && self.ended.is_empty()
     }
 
     /// The earliest difference; of one tick, that of the topic that is sent first.
