@@ -1,4 +1,4 @@
-//! What pure code and the control path may touch, one test per rule of the house; `docs/architecture.md` gives the reasons.
+//! The rules for pure code and the control path, one test per rule of the house; `docs/architecture.md` gives the reasons.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -57,7 +57,7 @@ const PURE_STANDARD: [&str; 20] = [
     "str",
     "sync",
 ];
-/// What these modules hold that is not pure all the same: shared state, and maps whose order is another in every process.
+/// The impure parts that these modules hold all the same: shared state, and maps whose order is another in every process.
 const IMPURE: [&str; 15] = [
     "HashMap",
     "HashSet",
@@ -81,7 +81,7 @@ fn is_pure(package: &Package, file: &File) -> bool {
     PURE_CRATES.contains(&package.name.as_str()) || file.path.iter().filter_map(|part| part.to_str()).any(is_pure_room)
 }
 
-/// What code names that is not pure: places of the standard library, other names of a crate's root, dependencies outside the list, mutable
+/// The names in code that are not pure: places of the standard library, other names of a crate's root, dependencies outside the list, mutable
 /// or hidden state, output.
 pub(crate) fn impurities(code: &[TokenTree], dependencies: &[String]) -> BTreeSet<String> {
     let mut found = BTreeSet::new();
@@ -351,7 +351,7 @@ fn rule_6_the_control_path_has_no_dynamic_matrices() {
     }
 }
 
-/// What stands in place of a failure of the call at this place: the arm of `None` or `Err` in its `match`, the `else` of its `if let`, where it
+/// The substitute for a failure of the call at this place: the arm of `None` or `Err` in its `match`, the `else` of its `if let`, where it
 /// neither leaves nor passes the failure on.
 fn replaced_failure(tokens: &[TokenTree], at: usize) -> Option<String> {
     let leaves = |tokens: &[TokenTree]| {

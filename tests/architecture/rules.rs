@@ -103,7 +103,7 @@ fn rule_1_every_layout_is_plain_data_checked_at_compile_time() {
     assert!(layouts > 0 && wrong.is_empty(), "{layouts} layouts: {wrong:#?}");
 }
 
-/// What a `pub use` or a `pub extern crate` hands on of a library behind a seam.
+/// The parts of a library behind a seam that a `pub use` or a `pub extern crate` hands on.
 fn exported_seams(code: &[TokenTree]) -> Vec<String> {
     let is_seam = |name: &str| SEAMS.iter().any(|(seam, _)| name.starts_with(seam));
     let leaves = use_leaves(code);

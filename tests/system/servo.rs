@@ -1,7 +1,7 @@
 //! `armplane servo`: an arm that is steered, and its session repeated.
 
 use std::io::Write;
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 use serde_json::Value;
@@ -39,17 +39,22 @@ fn a_file_steers_the_arm_and_its_saved_scenario_gives_the_same_bytes() {
     assert!(said.out.contains("2 targets refused"), "{}", said.out);
 }
 
-#[test]
-fn what_is_sent_while_the_run_lasts_is_saved_and_gives_the_same_bytes() {
-    let desk = Desk::new();
-    let mut child = Command::new(env!("CARGO_BIN_EXE_armplane"))
+/// A run that is steered by the lines of its standard input.
+fn steered_by_lines(desk: &Desk) -> Child {
+    Command::new(env!("CARGO_BIN_EXE_armplane"))
         .args(["servo", "ur5", "--from", "-", "--out", "one", "--json"])
         .current_dir(desk.path())
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
-        .expect("armplane starts");
+        .expect("armplane starts")
+}
+
+#[test]
+fn what_is_sent_while_the_run_lasts_is_saved_and_gives_the_same_bytes() {
+    let desk = Desk::new();
+    let mut child = steered_by_lines(&desk);
     let mut lines = child.stdin.take().expect("a pipe");
     for line in
         ["twist, base, 0.2, 0.05 0 0 0 0 0", "nonsense", "twist, hand, 0.2, 0 0 0.05 0 0 0", "twist, base, 0.1, 0 0 NaN 0 0 0", "end"]
@@ -66,14 +71,7 @@ fn what_is_sent_while_the_run_lasts_is_saved_and_gives_the_same_bytes() {
 #[test]
 fn the_last_target_before_the_end_of_input_is_followed_to_its_end() {
     let desk = Desk::new();
-    let mut child = Command::new(env!("CARGO_BIN_EXE_armplane"))
-        .args(["servo", "ur5", "--from", "-", "--out", "one", "--json"])
-        .current_dir(desk.path())
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("armplane starts");
+    let mut child = steered_by_lines(&desk);
     writeln!(child.stdin.take().expect("a pipe"), "twist, base, 0.5, 0.05 0 0 0 0 0").expect("the run reads");
     let summary = summary(&finish(child));
     assert_eq!(summary["completed"], true, "{}", summary["reason"]);

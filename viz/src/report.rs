@@ -46,7 +46,7 @@ pub enum ReportError {
 pub struct Report {
     /// HTML.
     pub text: String,
-    /// What its recording lacks; the page says it, too.
+    /// The shortfall of its recording; the page says it, too.
     pub shortfall: Option<Shortfall>,
 }
 

@@ -8,7 +8,7 @@ use shared_types::summary::Summary;
 use crate::read::{Piece, ReadError, ReadNews, read};
 use crate::recording::{is_complete, parts_in};
 
-/// What has been read of a recording.
+/// The rows and damages found while a recording is read.
 #[derive(Clone, Debug, Default)]
 pub struct Reading {
     rows: u64,
@@ -30,7 +30,7 @@ impl Reading {
         self.rows
     }
 
-    /// What the files lack, after all of them have been read: by themselves, and by the summary of their run. A file with a name of its own may be a
+    /// The shortfall of the files, after all of them have been read: by themselves, and by the summary of their run. A file with a name of its own may be a
     /// part of a run, or of another run than the summary beside it: it is judged by itself only.
     #[must_use]
     pub fn shortfall(self, parts: &[PathBuf], summary: Option<&Summary>) -> Option<Shortfall> {

@@ -93,7 +93,7 @@ pub struct Check {
     pub good: bool,
     /// State of the machine.
     pub finding: String,
-    /// What mends it.
+    /// The remedy.
     pub remedy: &'static str,
 }
 

@@ -65,10 +65,12 @@ pub fn replay(run: &Path, process: Program, settings: &[String], observer: Obser
             "no process of {run} is armplane's {program}: its graph has another program in that place, whose step cannot be fed again"
         )));
     };
-    let tape = Tape { folder: run.join(recorder::MESSAGES), run, observer, scheduled_faults: scheduled_faults(run, &job, &name)? };
+    let summary = summary(run);
+    let scheduled_faults = scheduled_faults(summary.as_ref(), &job, &name)?;
+    let tape = Tape { folder: run.join(recorder::MESSAGES), run, observer, summary, scheduled_faults };
     observer(Progress::Begin { title: &scenario.name, length: scenario.planned_ticks(), unit: "ticks" });
     let refused = |error: Refused| Failure::input(error);
-    let mut replayed = match process {
+    let replayed = match process {
         Program::Estimator => tape.step::<_, StateEstimate, EstimatorCheckpoint, _>(
             tape.open::<SensorSample>()?,
             || estimator::cycle(&robot, &scenario).map_err(refused),
@@ -104,11 +106,6 @@ pub fn replay(run: &Path, process: Program, settings: &[String], observer: Obser
         Program::Recorder | Program::Operator => Err(Failure::Input(format!("the {} has no step that could be fed again", process.name()))),
     }?;
     observer(Progress::End);
-    replayed.is_cut = summary(run).is_none_or(|summary| !summary.completed);
-    // A fault that shapes messages leaves fewer of them, or the same one again.
-    if !tape.scheduled_faults.iter().any(|scheduled| scheduled.kind().is_some_and(Kind::shapes_messages)) {
-        replayed.missing = missing(run, &replayed);
-    }
     if replayed.topics.iter().all(|topic| topic.messages == 0) && replayed.without_input == 0 {
         let run = run.display();
         return Err(Failure::Input(format!(
@@ -116,13 +113,6 @@ pub fn replay(run: &Path, process: Program, settings: &[String], observer: Obser
         )));
     }
     Ok((job, replayed))
-}
-
-/// How many outputs of the process the run's summary counts beyond those that were found.
-fn missing(run: &Path, replayed: &Replayed) -> u64 {
-    let counts = summary(run).map(|summary| summary.topics).unwrap_or_default();
-    let of = |topic: &Topic| counts.get(topic.name).map_or(0, |topic| topic.count).saturating_sub(topic.messages + replayed.without_input);
-    if replayed.ended.is_empty() { replayed.topics.iter().map(of).sum() } else { 0 }
 }
 
 /// The summary of a run; `None` where it was stopped before it had one.
@@ -150,9 +140,9 @@ fn job(run: &Path) -> Result<Job, Failure> {
 }
 
 /// The faults that happened to a process, planned or not: the summary knows of all, and without one (the run was stopped) the plan counts.
-fn scheduled_faults(run: &Path, job: &Job, process: &str) -> Result<Vec<ScheduledFault>, Failure> {
-    let happened = |summary: Summary| summary.faults.into_iter().filter_map(|fault| fault.plan).collect::<Vec<Fault>>();
-    let faults = summary(run).map_or_else(|| job.scenario.fault.clone(), happened);
+fn scheduled_faults(summary: Option<&Summary>, job: &Job, process: &str) -> Result<Vec<ScheduledFault>, Failure> {
+    let happened = |summary: &Summary| summary.faults.iter().filter_map(|fault| fault.plan.clone()).collect::<Vec<Fault>>();
+    let faults = summary.map_or_else(|| job.scenario.fault.clone(), happened);
     let scenario = Scenario { fault: faults, ..job.scenario.clone() };
     let all = scenario.scheduled_faults(&job.graph).map_err(|complaint| Failure::Input(complaint.to_string()))?;
     let index = job.graph.target(process).map(|target| target.index);
@@ -177,6 +167,8 @@ struct Tape<'a> {
     folder: std::path::PathBuf,
     run: &'a Path,
     observer: Observer<'a>,
+    /// Of the run; `None` where it was stopped before it had one.
+    summary: Option<Summary>,
     /// The process that is computed again ...
     /// ... and what happened to it.
     scheduled_faults: Vec<ScheduledFault>,
@@ -242,7 +234,19 @@ impl Tape<'_> {
             }
             (self.observer)(Progress::Position(header.tick));
         }
-        Ok(Replayed { topics: Out::topics(outputs), without_input, missing: 0, is_cut: false, ended: String::new() })
+        Ok(self.replayed(Out::topics(outputs), without_input, String::new()))
+    }
+
+    /// The result, with what the record lacks of what the run's summary counts. A fault that shapes messages leaves fewer of them, or the same one again.
+    fn replayed(&self, topics: Vec<Topic>, without_input: u64, ended: String) -> Replayed {
+        let is_shaped = self.scheduled_faults.iter().any(|scheduled| scheduled.kind().is_some_and(Kind::shapes_messages));
+        let sent = |topic: &Topic| self.summary.as_ref().and_then(|summary| summary.topics.get(topic.name)).map_or(0, |topic| topic.count);
+        let missing = match is_shaped || !ended.is_empty() {
+            true => 0,
+            false => topics.iter().map(|topic| sent(topic).saturating_sub(topic.messages + without_input)).sum(),
+        };
+        let is_cut = self.summary.as_ref().is_none_or(|summary| !summary.completed);
+        Replayed { topics, without_input, missing, is_cut, ended }
     }
 
     fn was_shaped(&self, tick: u64) -> bool {
@@ -299,7 +303,7 @@ impl Tape<'_> {
             cycle.step(command.as_ref());
             (self.observer)(Progress::Position(tick));
         }
-        Ok(Replayed { topics: vec![sensor.topic(), state.topic()], without_input: 0, missing: 0, is_cut: false, ended })
+        Ok(self.replayed(vec![sensor.topic(), state.topic()], 0, ended))
     }
 }
 

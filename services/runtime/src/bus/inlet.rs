@@ -110,11 +110,10 @@ impl Inlet {
             _ => None,
         };
         let format = self.receiver.format();
-        if message.len() == format.bytes && self.shared.is_cut(format.topic, header(message).tick) {
-            return false;
-        }
         let refused = if message.len() != format.bytes {
             Count::Refused
+        } else if self.shared.is_cut(format.topic, header(message).tick) {
+            return false;
         } else if !self.fence.admits(&header(message), living) && !self.shared.is_unfenced() {
             Count::Fenced
         } else if !(format.is_finite)(message) {

@@ -34,7 +34,7 @@ const LONGEST_MORE_S: f64 = 10.0;
 const AFTERMATH_S: f64 = 0.15;
 
 /// Number of the signal of a read beyond the end of a mapped file.
-const SIGBUS: i32 = 7;
+const SIGBUS: i32 = rustix::process::Signal::BUS.as_raw();
 
 /// Exit code of a panic.
 const PANIC: i32 = 101;
