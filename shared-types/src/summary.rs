@@ -104,9 +104,20 @@ pub struct TaskSummary {
     pub time_stretch: f64,
 }
 
+/// Arms have limits, where a summary of an earlier version does not say.
+const fn limited() -> bool {
+    true
+}
+
 /// Joint loads, each a ratio of the robot's own limit.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct JointSummary {
+    /// A joint's speed has a limit; without one the ratio says nothing.
+    #[serde(default = "limited")]
+    pub has_speed_limit: bool,
+    /// A joint's torque has a limit; without one its ratios say nothing.
+    #[serde(default = "limited")]
+    pub has_torque_limit: bool,
     /// Largest speed.
     pub speed_max_ratio: f64,
     /// Largest torque.

@@ -147,6 +147,9 @@ for_each_topic!(derive);
 /// The topics that only a steered run has.
 pub const STEERED: [&str; 2] = ["target", "servo_state"];
 
+/// The topics of the control chain in the order of the data: one message of each is once around the loop.
+pub const CHAIN: [&str; 4] = [SensorSample::TOPIC, StateEstimate::TOPIC, SingularityReport::TOPIC, TorqueCommand::TOPIC];
+
 /// Most topics of a run, those of its graph included: each has a bit on every doorbell.
 pub const MAX_TOPICS: usize = 29;
 

@@ -142,32 +142,38 @@ pub trait Part {
     fn hash_parts(_hash: &mut Fnv) {}
 }
 
+// Inlined by attribute: an incremental build inlines nothing across crates unasked, and each number would be a call.
 impl Part for f64 {
     const ELEMENT: &'static str = "f64";
+    #[inline]
     fn is_finite(&self) -> bool {
         f64::is_finite(*self)
     }
 }
 impl Part for u32 {
     const ELEMENT: &'static str = "u32";
+    #[inline]
     fn is_finite(&self) -> bool {
         true
     }
 }
 impl Part for u8 {
     const ELEMENT: &'static str = "u8";
+    #[inline]
     fn is_finite(&self) -> bool {
         true
     }
 }
 impl Part for u64 {
     const ELEMENT: &'static str = "u64";
+    #[inline]
     fn is_finite(&self) -> bool {
         true
     }
 }
 impl Part for Header {
     const ELEMENT: &'static str = "Header";
+    #[inline]
     fn is_finite(&self) -> bool {
         true
     }
@@ -196,6 +202,7 @@ const _: () =
 
 impl<T: Part, const N: usize> Part for [T; N] {
     const ELEMENT: &'static str = T::ELEMENT;
+    #[inline]
     fn is_finite(&self) -> bool {
         // Without an early exit, so that the compiler makes vectors of it: this runs for every message.
         self.iter().fold(true, |finite, part| finite & part.is_finite())

@@ -139,6 +139,12 @@ fn a_process_keeps_its_name_in_the_recording() {
     let events = read("events.csv");
     assert!(events.contains("state,process/c,up") && events.contains("state,process/analyzer,up"), "{events}");
     assert!(!events.contains("controller") && !read("signals.csv").lines().next().expect("headings").contains("controller"));
+    let said = desk.armplane(&["replay", "run", "--process", "c"]);
+    assert!(said.code == 0 && said.out.contains("seed 1, c, ") && said.out.contains("the same bytes"), "{}{}", said.out, said.err);
+    assert_eq!(desk.armplane(&["replay", "run"]).code, 0, "without a name it is the one that the controller runs in");
+    let said = desk.armplane(&["replay", "run", "--process", "controller"]);
+    let refusal = "run has no process `controller` that can be replayed: --process takes plant, estimator, analyzer, c";
+    assert!(said.code != 0 && said.err.contains(refusal), "{}", said.err);
 }
 
 #[test]

@@ -123,14 +123,13 @@ fn tables(page: &mut Html, summary: &Summary) {
         ],
     );
     let joints = &summary.joints;
-    // Nothing of an infinite limit.
-    let percent = |ratio: f64| if ratio > 0.0 { format!("{:.1} %", 100.0 * ratio) } else { "–".to_owned() };
+    let percent = |ratio: f64, has_limit: bool| if has_limit { format!("{:.1} %", 100.0 * ratio) } else { "no limit".to_owned() };
     page.table(
         &["joint load, of the robot's limit", "largest"],
         &[
-            vec!["torque".to_owned(), percent(joints.torque_max_ratio)],
-            vec!["torque step in one tick".to_owned(), percent(joints.torque_step_max_ratio)],
-            vec!["speed".to_owned(), percent(joints.speed_max_ratio)],
+            vec!["torque".to_owned(), percent(joints.torque_max_ratio, joints.has_torque_limit)],
+            vec!["torque step in one tick".to_owned(), percent(joints.torque_step_max_ratio, joints.has_torque_limit)],
+            vec!["speed".to_owned(), percent(joints.speed_max_ratio, joints.has_speed_limit)],
         ],
     );
     let singularities: Vec<Vec<String>> = summary

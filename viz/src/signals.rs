@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 use shared_types::graph::Graph;
 use shared_types::messages::{ControlState, PlantState, SingularityState};
 use shared_types::process::Program;
-use shared_types::topics::{ByTopic, Lent};
+use shared_types::topics::{ByTopic, CHAIN, Lent};
 use shared_types::wire::Stamps;
 
 /// The messages of one tick, as a recorder has them; in real time some may be missing.
@@ -203,7 +203,7 @@ impl Signal {
 pub const HOP_NAMES: [&str; 7] =
     ["hop sensor", "step estimate", "hop estimate", "step singularity", "hop singularity", "step torque", "sensor to torque"];
 
-/// The places in the stamps of the writers of `sensor`, `estimate`, `singularity` and `torque`: the chain that [`HOP_NAMES`] describes.
+/// The places in the stamps of the writers of [`CHAIN`]'s topics: the chain that [`HOP_NAMES`] describes.
 pub type ChainHops = [usize; 4];
 
 /// The chain's places in a graph; `None` where a topic of the chain has no writer.
@@ -211,10 +211,11 @@ pub type ChainHops = [usize; 4];
 pub fn chain_hops(graph: &Graph) -> Option<ChainHops> {
     let hops = graph.hops();
     let place = |topic| hops.iter().position(|hop| hop.writes.iter().any(|one| one == topic));
-    Some([place("sensor")?, place("estimate")?, place("singularity")?, place("torque")?])
+    let [sensor, estimate, singularity, torque] = CHAIN.map(place);
+    Some([sensor?, estimate?, singularity?, torque?])
 }
 
-/// The names of the processes whose lanes the state timeline has: the writers of `sensor`, `estimate`, `singularity` and `torque`, and the recorder.
+/// The names of the processes whose lanes the state timeline has: the writers of [`CHAIN`]'s topics, and the recorder.
 /// Empty where no process is.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Lives(pub(crate) [String; LIVES]);
@@ -227,7 +228,7 @@ impl Lives {
     #[must_use]
     pub fn of(graph: &Graph) -> Self {
         let recorder = graph.process.iter().find(|process| process.program() == Some(Program::Recorder));
-        let writers = ["sensor", "estimate", "singularity", "torque"].map(|topic| graph.writer(topic));
+        let writers = CHAIN.map(|topic| graph.writer(topic));
         let [sensor, estimate, singularity, torque] = writers.map(|writer| writer.map_or(String::new(), |process| process.name.clone()));
         let mut names = [sensor, estimate, singularity, torque, recorder.map_or(String::new(), |process| process.name.clone())];
         for i in 1..LIVES {

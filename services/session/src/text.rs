@@ -70,8 +70,7 @@ fn tables(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
     }
     let percent = |ratio: f64| format!("{:.0} %", ratio * 100.0);
     let joints = &summary.joints;
-    // An arm that moves has used some of each limit that it has.
-    let torque = match joints.torque_max_ratio > 0.0 {
+    let torque = match joints.has_torque_limit {
         true => format!(
             "torque {} of the limit, largest step in one tick {}",
             percent(joints.torque_max_ratio),
@@ -79,7 +78,7 @@ fn tables(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
         ),
         false => "torque without a limit".to_owned(),
     };
-    let speed = match joints.speed_max_ratio > 0.0 {
+    let speed = match joints.has_speed_limit {
         true => format!("speed {} of the limit", percent(joints.speed_max_ratio)),
         false => "speed without a limit".to_owned(),
     };

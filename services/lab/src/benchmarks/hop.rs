@@ -2,6 +2,7 @@
 
 use runtime::realtime::allowed_cores;
 use session::{Failure, Observer, Progress};
+use shared_types::topics::{CHAIN, Each, Topic, named};
 
 use super::distribution::{Distribution, Row};
 use super::ring::{Mechanism, Ring};
@@ -112,11 +113,16 @@ pub fn hop(samples: u64, only: &Only<'_>, observer: Observer<'_>) -> Result<Vec<
     Ok(rows)
 }
 
-const CYCLE: [&str; 4] = ["sensor", "estimate", "singularity", "torque"];
-
+/// The bytes of one message of each topic of the chain.
 fn cycle_bytes() -> usize {
-    use shared_types::{SensorSample, SingularityReport, StateEstimate, TorqueCommand};
-    size_of::<SensorSample>() + size_of::<StateEstimate>() + size_of::<SingularityReport>() + size_of::<TorqueCommand>()
+    struct Size;
+    impl Each for Size {
+        type Output = usize;
+        fn each<M: Topic>(&mut self) -> usize {
+            size_of::<M>()
+        }
+    }
+    CHAIN.iter().filter_map(|topic| named(topic, &mut Size)).sum()
 }
 
 /// Once around the processes of the chain, by mechanism and placement.
@@ -132,7 +138,7 @@ pub fn cycle(samples: u64, only: &Only<'_>, observer: Observer<'_>) -> Result<Ve
             continue;
         }
         let ring = Ring {
-            topics: names(&CYCLE),
+            topics: names(&CHAIN),
             block_bytes: None,
             cores,
             mechanisms,
@@ -156,7 +162,7 @@ pub fn paced(rate_hz: u64, seconds: u64, observer: Observer<'_>) -> Result<Vec<R
     let (placement, cores) = placements(4).swap_remove(0);
     let mechanisms = vec![Mechanism::Nothing, Mechanism::Futex, Mechanism::Topic];
     let period_ns = Some(1_000_000_000 / rate_hz);
-    let measured = Ring { topics: names(&CYCLE), block_bytes: None, cores, mechanisms, rounds, trips, period_ns }.measure(observer)?;
+    let measured = Ring { topics: names(&CHAIN), block_bytes: None, cores, mechanisms, rounds, trips, period_ns }.measure(observer)?;
     let wakes = measured.iter().map(|one| (one.mechanism, one.wake.clone())).collect();
     let mut rows = against_floor(&format!("wake-up at {rate_hz} Hz"), placement, 0, Mechanism::Nothing, wakes);
     let trips = measured.iter().filter(|one| one.mechanism != Mechanism::Nothing).map(|one| (one.mechanism, one.trip.clone())).collect();

@@ -10,6 +10,7 @@ use runtime::apply_to_outgoing;
 use session::{Failure, JOB, Observer, Progress, SUMMARY, load};
 use shared_types::codes::{DRIVE_ABSENT, DRIVE_STALE};
 use shared_types::fault::{Fault, Kind, ScheduledFault};
+use shared_types::graph::Process;
 use shared_types::job::Job;
 use shared_types::process::Program;
 use shared_types::scenario::Scenario;
@@ -24,6 +25,8 @@ use super::outputs::{Comparison, Topic};
 
 /// The result of a replay.
 pub struct Replayed {
+    /// The process, by its name in the run's graph.
+    pub process: String,
     /// By topic.
     pub topics: Vec<Topic>,
     /// Recorded outputs whose inputs are not in the record; they cannot be computed again.
@@ -51,26 +54,24 @@ impl Replayed {
     }
 }
 
-/// Feeds the recorded inputs of a run to the step of one process, with values of the scenario overridden, and compares its outputs.
+/// Feeds the recorded inputs of a run to the step of one process, with values of the scenario overridden, and compares its outputs. Without a
+/// name the process is the one that armplane's controller runs in.
 ///
 /// # Errors
-/// [`Failure`] where the run kept no messages, cannot be read, or the step refuses the scenario.
-pub fn replay(run: &Path, process: Program, settings: &[String], observer: Observer<'_>) -> Result<(Job, Replayed), Failure> {
+/// [`Failure`] where the run kept no messages, cannot be read, has no such process, or the step refuses the scenario.
+pub fn replay(run: &Path, process: Option<&str>, settings: &[String], observer: Observer<'_>) -> Result<(Job, Replayed), Failure> {
     let job = job(run)?;
     let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
     let scenario = with_settings(&job.scenario, settings)?;
-    let Some(name) = job.graph.process.iter().find(|one| one.program() == Some(process)).map(|one| one.name.clone()) else {
-        let (program, run) = (process.name(), run.display());
-        return Err(Failure::Input(format!(
-            "no process of {run} is armplane's {program}: its graph has another program in that place, whose step cannot be fed again"
-        )));
-    };
+    let is_asked = |one: &Process| process.map_or(one.program() == Some(Program::Controller), |name| one.name == name);
+    let found = job.graph.process.iter().find(|one| is_asked(one)).and_then(|one| Some((one.name.clone(), one.program()?)));
+    let Some((name, program)) = found else { return Err(no_step(process.unwrap_or("controller"), &job, run)) };
     let summary = summary(run);
     let scheduled_faults = scheduled_faults(summary.as_ref(), &job, &name)?;
-    let tape = Tape { folder: run.join(recorder::MESSAGES), run, observer, summary, scheduled_faults };
+    let tape = Tape { folder: run.join(recorder::MESSAGES), run, observer, process: name.clone(), summary, scheduled_faults };
     observer(Progress::Begin { title: &scenario.name, length: scenario.planned_ticks(), unit: "ticks" });
     let refused = |error: Refused| Failure::input(error);
-    let replayed = match process {
+    let replayed = match program {
         Program::Estimator => tape.step::<_, StateEstimate, EstimatorCheckpoint, _>(
             tape.open::<SensorSample>()?,
             || estimator::cycle(&robot, &scenario).map_err(refused),
@@ -103,7 +104,7 @@ pub fn replay(run: &Path, process: Program, settings: &[String], observer: Obser
             |cycle, last| cycle.restore(last),
         ),
         Program::Plant => tape.plant(&robot, &scenario),
-        Program::Recorder | Program::Operator => Err(Failure::Input(format!("the {} has no step that could be fed again", process.name()))),
+        Program::Recorder | Program::Operator => Err(no_step(&name, &job, run)),
     }?;
     observer(Progress::End);
     if replayed.topics.iter().all(|topic| topic.messages == 0) && replayed.without_input == 0 {
@@ -113,6 +114,17 @@ pub fn replay(run: &Path, process: Program, settings: &[String], observer: Obser
         )));
     }
     Ok((job, replayed))
+}
+
+/// The refusal of a process that the run does not have, or whose step armplane does not know: another program's, the recorder's, the operator's.
+fn no_step(process: &str, job: &Job, run: &Path) -> Failure {
+    let has_step = |one: &&Process| one.program().is_some_and(|program| !matches!(program, Program::Recorder | Program::Operator));
+    let known: Vec<&str> = job.graph.process.iter().filter(has_step).map(|one| one.name.as_str()).collect();
+    let run = run.display();
+    Failure::Input(match known.is_empty() {
+        true => format!("no process of {run} can be replayed: its graph has other programs in the places of armplane's"),
+        false => format!("{run} has no process `{process}` that can be replayed: --process takes {}", known.join(", ")),
+    })
 }
 
 /// The summary of a run; `None` where it was stopped before it had one.
@@ -169,8 +181,9 @@ struct Tape<'a> {
     observer: Observer<'a>,
     /// Of the run; `None` where it was stopped before it had one.
     summary: Option<Summary>,
-    /// The process that is computed again ...
-    /// ... and what happened to it.
+    /// The process that is computed again, by its name in the graph.
+    process: String,
+    /// The faults that happened to it.
     scheduled_faults: Vec<ScheduledFault>,
 }
 
@@ -246,7 +259,7 @@ impl Tape<'_> {
             false => topics.iter().map(|topic| sent(topic).saturating_sub(topic.messages + without_input)).sum(),
         };
         let is_cut = self.summary.as_ref().is_none_or(|summary| !summary.completed);
-        Replayed { topics, without_input, missing, is_cut, ended }
+        Replayed { process: self.process.clone(), topics, without_input, missing, is_cut, ended }
     }
 
     fn was_shaped(&self, tick: u64) -> bool {

@@ -92,8 +92,6 @@ impl Verified {
 
 /// The outputs of a process, computed again and compared with the recorded ones.
 pub struct ReplayedText<'a> {
-    /// The process.
-    pub process: &'a str,
     /// Of the recorded run.
     pub job: &'a Job,
     /// The result.
@@ -102,7 +100,8 @@ pub struct ReplayedText<'a> {
 
 impl fmt::Display for ReplayedText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { process, job, replayed } = self;
+        let Self { job, replayed } = self;
+        let process = &replayed.process;
         if let Some((tick, topic, Difference { field, expected, found })) = replayed.first() {
             let mut rows = fitted(&["topic and element", "messages", "largest", "at tick", "recorded", "replayed"]);
             for topic in &replayed.topics {
@@ -142,7 +141,7 @@ impl fmt::Display for ReplayedText<'_> {
 impl Replayed {
     /// For machines; `settings` are those that override values of the recorded scenario.
     #[must_use]
-    pub fn json(&self, process: &str, job: &Job, settings: &[String]) -> Value {
+    pub fn json(&self, job: &Job, settings: &[String]) -> Value {
         let first = self.first().map(|(tick, topic, Difference { field, expected, found })| {
             json!({"tick": tick, "topic": topic, "field": field, "recorded": expected, "replayed": found})
         });
@@ -156,7 +155,7 @@ impl Replayed {
             json!({"topic": topic.name, "messages": topic.messages, "fields": topic.fields.iter().map(field).collect::<Vec<_>>()})
         };
         json!({
-                "run": job.run, "scenario": job.scenario.name, "seed": job.scenario.seed, "version": job.version, "process": process,
+                "run": job.run, "scenario": job.scenario.name, "seed": job.scenario.seed, "version": job.version, "process": self.process,
                 "set": settings, "identical": first.is_none(), "difference": first, "topics": self.topics.iter().map(topic).collect::<Vec<_>>(),
                 "without_input": self.without_input, "missing": self.missing, "ended": self.ended,
         })

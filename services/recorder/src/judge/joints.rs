@@ -175,6 +175,9 @@ impl JointMeter {
     }
 
     pub(super) fn finish(mut self) -> JointSummary {
+        let has_limit = |limits: &[f64]| limits.iter().any(|limit| !limit.is_infinite());
+        self.summary.has_speed_limit = has_limit(&self.limits.velocity);
+        self.summary.has_torque_limit = has_limit(&self.limits.effort);
         if !self.torque_steps.is_empty() {
             self.summary.torque_step_p99_ratio = self.torque_steps.value_at_quantile(0.99) as f64 / STEP_UNIT;
             self.summary.torque_step_p95_ratio = self.torque_steps.value_at_quantile(0.95) as f64 / STEP_UNIT;

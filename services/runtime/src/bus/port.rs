@@ -62,11 +62,13 @@ impl Receiver {
     }
 
     /// The messages of the topic.
+    #[inline]
     pub(crate) fn format(&self) -> &Format {
         &self.format
     }
 
     /// The next message that is there.
+    #[inline]
     pub(crate) fn receive(&self) -> Result<Option<Incoming>, ReceiveError> {
         let sample = self.subscriber.receive()?;
         Ok(sample.map(|sample| Incoming {
@@ -77,6 +79,7 @@ impl Receiver {
     }
 
     /// Whether a message is there.
+    #[inline]
     pub(crate) fn has_samples(&self) -> Result<bool, ConnectionFailure> {
         self.subscriber.has_samples()
     }
@@ -107,6 +110,7 @@ impl Outgoing {
     }
 
     /// Delivers it to all readers; never blocks.
+    #[inline]
     pub(crate) fn send(self) -> Result<(), SendError> {
         self.sample.send().map(|_readers| ())
     }
