@@ -53,7 +53,7 @@ pub(crate) fn run(shell: &Shell, robot: &Robot, scenario: &Scenario, address: &A
         if cycle.drive() != drive {
             // Not each tick that is held: the log has the stops, and the way back from them.
             if cycle.drive() >= DRIVE_STOPPING {
-                tracing::warn!("tick {tick}: no torque comes in time, the arm is {}", name_of(&DRIVES, cycle.drive()));
+                tracing::warn!("tick {tick}: no torque comes in time, the arm is {}", name_of(DRIVES, cycle.drive()));
             } else if drive >= DRIVE_STOPPING {
                 tracing::warn!("tick {tick}: torque comes in time again, the arm goes on");
             }

@@ -49,40 +49,33 @@ impl Inlet {
     }
 
     /// The next message in order, whether it counts or not: from the buffer, or what a dead writer had sent to the retainer alone.
-    #[inline]
     pub(crate) fn receive_in_order(&mut self) -> Result<Option<Incoming>, Interrupted> {
         // Before the look: what a process known to be dead has sent is in the buffer by now, or in the retainer alone.
         self.shared.learn();
-        let message = if self.held.is_some() { self.held.take() } else { self.receive_any()? };
-        // After it: a replacement's message comes later than the change of the fault table.
-        let message = if self.missed.is_open(&self.shared) { self.or_missed(message) } else { message };
+        let message = match self.held.take() {
+            Some(held) => Some(held),
+            None => self.receive_any()?,
+        };
+        let came = message.as_ref().map_or(u64::MAX, Incoming::tick);
+        let message = match self.missed.take(&self.shared, came) {
+            Some(missed) => {
+                self.held = message;
+                Some(Incoming::copied(&missed))
+            }
+            None => message,
+        };
         if let Some(message) = &message {
             self.missed.begin_at(message.tick().saturating_add(1));
         }
         Ok(message)
     }
 
-    /// The message that was missed before this one, which is then held back; this one, where none was.
-    #[cold]
-    fn or_missed(&mut self, message: Option<Incoming>) -> Option<Incoming> {
-        let came = message.as_ref().map_or(u64::MAX, Incoming::tick);
-        match self.missed.take(&self.shared, came) {
-            Some(missed) => {
-                self.held = message;
-                Some(Incoming::copied(&missed))
-            }
-            None => message,
-        }
-    }
-
     /// The messages of the topic.
-    #[inline]
     pub(crate) fn format(&self) -> &Format {
         self.receiver.format()
     }
 
     /// The next message, whether it counts or not.
-    #[inline]
     pub(crate) fn receive_any(&self) -> Result<Option<Incoming>, Interrupted> {
         self.receiver.receive().map_err(|error| self.shared.port_failed(self.format().topic, error))
     }

@@ -62,13 +62,11 @@ impl Receiver {
     }
 
     /// The messages of the topic.
-    #[inline]
     pub(crate) fn format(&self) -> &Format {
         &self.format
     }
 
     /// The next message that is there.
-    #[inline]
     pub(crate) fn receive(&self) -> Result<Option<Incoming>, ReceiveError> {
         let sample = self.subscriber.receive()?;
         Ok(sample.map(|sample| Incoming {
@@ -79,7 +77,6 @@ impl Receiver {
     }
 
     /// Whether a message is there.
-    #[inline]
     pub(crate) fn has_samples(&self) -> Result<bool, ConnectionFailure> {
         self.subscriber.has_samples()
     }
@@ -110,7 +107,6 @@ impl Outgoing {
     }
 
     /// Delivers it to all readers; never blocks.
-    #[inline]
     pub(crate) fn send(self) -> Result<(), SendError> {
         self.sample.send().map(|_readers| ())
     }
