@@ -1,4 +1,4 @@
-//! `armplane`: one executable, many processes. What a person types, and what the launcher types for the processes it starts.
+//! `armplane`: one executable, many processes. The command line of a person, and that of the processes which the launcher starts.
 
 fn main() -> std::process::ExitCode {
     cli::main()

@@ -246,7 +246,7 @@ codes! {
         PROGRAM_REFUSED = 2 "refused",
     }
 
-    /// What armplane requests of the program of an exchange page.
+    /// Requests of armplane to the program of an exchange page.
     REQUESTS {
         /// Nothing yet.
         REQUEST_NONE = 0 "none",
@@ -258,7 +258,7 @@ codes! {
         REQUEST_STOP = 3 "stop",
     }
 
-    /// What the program of an exchange page answers.
+    /// Answers of the program of an exchange page.
     ANSWERS {
         /// Done.
         ANSWER_DONE = 0 "done",
@@ -268,7 +268,7 @@ codes! {
         ANSWER_FAILED = 2 "failed",
     }
 
-    /// What a process does with a topic.
+    /// How a process uses a topic.
     USES {
         /// It reads the message of the tick.
         USE_READS = 0 "reads",

@@ -40,7 +40,7 @@ pub use scheduled::ScheduledFault;
 pub struct Fault {
     /// To which process.
     pub process: String,
-    /// What.
+    /// Its kind.
     pub kind: Kind,
     /// In which way, for the kinds that have several.
     #[serde(default, rename = "as", skip_serializing_if = "Option::is_none")]

@@ -76,6 +76,27 @@ impl Complaint {
         Self { path: format!("{path}.{}", self.path), ..self }
     }
 
+    /// Finds the place in the text, or the setting (`key.path=value`) that has laid a value over it: the last one for this key or for one around or
+    /// inside it.
+    #[must_use]
+    pub fn locate_with(self, file: &str, text: &str, settings: &[String]) -> InvalidFile {
+        let is_within = |inner: &str, outer: &str| inner.strip_prefix(outer).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'));
+        let concerns = |setting: &&String| {
+            let key = setting.split_once('=').map_or("", |(key, _)| key.trim());
+            is_within(key, &self.path) || is_within(&self.path, key)
+        };
+        match settings.iter().rev().find(concerns) {
+            Some(setting) => InvalidFile {
+                file: format!("--set {setting}"),
+                text: String::new(),
+                span: None,
+                message: self.message,
+                remedy: self.remedy,
+            },
+            None => self.locate(file, text),
+        }
+    }
+
     /// Finds the place in the text.
     #[must_use]
     pub fn locate(self, file: &str, text: &str) -> InvalidFile {
@@ -270,5 +291,14 @@ mod tests {
         let located = Complaint::new("segment.0.duration_s", "too short", "").locate("a.toml", TEXT);
         assert_eq!(located.line(), Some(6));
         assert_eq!(Complaint::new("nowhere.at.all", "x", "").locate("a.toml", TEXT).line(), None);
+    }
+
+    #[test]
+    fn a_complaint_about_a_setting_names_the_setting() {
+        let settings = ["segment.0.duration_s=2".to_owned(), "segment.0.duration_s=-1".to_owned(), "segment.01=3".to_owned()];
+        let place = |path: &str| Complaint::new(path, "x", "").locate_with("a.toml", TEXT, &settings).file;
+        assert_eq!(place("segment.0.duration_s"), "--set segment.0.duration_s=-1");
+        assert_eq!(place("segment.0"), "--set segment.0.duration_s=-1");
+        assert_eq!(place("segment.1.duration_s"), "a.toml");
     }
 }

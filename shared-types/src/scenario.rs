@@ -117,7 +117,7 @@ impl Scenario {
     /// [`InvalidFile`]: where, what, and what to do.
     pub fn parse(file: &str, text: &str, settings: &[String]) -> Result<Self, InvalidFile> {
         let scenario: Self = crate::file::parse(file, text, settings)?;
-        scenario.check().map_err(|complaint| complaint.locate(file, text))?;
+        scenario.check().map_err(|complaint| complaint.locate_with(file, text, settings))?;
         Ok(scenario)
     }
 

@@ -230,7 +230,7 @@ pub struct FaultSummary {
     pub tick: u64,
     /// Which process.
     pub process: String,
-    /// What.
+    /// Its kind; `"exit"` of an end that ended the run.
     pub kind: String,
     /// One sentence.
     pub detail: String,

@@ -58,7 +58,7 @@ const PURE_STANDARD: [&str; 20] = [
     "sync",
 ];
 /// The impure parts that these modules hold all the same: shared state, and maps whose order is another in every process.
-const IMPURE: [&str; 15] = [
+const IMPURE: [&str; 16] = [
     "HashMap",
     "HashSet",
     "RandomState",
@@ -69,12 +69,17 @@ const IMPURE: [&str; 15] = [
     "Barrier",
     "mpsc",
     "atomic",
+    "Once",
     "OnceLock",
     "LazyLock",
     "OnceCell",
     "Instant",
     "SystemTime",
 ];
+
+/// Calls that read files or folders, of the standard library's paths and of libraries.
+const FILES: &str =
+    "canonicalize exists try_exists is_dir is_file is_symlink metadata symlink_metadata read_dir read_file read_from_file read_link";
 
 fn is_pure(package: &Package, file: &File) -> bool {
     let is_pure_room = |part: &str| PURE_ROOMS.contains(&part.trim_end_matches(".rs"));
@@ -116,6 +121,11 @@ pub(crate) fn impurities(code: &[TokenTree], dependencies: &[String]) -> BTreeSe
             let macros = ["println", "eprintln", "print", "eprint", "dbg", "thread_local", "option_env"];
             if macros.iter().any(|name| is(token, name)) && after.is_some_and(|next| is(next, "!")) {
                 found.insert(format!("{token}!"));
+            }
+            let is_called = matches!(after, Some(TokenTree::Group(group)) if group.delimiter() == Delimiter::Parenthesis);
+            let of_something = at > 0 && (is(&tokens[at - 1], ".") || is(&tokens[at - 1], ":"));
+            if is_called && of_something && has(FILES, &token.to_string()) {
+                found.insert(format!("{token}(…)"));
             }
             // `'static` is a lifetime.
             if is(token, "static") && !(at > 0 && is(&tokens[at - 1], "'")) {
@@ -170,6 +180,9 @@ fn rule_2_the_check_sees_what_is_not_pure() {
         "fn f() { static N: AtomicU64 = AtomicU64::new(0); }",
         "fn f() { println!(); }",
         "extern \"C\" { fn getpid() -> i32; }",
+        "fn f() { std::path::Path::new(x).exists() }",
+        "fn f() { urdf_rs::read_file(p) }",
+        "use std::sync::Once;",
     ] {
         assert!(seen(text), "{text}");
     }
@@ -188,70 +201,26 @@ fn rule_2_the_allocation_counts_of_the_pure_cycles_exist() {
 
 /// Functions of the standard library and of nalgebra that differ between machines; `sqrt` and the four operations are exact everywhere,
 /// `powi` is products.
-const PLATFORM: [&str; 33] = [
-    "sin",
-    "cos",
-    "tan",
-    "sin_cos",
-    "asin",
-    "acos",
-    "atan",
-    "atan2",
-    "sinh",
-    "cosh",
-    "tanh",
-    "asinh",
-    "acosh",
-    "atanh",
-    "sinh_cosh",
-    "sinc",
-    "sinhc",
-    "cosc",
-    "coshc",
-    "exp",
-    "exp2",
-    "exp_m1",
-    "ln",
-    "ln_1p",
-    "log",
-    "log2",
-    "log10",
-    "powf",
-    "powc",
-    "cbrt",
-    "hypot",
-    "gamma",
-    "ln_gamma",
-];
+const PLATFORM: &str = "sin cos tan sin_cos asin acos atan atan2 sinh cosh tanh asinh acosh atanh sinh_cosh sinc sinhc cosc coshc exp exp2 \
+    exp_m1 ln ln_1p log log2 log10 powf powc cbrt hypot gamma ln_gamma";
 /// Constructors and methods of nalgebra's rotations that call them.
-const TRIGONOMETRIC: [&str; 16] = [
-    "from_euler_angles",
-    "from_axis_angle",
-    "from_scaled_axis",
-    "from_matrix",
-    "from_matrix_eps",
-    "rotation_between",
-    "scaled_rotation_between",
-    "rotation_between_axis",
-    "euler_angles",
-    "scaled_axis",
-    "axis_angle",
-    "angle_to",
-    "slerp",
-    "try_slerp",
-    "look_at_rh",
-    "look_at_lh",
-];
+const TRIGONOMETRIC: &str = "from_euler_angles from_axis_angle from_scaled_axis from_matrix from_matrix_eps rotation_between scaled_rotation_between \
+    rotation_between_axis euler_angles scaled_axis axis_angle angle_to angle new_rotation new_rotation_wrt_point slerp try_slerp look_at_rh look_at_lh";
 /// Types of nalgebra whose `new` calls them.
 const ROTATIONS: [&str; 8] =
     ["Rotation2", "Rotation3", "UnitQuaternion", "UnitComplex", "Isometry2", "Isometry3", "Similarity2", "Similarity3"];
+
+/// Whether a list of words has this one.
+fn has(words: &str, word: &str) -> bool {
+    words.split_whitespace().any(|one| one == word)
+}
 
 /// Calls of these functions: `x.sin()`, `f64::sin(x)`, `.map(f64::sin)`, `<f64>::sin(x)`, `Rotation3::new(…)`. Those of `libm` are allowed.
 fn platform_calls(code: &[TokenTree]) -> BTreeSet<String> {
     let mut found = BTreeSet::new();
     for (_, path) in use_leaves(code) {
         let last = path.last().map(String::as_str).unwrap_or_default();
-        if ["std", "core", "f64", "nalgebra"].contains(&path[0].as_str()) && PLATFORM.contains(&last) {
+        if ["std", "core", "f64", "nalgebra"].contains(&path[0].as_str()) && has(PLATFORM, last) {
             found.insert(path.join("::"));
         }
     }
@@ -261,8 +230,8 @@ fn platform_calls(code: &[TokenTree]) -> BTreeSet<String> {
             let is_method = is(&tokens[at - 1], ".") && tokens.get(at + 1).is_some_and(|next| matches!(next, TokenTree::Group(_)));
             let of_a_path = at > 2 && is_path_separator(&tokens[at - 2..]);
             let owner = if of_a_path { owner(&tokens[..at - 2]) } else { String::new() };
-            let is_platform = PLATFORM.contains(&name.as_str()) && owner != "libm";
-            let is_rotation = TRIGONOMETRIC.contains(&name.as_str()) || name == "new" && ROTATIONS.contains(&owner.as_str());
+            let is_platform = has(PLATFORM, name.trim_start_matches("simd_")) && owner != "libm";
+            let is_rotation = has(TRIGONOMETRIC, &name) || name == "new" && ROTATIONS.contains(&owner.as_str());
             if (is_platform || is_rotation) && (is_method || of_a_path) {
                 found.insert(format!("{owner}{}{name}", if of_a_path { "::" } else { "." }));
             }
@@ -287,7 +256,7 @@ fn owner(before: &[TokenTree]) -> String {
 }
 
 #[test]
-fn rule_5_functions_that_differ_between_machines_are_those_of_libm() {
+fn functions_that_differ_between_machines_are_those_of_libm() {
     let mut wrong = Vec::new();
     for package in source::workspace() {
         let is_simulated = ["plant", "sim"].contains(&package.name.as_str()) || CONTROL_PATH.contains(&package.name.as_str());
@@ -306,6 +275,9 @@ fn rule_5_functions_that_differ_between_machines_are_those_of_libm() {
         "Rotation3::new(v)",
         "nalgebra::Rotation3::<f64>::new(v)",
         "UnitQuaternion::from_euler_angles(a, b, c)",
+        "q.angle()",
+        "Matrix4::new_rotation(v)",
+        "x.simd_sin()",
     ] {
         assert_eq!(seen(text), 1, "{text}");
     }

@@ -16,6 +16,13 @@ pub(crate) struct Package {
     pub(crate) targets: Vec<Target>,
 }
 
+impl Target {
+    /// A library of any kind (`lib`, `rlib`, `cdylib`, `proc-macro`, …) or a binary.
+    pub(crate) fn is_shipped(&self) -> bool {
+        !["test", "example", "bench", "custom-build"].contains(&self.kind.as_str())
+    }
+}
+
 /// A crate as built from one root file.
 pub(crate) struct Target {
     pub(crate) name: String,
@@ -72,7 +79,7 @@ impl Package {
 
     /// Files of the library and of the binaries that are not compiled for unit tests only.
     pub(crate) fn code(&self) -> impl Iterator<Item = &File> {
-        let targets = self.targets.iter().filter(|target| ["lib", "bin"].contains(&target.kind.as_str()));
+        let targets = self.targets.iter().filter(|target| target.is_shipped());
         targets.flat_map(|target| &target.files).filter(|file| !file.test_only)
     }
 

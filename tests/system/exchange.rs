@@ -165,7 +165,7 @@ fn a_process_in_python_is_as_deterministic_as_ours_faults_included() {
     assert_eq!(first["topics"], second["topics"], "the same bytes twice");
     assert_eq!((restarts(&first, "estimator"), &first["outcome"]), (1, &Value::from("goal reached")), "{}", first["faults"]);
     assert!(first["faults"].as_array().unwrap().iter().all(|fault| fault["occurred"] == true), "{}", first["faults"]);
-    // What the program was told is on record: the controller behind it computes the same again.
+    // The requests to the program are on record: the controller behind it computes the same again.
     let replayed = run(&desk, &["replay", "runs/short-001"]);
     assert_eq!(replayed.code, 0, "{}{}", replayed.out, replayed.err);
     let verified = run(&desk, &["verify", "short.toml", "--runs", "2", "--set", "segment.0.duration_s=0.3", "--json"]);

@@ -66,7 +66,7 @@ pub enum Piece<'a> {
         tick: u64,
         /// `INFO`, `WARN` or `ERROR`.
         level: String,
-        /// What.
+        /// The line.
         text: String,
     },
     /// A lane of the state timeline changed.

@@ -71,7 +71,7 @@ pub(crate) enum Width {
     F64,
     /// With 32 bits.
     F32,
-    /// Its logarithm to base 10, in steps of 1 / [`SHARES`]: plots have no logarithmic axis of their own. What is not above [`LEAST`] counts as 0.
+    /// Its logarithm to base 10, in steps of 1 / [`SHARES`]: plots have no logarithmic axis of their own. A value that is not above [`LEAST`] counts as 0.
     Log,
     /// With 32 bits, at the lower rate of what is drawn; held between when it is read back.
     Slow,

@@ -22,7 +22,7 @@ pub(crate) struct BenchArgs {
     #[arg(long, value_name = "N", default_value_t = 20_000, value_parser = clap::value_parser!(u64).range(1000..=10_000_000))]
     samples: u64,
     /// Measure only the rows of `hop` and `cycle` that have each of these words in placement or mechanism, or this number of bytes; with their
-    /// floor. Example: --only 4096 --only "same core".
+    /// baseline. Example: --only 4096 --only "same core".
     #[arg(long, value_name = "WORD")]
     only: Vec<String>,
     /// Another armplane, for example of an earlier version, that `lockstep` runs in turns with this one.
@@ -167,7 +167,7 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
         if !rows.is_empty() {
             show(&Rows(&rows));
             if !args.only.is_empty() {
-                say!("only the rows with {}, and their floor: the whole table without --only", args.only.join(", "));
+                say!("only the rows with {}, and their baseline: the whole table without --only", args.only.join(", "));
             }
         }
         record.iter().for_each(show);

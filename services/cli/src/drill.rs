@@ -30,8 +30,8 @@ pub(crate) struct DrillArgs {
     /// Override a value of the scenario, for example control.k_p=900 (repeatable).
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Leave a protection out: shows that the drill can fail.
-    #[arg(long, hide = true, value_name = "PROTECTION")]
+    /// Leave a protection out, to see that the drill fails without it.
+    #[arg(long, value_name = "PROTECTION")]
     without: Option<Protection>,
     /// Keep the results here: drill.json and a heat map (SVG and PNG).
     #[arg(long, value_name = "DIR")]

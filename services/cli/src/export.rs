@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
+use session::table::size;
 use session::{ExportFormat as Form, Failure, Run};
 use shared_types::scenario::Layout;
 
@@ -59,7 +60,7 @@ pub(crate) fn export(args: &ExportArgs, as_json: bool) -> Result<ExitCode, Failu
         let files: Vec<_> = files.iter().map(|path| serde_json::json!({"file": path, "bytes": bytes(path)})).collect();
         say!("{}", serde_json::json!({"files": files}));
     } else {
-        files.iter().for_each(|path| say!("{}  {:.1} MB", path.display(), bytes(path) as f64 / 1e6));
+        files.iter().for_each(|path| say!("{}  {}", path.display(), size(bytes(path))));
     }
     shortfall.map_or(Ok(ExitCode::SUCCESS), |shortfall| Err(Failure::Work(shortfall)))
 }

@@ -25,7 +25,7 @@ pub(crate) fn report(failure: Failure, as_json: bool) -> ExitCode {
     if let Failure::File(error) = failure
         && let Some(span) = error.span.clone()
     {
-        let label = LabeledSpan::at(span, error.remedy.clone());
+        let label = LabeledSpan::new_with_span((!error.remedy.is_empty()).then(|| error.remedy.clone()), span);
         let diagnostic = MietteDiagnostic::new(error.message.clone()).with_label(label);
         eprintln!("{:?}", Report::from(diagnostic).with_source_code(NamedSource::new(&error.file, error.text.clone())));
     }

@@ -97,7 +97,7 @@ enum Command {
     Simulate(simulate::SimulateArgs),
     /// Feed a run's recorded inputs to one process and show where its outputs first differ.
     #[command(
-        long_about = "Takes the messages that a run kept, feeds its inputs to the step of one process as this program computes it, and compares every \
+        long_about = "Takes the recorded messages of a run, feeds its inputs to the step of one process as this program computes it, and compares every \
                       output with the recorded one: where they first differ (tick, topic, field, both values), and by how much each field \
                       differs at most. For a changed control law: build it, replay an old run, see what has changed and what has not.",
         after_help = "Examples:\n  armplane replay runs/fig5-wrist-rotation-001\n  armplane replay runs/fig5-wrist-rotation-001 --process estimator --json\n  armplane replay runs/fig5-wrist-rotation-001 --set control.k_p=900\n\nExit code 1: an output differs."
@@ -141,9 +141,9 @@ enum Command {
         after_help = "Examples:\n  armplane sweep gains.toml\n  armplane sweep report runs/gains --by orientation_max_deg --map control.k_p,plant.mass_factor\n  armplane sweep gains.toml --shard 3/16 --out shards/3\n  armplane sweep --merge shards/* --out gains\n\nExit code 1: stopped before its end; the same command goes on."
     )]
     Sweep(sweep::SweepArgs),
-    /// Draw the paper's Figures 1, 2, 4 and 5 from runs made for it.
+    /// Draw the paper's Figures 1 to 5 from runs made for it.
     #[command(
-        long_about = "Runs the scenarios of Chang & Khatib's Figures 1, 2, 4 and 5 on one thread and draws them: arm postures, errors, joint motion, \
+        long_about = "Runs the scenarios of Chang & Khatib's Figures 1 to 5 on one thread and draws them: arm postures, errors, joint motion, \
                       with the numbers below. Saves each as SVG and PNG, and the numbers as figures.json.",
         after_help = "Examples:\n  armplane figures\n  armplane figures --out figures --set plant.encoder_bits=0"
     )]
@@ -165,7 +165,7 @@ enum Command {
     #[command(
         long_about = "Reads the recording back and writes its numbers as one wide table (a row a tick) and its log and states as another, \
                       into the run's folder or --out. Columns: `joint.q.1`, `singularity.s.wrist`, `error.position_mm.orthogonal` and so on, and from the \
-                      run's messages the pose and twist of the hand, encoders, torques, singular directions. Units are in the metadata of \
+                      run's messages the pose and twist of the end-effector, encoders, torques, singular directions. Units are in the metadata of \
                       Parquet and in the schemas of MCAP. `rrd` joins the parts of a long recording in one file; `rbl` is the layout for the viewer.",
         after_help = "Examples:\n  armplane export --format csv\n  armplane export runs/fig5-wrist-rotation-001 --format parquet --out tables\n  armplane export --format rbl --layout timing"
     )]
@@ -183,7 +183,7 @@ enum Command {
                       processes and in lockstep. The fault is injected live in the middle of the motion; then the run is repeated from the \
                       plan it left, which must give the same bytes. Judged on the simulator's truth: torque and speed against the limits, age of \
                       the torque in force, largest torque step, distance from the fault-free path, the end; and what was lost or left behind.",
-        after_help = "Examples:\n  armplane drill\n  armplane drill --only controller:kill\n  armplane drill elbow-in-and-out --out drill\n\nExit code 1: an invariant does not hold."
+        after_help = "Examples:\n  armplane drill\n  armplane drill --only controller:kill\n  armplane drill elbow-in-and-out --out drill\n\nExit code 1: a guarantee does not hold."
     )]
     Drill(drill::DrillArgs),
     /// List the built-in scenarios and robots.

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
+use session::table::size;
 use session::{Failure, Run};
 
 use crate::out::say;
@@ -31,7 +32,7 @@ pub(crate) fn report(args: &ReportArgs, as_json: bool) -> Result<ExitCode, Failu
     if as_json {
         say!("{}", serde_json::json!({"file": path, "bytes": text.len()}));
     } else {
-        say!("{}  {:.1} MB; open it with any browser", path.display(), text.len() as f64 / 1e6);
+        say!("{}  {}; open it with any browser", path.display(), size(text.len() as u64));
     }
     shortfall.map_or(Ok(ExitCode::SUCCESS), |shortfall| Err(Failure::Work(run.with_remedy(&shortfall))))
 }

@@ -31,7 +31,7 @@ pub(crate) struct ManArgs {
 
 pub(crate) fn man(args: &ManArgs, command: Command) -> Result<ExitCode, Failure> {
     let written = std::fs::create_dir_all(&args.folder).and_then(|()| clap_mangen::generate_to(command, &args.folder));
-    written.map_err(|error| Failure::Input(format!("cannot write to {}: {error}", args.folder.display())))?;
+    written.map_err(|error| Failure::Input(format!("cannot write to {}: {error}; choose another folder", args.folder.display())))?;
     Ok(ExitCode::SUCCESS)
 }
 

@@ -34,6 +34,7 @@ pub(crate) struct SweepArgs {
 #[derive(Subcommand)]
 enum SweepCommand {
     /// Outcomes, distributions, a map over two keys, and the worst runs with the commands that repeat them.
+    #[command(after_help = "Example:\n  armplane sweep report runs/gains --by orientation_max_deg --map control.k_p,plant.mass_factor")]
     Report(ReportArgs),
 }
 

@@ -1,4 +1,4 @@
-//! One child process: started so that it cannot outlive the launcher, its exit and its last words kept.
+//! One child process: started so that it cannot outlive the launcher, its exit and the end of its standard error recorded.
 
 use std::collections::VecDeque;
 use std::io::{BufRead, BufReader};

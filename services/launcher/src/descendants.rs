@@ -1,4 +1,4 @@
-//! Whatever the programs of a run have started: ended with the run, also when its launcher is killed.
+//! The descendants of a run's programs: ended with the run, also when its launcher is killed.
 //!
 //! A process of the run is a child of the launcher and cannot outlive it. A program of others may start more, in other process groups and sessions:
 //! these are known by their environment, which names the run. A descendant that has replaced its environment is not found.

@@ -116,7 +116,7 @@ pub enum Event<'a> {
     Line {
         /// Which.
         process: &'a str,
-        /// What.
+        /// Its kind.
         line: &'a str,
     },
     /// A process did nothing more and has been killed for it.

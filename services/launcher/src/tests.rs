@@ -125,8 +125,7 @@ fn recorder(run: &Path, file: &Path) -> Result<(), ProcessError> {
     }
     assert!(stamps_in_order, "a torque that was sent before its sample");
     let lost = sensors.lost() + torques.lost();
-    let text =
-        format!("{} {:016x} {} {:016x} {lost}", sensor_hash.count(), sensor_hash.digest(), torque_hash.count(), torque_hash.digest());
+    let text = format!("{:?} {:?} {lost}", sensor_hash.summary(), torque_hash.summary());
     // The run's directory is removed at the end: the test reads what was said on standard error.
     eprintln!("recorded {text}");
     std::fs::write(file, text).expect("the run's directory is writable");

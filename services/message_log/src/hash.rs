@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use shared_types::Message;
+use shared_types::summary::TopicSummary;
 use xxhash_rust::xxh3::xxh3_64_with_seed;
 
 /// XXH3-64 over [`Message::content`] of one message after the other, each seeded with the hash before: two numbers are its whole memory, so
@@ -28,6 +29,12 @@ impl TopicHash {
     #[must_use]
     pub fn count(&self) -> u64 {
         self.count
+    }
+
+    /// The topic's line in a run's summary.
+    #[must_use]
+    pub fn summary(&self) -> TopicSummary {
+        TopicSummary { count: self.count, hash: format!("{:016x}", self.digest) }
     }
 
     /// The hash so far.

@@ -251,7 +251,7 @@ impl RowWriter {
         }
     }
 
-    /// Goes on behind the last whole block that an earlier writer of the same run left. What follows after byte `from` (of
+    /// Goes on behind the last whole block that an earlier writer of the same run left. The rest after byte `from` (of
     /// [`RowWriter::bytes`], when everything before it had been written) is handed to `each`. Where that writer was killed before it had made its file,
     /// and `from` is 0, the file is made.
     ///

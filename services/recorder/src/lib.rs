@@ -22,7 +22,7 @@ use runtime::{Collector, Count, Mode, ProcessError, Shell, write_reserved};
 use shared_types::Message;
 use shared_types::graph::Graph;
 use shared_types::job::Job;
-use shared_types::summary::{RecorderSummary, Summary, TopicSummary};
+use shared_types::summary::{RecorderSummary, Summary};
 use shared_types::topics::{self, Build, ByTopic, COUNT, Each, Family, Topic};
 use viz::Level;
 
@@ -400,10 +400,7 @@ fn summary(robot: &Robot, job: &Job, mode: Mode, verdict: Verdict, account: &[(&
         reason: verdict.reason,
         wall_s: verdict.wall_s,
         ticks_per_s: if verdict.wall_s > 0.0 { verdict.ticks as f64 / verdict.wall_s } else { 0.0 },
-        topics: account
-            .iter()
-            .map(|(name, hash)| ((*name).to_owned(), TopicSummary { count: hash.count(), hash: format!("{:016x}", hash.digest()) }))
-            .collect::<BTreeMap<_, _>>(),
+        topics: account.iter().map(|(name, hash)| ((*name).to_owned(), hash.summary())).collect::<BTreeMap<_, _>>(),
         task: verdict.task,
         joints: verdict.joints,
         singularities: verdict.singularities,

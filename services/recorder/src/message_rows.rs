@@ -4,6 +4,7 @@ use std::path::Path;
 
 use message_log::{LogError, LogReader, TopicHash};
 use shared_types::graph::Graph;
+use shared_types::summary::Summary;
 use shared_types::topics::{self, Build, ByTopic, Each, Family, Topic};
 
 use crate::assemble::{Assembler, Row, Set};
@@ -83,6 +84,20 @@ impl MessageRows {
             self.has_more = topics::each(&mut Put(&mut self.kept, &mut self.assembler, self.until)).contains(&true);
         }
         self.assembler.pop(self.until, !self.has_more)
+    }
+
+    /// The topics whose log, read to its end, does not hold what a run's summary counts: a clause for each. A topic that the summary does not name is left out.
+    #[must_use]
+    pub fn damage(mut self, summary: &Summary) -> Vec<String> {
+        while self.next_row().is_some() {}
+        let differs = |(topic, found): (&'static str, TopicHash)| {
+            let expected = summary.topics.get(topic).filter(|expected| **expected != found.summary())?;
+            Some(match expected.count == found.count() {
+                true => format!("{topic}.log holds other numbers than the run has sent"),
+                false => format!("{topic}.log holds {} of {} messages", found.count(), expected.count),
+            })
+        };
+        self.account().into_iter().filter_map(differs).collect()
     }
 
     /// How many messages of each topic have been read, and their hash.

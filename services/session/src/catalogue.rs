@@ -6,7 +6,7 @@ use model::Robot;
 use serde_json::{Value, json};
 use shared_types::scenario::Scenario;
 
-use crate::table::{fitted, number};
+use crate::table::{number, table};
 use crate::{Failure, load};
 
 /// All built-in scenarios and robots.
@@ -46,7 +46,7 @@ impl Catalogue {
 
 impl fmt::Display for Catalogue {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut rows = fitted(&["scenario", "robot", "s", "what it shows"]);
+        let mut rows = table(&["scenario", "robot", "s", "what it shows"]);
         for scenario in &self.scenarios {
             rows.add_row([
                 scenario.name.clone().into(),
@@ -56,7 +56,7 @@ impl fmt::Display for Catalogue {
             ]);
         }
         writeln!(f, "{rows}")?;
-        let mut rows = fitted(&["robot", "joints", "postures", "frames"]);
+        let mut rows = table(&["robot", "joints", "postures", "frames"]);
         for robot in &self.robots {
             let postures: Vec<_> = robot.postures.keys().map(String::as_str).collect();
             let frames: Vec<_> = robot.frames.iter().map(|frame| frame.name.as_str()).collect();

@@ -33,7 +33,7 @@ pub enum ExportFormat {
 pub struct Export {
     /// The files.
     pub files: Vec<PathBuf>,
-    /// One sentence, where the recording holds less than its run: how much of it, why, and the remedy.
+    /// One sentence, where the recording or the message logs hold less than the run: how much of it, why, and the remedy.
     pub shortfall: Option<String>,
 }
 
@@ -47,7 +47,7 @@ pub fn export(run: &Run, format: ExportFormat, out: &Path, observer: Observer<'_
         run.check_readable()?;
     }
     std::fs::create_dir_all(out).map_err(|error| Failure::Input(format!("cannot write to {}: {error}", out.display())))?;
-    let mut reading = Reading::default();
+    let (mut reading, mut damage) = (Reading::default(), Vec::new());
     let files = match format {
         ExportFormat::Layout(layout) => {
             let layout = layout.map_or_else(|| run.job().map(|job| job.scenario.view.layout), Ok)?;
@@ -66,21 +66,24 @@ pub fn export(run: &Run, format: ExportFormat, out: &Path, observer: Observer<'_
                 observer(Progress::Line(&format!("armplane: the columns that come from the run's messages are left out: {reason}")));
             });
             let slides = messages.as_ref().map_or(Vec::new(), |kept| kept.slides.clone());
-            let messages = messages.as_mut().ok().map(|kept| kept as &mut dyn Messages);
+            let lent = messages.as_mut().ok().map(|kept| kept as &mut dyn Messages);
             let ticks = run.summary().map_or(0, |summary| summary.ticks);
             observer(Progress::Begin { title: "export", length: ticks, unit: "rows" });
-            let written = viz::export(Exported { parts, messages, slides: &slides }, format, out, &mut |news| {
+            let written = viz::export(Exported { parts, messages: lent, slides: &slides }, format, out, &mut |news| {
                 reading.add(news);
                 if let ReadNews::Rows(_) = news {
                     observer(Progress::Position(reading.rows()));
                 }
             });
             observer(Progress::End);
+            let summary = run.summary().ok();
+            damage = messages.ok().zip(summary).map_or(Vec::new(), |(kept, summary)| kept.rows.damage(&summary));
             written.map_err(Failure::work)?
         }
     };
-    let shortfall = reading.shortfall(&run.parts, run.summary().ok().as_ref());
-    Ok(Export { files, shortfall: shortfall.map(|shortfall| run.with_remedy(&shortfall)) })
+    let shortfall = reading.shortfall(&run.parts, run.summary().ok().as_ref()).map(|shortfall| shortfall.to_string());
+    let lacks: Vec<String> = shortfall.into_iter().chain(damage).collect();
+    Ok(Export { files, shortfall: (!lacks.is_empty()).then(|| run.with_remedy(&lacks.join("; "))) })
 }
 
 /// The messages in a run's folder.

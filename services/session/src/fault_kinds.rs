@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use shared_types::fault::Kind;
 use shared_types::graph::Role;
 
-use crate::table::fitted;
+use crate::table::table;
 
 /// The kinds of faults: what happens, to which processes, for how long, in which ways.
 pub struct FaultKinds;
@@ -32,7 +32,7 @@ impl FaultKinds {
 
 impl fmt::Display for FaultKinds {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut rows = fitted(&["kind", "what happens", "to", "usually for", "as (usual amount)"]);
+        let mut rows = table(&["kind", "what happens", "to", "usually for", "as (usual amount)"]);
         for &kind in Kind::ALL {
             let ways = kind.ways().map(|way| match kind.usual_amount(way) {
                 0.0 => way.name().to_owned(),

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use shared_types::graph::Graph;
 use shared_types::topics::TOPICS;
 
-use crate::table::{fitted, number};
+use crate::table::{number, table};
 
 /// A graph in one of its forms.
 pub enum GraphText<'a> {
@@ -29,7 +29,7 @@ impl fmt::Display for GraphText<'_> {
 }
 
 fn rows(f: &mut fmt::Formatter<'_>, graph: &Graph) -> fmt::Result {
-    let mut rows = fitted(&["process", "reads", "writes", "core", "priority"]);
+    let mut rows = table(&["process", "reads", "writes", "core", "priority"]);
     for process in &graph.process {
         let feedback = process.feedback.iter().map(|topic| format!("{topic} (to reach the next tick)"));
         let reads: Vec<_> = process.reads.iter().cloned().chain(feedback).collect();
@@ -109,7 +109,7 @@ struct Topic<'a> {
 
 impl fmt::Display for Topics<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut rows = fitted(&["topic", "type", "layout", "bytes", "writer", "readers"]);
+        let mut rows = table(&["topic", "type", "layout", "bytes", "writer", "readers"]);
         for Topic { name, type_name, layout, bytes, writer, readers } in self.rows() {
             rows.add_row([name.into(), type_name.into(), layout.into(), number(bytes), writer.into(), readers.join("\n").into()]);
         }

@@ -161,6 +161,9 @@ impl Source {
 /// [`Failure::Input`] where there is no such robot, or its description is invalid.
 pub fn robot(name: &str, folder: Option<&Path>, frame: Option<&str>) -> Result<Robot, Failure> {
     if Path::new(name).extension().is_none_or(|extension| extension != "urdf") {
+        if folder.map_or_else(|| PathBuf::from(name), |folder| folder.join(name)).is_file() {
+            return Err(Failure::Input(format!("{name} is not a URDF: the name of a robot's file ends in .urdf")));
+        }
         return Robot::builtin(name).map_err(Failure::input);
     }
     let path = folder.map_or_else(|| PathBuf::from(name), |folder| folder.join(name));

@@ -26,10 +26,12 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
     })?;
     // Held until all is written; refused while the run goes on.
     let _results = Results::create(Some(&folder), "")?;
-    if folder.join(SUMMARY).exists() {
+    let run = Run { folder: folder.clone(), parts: Vec::new() };
+    // One that cannot be read is made anew, too.
+    if run.summary().is_ok() {
         return Err(Failure::Input(format!("{} has its {SUMMARY}: there is nothing to recover", folder.display())));
     }
-    let mut job = Run { folder: folder.clone(), parts: Vec::new() }.job()?;
+    let mut job = run.job()?;
     if !job.messages {
         return Err(Failure::Input(format!("{} was run without its messages: nothing can be recovered from it", folder.display())));
     }

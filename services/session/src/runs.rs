@@ -121,8 +121,14 @@ impl Run {
         let path = self.folder.join(name);
         let text = std::fs::read(&path)
             .map_err(|error| Failure::Input(format!("cannot read {}: {error}; name the folder of a run that has ended", path.display())))?;
-        serde_json::from_slice(&text)
-            .map_err(|error| Failure::Input(format!("{} is not what `armplane run` wrote: {error}", path.display())))
+        serde_json::from_slice(&text).map_err(|error| {
+            let (path, folder) = (path.display(), self.folder.display());
+            let remedy = match name {
+                SUMMARY => format!("`armplane recover {folder}` makes it anew from the run's messages"),
+                _ => "run the scenario again".to_owned(),
+            };
+            Failure::Input(format!("{path} is not what `armplane run` wrote: {error}; {remedy}"))
+        })
     }
 }
 

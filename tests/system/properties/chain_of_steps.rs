@@ -133,7 +133,7 @@ impl<C: Checkpoint> Life<C> {
 }
 
 /// The whole chain under tampering: of every message any number may be replaced on its way, messages are lost, processes start again
-/// from a last message that was tampered with. What acts on the arm stays finite and within the limits. Where the edge refuses what is not finite,
+/// from a last message that was tampered with. The torque on the arm stays finite and within the limits. Where the edge refuses what is not finite,
 /// as it does in a run, no process has anything to say that is not finite, unless it was told what is out of all range; and then its replacement,
 /// which goes on from what was said last, is cured.
 pub fn fingers(bytes: &[u8]) {

@@ -63,7 +63,7 @@ impl Constants {
 }
 
 /// Writes the parts of one recording into one file, with its footer: every row of every part, constants that the parts repeat once, and the
-/// blueprint of the last part that has one. What is damaged ends its part and is given to `news`, as the counts of rows are.
+/// blueprint of the last part that has one. A damaged chunk ends its part and is given to `news`, as the counts of rows are.
 ///
 /// # Errors
 /// [`MergeError`] where a part cannot be read or is of another recording, or the file cannot be written.

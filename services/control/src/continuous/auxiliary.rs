@@ -134,8 +134,8 @@ impl Loop {
         Demand { beta: 0.0, ..demand }
     }
 
-    /// The memory of a singularity that does not take part in the solve: the arm will come to a fold on the side of its coordinate. What the strategy of
-    /// another type has kept before means another thing, and the sign of a coordinate without formula is drawn anew at each approach.
+    /// The memory of a singularity that does not take part in the solve: the arm will come to a fold on the side of its coordinate. The memory of
+    /// another type's strategy does not apply to it, and the sign of a coordinate without formula is drawn anew at each approach.
     fn memory_outside<const N: usize>(&self, s: &Singularity<N>) -> Memory {
         let is_beside_fold = s.class == Class::Type1 && s.aux.abs() > SIDE_CHANGE;
         Memory { side: if is_beside_fold { s.aux.signum() } else { self.memory.side }, ..self.memory }

@@ -363,6 +363,7 @@ fn the_baselines_on_the_sweep() {
         Strategy::HoldAndBlend,
         Strategy::JointPd,
     ] {
-        sweep(7, 60, 0.28, Plant::default(), strategy);
+        let [s1, s2, ends] = sweep(7, 60, 0.28, Plant::default(), strategy);
+        assert!(s1 <= s2 && s2 <= ends && ends > 0, "{strategy:?}: {s1} {s2} {ends}");
     }
 }

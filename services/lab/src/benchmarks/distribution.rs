@@ -68,14 +68,14 @@ pub struct Row {
     pub payload_bytes: usize,
     /// Times.
     pub distribution: Distribution,
-    /// Against the floor of the same bench, placement and payload; none where there is no floor.
+    /// Against the baseline of the same bench, placement and payload; none where there is no baseline.
     pub ratio_p50: Option<f64>,
     /// 99th percentile over that of the futex of the same placement and payload.
     pub ratio_p99: Option<f64>,
 }
 
 impl Row {
-    /// A row without a floor.
+    /// A row without a baseline.
     pub fn alone(bench: &str, mechanism: &str, distribution: Distribution) -> Self {
         let (bench, mechanism, placement) = (bench.to_owned(), mechanism.to_owned(), "one thread".to_owned());
         Self { bench, mechanism, placement, payload_bytes: 0, distribution, ratio_p50: None, ratio_p99: None }

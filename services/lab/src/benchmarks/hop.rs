@@ -20,7 +20,7 @@ impl Only<'_> {
         self.0.iter().all(is_in)
     }
 
-    /// The mechanisms that are measured: those chosen, and their floor; none where none is chosen.
+    /// The mechanisms that are measured: those chosen, and their baseline; none where none is chosen.
     fn choose(&self, bench: &str, placement: &str, bytes: usize, mechanisms: Vec<Mechanism>) -> Vec<Mechanism> {
         let is_chosen = |one: &Mechanism| self.admits(bench, placement, bytes, *one);
         match mechanisms.iter().any(is_chosen) {
@@ -79,7 +79,7 @@ pub fn hop(samples: u64, only: &Only<'_>, observer: Observer<'_>) -> Result<Vec<
                 return Ok(());
             }
             let measured = ring.measure(observer)?.into_iter().map(|one| (one.mechanism, one.trip.divided_by(2.0)));
-            rows.extend(against_floor("hop", placement, bytes, Mechanism::Futex, measured.collect()));
+            rows.extend(against_baseline("hop", placement, bytes, Mechanism::Futex, measured.collect()));
             Ok(())
         };
         for (bytes, topics) in BLOCKS.into_iter().zip(&BLOCK_TOPICS) {
@@ -147,7 +147,7 @@ pub fn cycle(samples: u64, only: &Only<'_>, observer: Observer<'_>) -> Result<Ve
             period_ns: None,
         };
         let measured = ring.measure(observer)?.into_iter().map(|one| (one.mechanism, one.trip));
-        rows.extend(against_floor("cycle", placement, cycle_bytes(), Mechanism::Futex, measured.collect()));
+        rows.extend(against_baseline("cycle", placement, cycle_bytes(), Mechanism::Futex, measured.collect()));
     }
     Ok(rows)
 }
@@ -164,29 +164,31 @@ pub fn paced(rate_hz: u64, seconds: u64, observer: Observer<'_>) -> Result<Vec<R
     let period_ns = Some(1_000_000_000 / rate_hz);
     let measured = Ring { topics: names(&CHAIN), block_bytes: None, cores, mechanisms, rounds, trips, period_ns }.measure(observer)?;
     let wakes = measured.iter().map(|one| (one.mechanism, one.wake.clone())).collect();
-    let mut rows = against_floor(&format!("wake-up at {rate_hz} Hz"), placement, 0, Mechanism::Nothing, wakes);
+    let mut rows = against_baseline(&format!("wake-up at {rate_hz} Hz"), placement, 0, Mechanism::Nothing, wakes);
     let trips = measured.iter().filter(|one| one.mechanism != Mechanism::Nothing).map(|one| (one.mechanism, one.trip.clone())).collect();
-    rows.extend(against_floor(&format!("paced at {rate_hz} Hz"), placement, cycle_bytes(), Mechanism::Futex, trips));
+    rows.extend(against_baseline(&format!("paced at {rate_hz} Hz"), placement, cycle_bytes(), Mechanism::Futex, trips));
     Ok(rows)
 }
 
-/// Rows of one bench, placement and payload, with their ratios to the floor among them.
-fn against_floor(
+/// Rows of one bench, placement and payload, with their ratios to the baseline among them.
+fn against_baseline(
     bench: &str,
     placement: &str,
     payload_bytes: usize,
-    floor: Mechanism,
+    baseline: Mechanism,
     measured: Vec<(Mechanism, Distribution)>,
 ) -> Vec<Row> {
-    let floor = measured.iter().find(|(mechanism, _)| *mechanism == floor).map(|(_, distribution)| distribution.clone());
-    let ratio = |value: f64, of: fn(&Distribution) -> f64| floor.as_ref().map(of).filter(|floor| *floor > 0.0).map(|floor| value / floor);
+    let baseline = measured.iter().find(|(mechanism, _)| *mechanism == baseline).map(|(_, distribution)| distribution.clone());
+    let ratio = |value: f64, of: fn(&Distribution) -> f64| {
+        baseline.as_ref().map(of).filter(|baseline| *baseline > 0.0).map(|baseline| value / baseline)
+    };
     let row = |(mechanism, distribution): (Mechanism, Distribution)| Row {
         bench: bench.to_owned(),
         mechanism: mechanism.name().to_owned(),
         placement: placement.to_owned(),
         payload_bytes,
-        ratio_p50: ratio(distribution.p50_us, |floor| floor.p50_us),
-        ratio_p99: ratio(distribution.p99_us, |floor| floor.p99_us),
+        ratio_p50: ratio(distribution.p50_us, |baseline| baseline.p50_us),
+        ratio_p99: ratio(distribution.p99_us, |baseline| baseline.p99_us),
         distribution,
     };
     measured.into_iter().map(row).collect()

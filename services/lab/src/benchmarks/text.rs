@@ -15,8 +15,19 @@ pub struct Rows<'a>(pub &'a [Row]);
 
 impl fmt::Display for Rows<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut lines =
-            table(&["bench", "placement", "bytes", "mechanism", "samples", "p50 µs", "p99", "p99.9", "max", "ratio p50", "p99"]);
+        let mut lines = table(&[
+            "bench",
+            "placement",
+            "bytes",
+            "mechanism",
+            "samples",
+            "p50 µs",
+            "p99 µs",
+            "p99.9 µs",
+            "max µs",
+            "ratio p50",
+            "ratio p99",
+        ]);
         for row in self.0 {
             let Distribution { samples, p50_us, p99_us, p999_us, max_us, .. } = row.distribution;
             let ratio = |ratio: Option<f64>| number(ratio.map_or(String::new(), |ratio| format!("{ratio:.2}")));
@@ -69,7 +80,7 @@ impl fmt::Display for Hour {
             self.messages_mb_per_min,
             self.lost
         )?;
-        let headings = ["process", "after 1 min, MB", "most", "at the end", "change in the second half", "shared, MB"];
+        let headings = ["process", "after 1 min, MB", "most, MB", "at the end, MB", "change in the second half, MB", "shared, MB"];
         let mut rows = table(&headings);
         for name in first.processes.keys() {
             let own = |look: &Look| look.processes.get(name).map_or(0.0, |memory| memory.own_mb);
@@ -93,14 +104,14 @@ impl fmt::Display for Ran {
             "\n{} Hz for {seconds:.0} s, {load}: {} of {} deadlines missed, {}",
             self.rate_hz, self.deadlines.missed, self.ticks, self.outcome
         )?;
-        let mut rows = table(&["process", "missed", "why"]);
+        let mut rows = table(&["process", "deadlines missed", "cause"]);
         for process in &self.processes {
             let causes = self.missed(process);
             let why = causes.iter().map(|(cause, count)| format!("{count} {cause}")).collect::<Vec<_>>().join(", ");
             rows.add_row([process.clone().into(), number(causes.values().sum::<u64>()), why.into()]);
         }
         writeln!(f, "{rows}")?;
-        let mut rows = table(&["latency", "samples", "p50 µs", "p99", "p99.9", "max"]);
+        let mut rows = table(&["latency", "samples", "p50 µs", "p99 µs", "p99.9 µs", "max µs"]);
         for (name, latency) in &self.latency_us {
             let times = [latency.p50, latency.p99, latency.p999, latency.max].map(|time| number(digits(time)));
             rows.add_row([name.clone().into(), number(latency.count)].into_iter().chain(times));

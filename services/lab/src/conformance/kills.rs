@@ -261,7 +261,7 @@ impl Killer {
         }
     }
 
-    /// One to three strikes, each at a tick of its own, some of them before the first.
+    /// One to three deaths, each at a tick of its own, some of them before the first.
     fn work(&mut self) {
         if self.victims.is_empty() {
             return;

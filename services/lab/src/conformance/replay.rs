@@ -6,8 +6,9 @@ use std::path::Path;
 
 use message_log::{Difference, LogError, LogReader};
 use model::{Refused, Robot};
+use recorder::MessageRows;
 use runtime::apply_to_outgoing;
-use session::{Failure, JOB, Observer, Progress, SUMMARY, load};
+use session::{Failure, JOB, Observer, Progress, Run, SUMMARY, load};
 use shared_types::codes::{DRIVE_ABSENT, DRIVE_STALE};
 use shared_types::fault::{Fault, Kind, ScheduledFault};
 use shared_types::graph::Process;
@@ -31,8 +32,8 @@ pub struct Replayed {
     pub topics: Vec<Topic>,
     /// Recorded outputs whose inputs are not in the record; they cannot be computed again.
     pub without_input: u64,
-    /// Outputs that the run's summary counts and the record does not have: its files are damaged.
-    pub missing: u64,
+    /// The message logs that do not hold what the run's summary counts, a clause for each.
+    pub damage: Vec<String>,
     /// The run did not come to its end, so that its record may lack the last messages.
     pub is_cut: bool,
     /// Why the replay ended before the record did; empty where it did not.
@@ -44,7 +45,7 @@ impl Replayed {
     #[must_use]
     pub fn is_complete(&self) -> bool {
         // The last messages of the topics of a cut run do not end at one tick.
-        (self.is_cut || self.without_input == 0 && self.missing == 0) && self.ended.is_empty()
+        (self.is_cut || self.without_input == 0) && self.damage.is_empty() && self.ended.is_empty()
     }
 
     /// The earliest difference; of one tick, that of the topic that is sent first.
@@ -68,7 +69,10 @@ pub fn replay(run: &Path, process: Option<&str>, settings: &[String], observer: 
     let Some((name, program)) = found else { return Err(no_step(process.unwrap_or("controller"), &job, run)) };
     let summary = summary(run);
     let scheduled_faults = scheduled_faults(summary.as_ref(), &job, &name)?;
-    let tape = Tape { folder: run.join(recorder::MESSAGES), run, observer, process: name.clone(), summary, scheduled_faults };
+    let is_cut = summary.as_ref().is_none_or(|summary| !summary.completed);
+    let rows = MessageRows::open(&run.join(recorder::MESSAGES), &job.graph);
+    let damage = summary.as_ref().zip(rows.ok()).map_or(Vec::new(), |(summary, rows)| rows.damage(summary));
+    let tape = Tape { folder: run.join(recorder::MESSAGES), run, observer, process: name.clone(), is_cut, damage, scheduled_faults };
     observer(Progress::Begin { title: &scenario.name, length: scenario.planned_ticks(), unit: "ticks" });
     let refused = |error: Refused| Failure::input(error);
     let replayed = match program {
@@ -108,6 +112,9 @@ pub fn replay(run: &Path, process: Option<&str>, settings: &[String], observer: 
     }?;
     observer(Progress::End);
     if replayed.topics.iter().all(|topic| topic.messages == 0) && replayed.without_input == 0 {
+        if !replayed.damage.is_empty() {
+            return Err(Failure::Input(Run::find(Some(run))?.with_remedy(&replayed.damage.join("; "))));
+        }
         let run = run.display();
         return Err(Failure::Input(format!(
             "{run} has no message of {name} to compare: the run ended before its first one; see the reason in {run}/{SUMMARY}"
@@ -179,8 +186,10 @@ struct Tape<'a> {
     folder: std::path::PathBuf,
     run: &'a Path,
     observer: Observer<'a>,
-    /// Of the run; `None` where it was stopped before it had one.
-    summary: Option<Summary>,
+    /// As in [`Replayed`].
+    is_cut: bool,
+    /// As in [`Replayed`].
+    damage: Vec<String>,
     /// The process that is computed again, by its name in the graph.
     process: String,
     /// The faults that happened to it.
@@ -250,16 +259,8 @@ impl Tape<'_> {
         Ok(self.replayed(Out::topics(outputs), without_input, String::new()))
     }
 
-    /// The result, with what the record lacks of what the run's summary counts. A fault that shapes messages leaves fewer of them, or the same one again.
     fn replayed(&self, topics: Vec<Topic>, without_input: u64, ended: String) -> Replayed {
-        let is_shaped = self.scheduled_faults.iter().any(|scheduled| scheduled.kind().is_some_and(Kind::shapes_messages));
-        let sent = |topic: &Topic| self.summary.as_ref().and_then(|summary| summary.topics.get(topic.name)).map_or(0, |topic| topic.count);
-        let missing = match is_shaped || !ended.is_empty() {
-            true => 0,
-            false => topics.iter().map(|topic| sent(topic).saturating_sub(topic.messages + without_input)).sum(),
-        };
-        let is_cut = self.summary.as_ref().is_none_or(|summary| !summary.completed);
-        Replayed { process: self.process.clone(), topics, without_input, missing, is_cut, ended }
+        Replayed { process: self.process.clone(), topics, without_input, damage: self.damage.clone(), is_cut: self.is_cut, ended }
     }
 
     fn was_shaped(&self, tick: u64) -> bool {

@@ -4,7 +4,7 @@ use std::fmt;
 
 use message_log::{Difference, FieldDifference};
 use serde_json::{Value, json};
-use session::table::{fitted, number};
+use session::table::{number, table};
 use shared_types::job::Job;
 use shared_types::scenario::Scenario;
 use shared_types::summary::TopicSummary;
@@ -29,12 +29,12 @@ const WHY: &str = "one thread has no processes to which faults could happen, and
 impl fmt::Display for VerifiedText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { scenario, verified: Verified { reference, runs, place, is_identical } } = self;
-        let mut hashes = fitted(&["topic", "messages", "hash of the contents in the reference"]);
+        let mut hashes = table(&["topic", "messages", "hash of the contents in the reference"]);
         for (name, topic) in &reference.ran.topics {
             hashes.add_row([name.into(), number(topic.count), topic.hash.clone().into()]);
         }
         writeln!(f, "{hashes}")?;
-        let mut rows = fitted(&["", "condition", "ticks/s", "topics"]);
+        let mut rows = table(&["", "condition", "ticks/s", "topics"]);
         let mut row = |name: String, ran: &Ran, topics: String| {
             rows.add_row([name.into(), ran.condition.clone().into(), number(format!("{:.0}", ran.ticks_per_s)), topics.into()]);
         };
@@ -103,7 +103,7 @@ impl fmt::Display for ReplayedText<'_> {
         let Self { job, replayed } = self;
         let process = &replayed.process;
         if let Some((tick, topic, Difference { field, expected, found })) = replayed.first() {
-            let mut rows = fitted(&["topic and element", "messages", "largest", "at tick", "recorded", "replayed"]);
+            let mut rows = table(&["topic and element", "messages", "largest", "at tick", "recorded", "replayed"]);
             for topic in &replayed.topics {
                 for FieldDifference { messages, largest, tick, difference, .. } in &topic.fields {
                     rows.add_row([
@@ -122,8 +122,8 @@ impl fmt::Display for ReplayedText<'_> {
         if replayed.without_input > 0 {
             writeln!(f, "{} outputs could not be computed: their inputs are not in the record", replayed.without_input)?;
         }
-        if replayed.missing > 0 {
-            writeln!(f, "{} outputs of the run are not in the record: its files are damaged", replayed.missing)?;
+        for damage in &replayed.damage {
+            writeln!(f, "damaged: {damage}")?;
         }
         if !replayed.ended.is_empty() {
             writeln!(f, "{}", replayed.ended)?;
@@ -157,7 +157,7 @@ impl Replayed {
         json!({
                 "run": job.run, "scenario": job.scenario.name, "seed": job.scenario.seed, "version": job.version, "process": self.process,
                 "set": settings, "identical": first.is_none(), "difference": first, "topics": self.topics.iter().map(topic).collect::<Vec<_>>(),
-                "without_input": self.without_input, "missing": self.missing, "ended": self.ended,
+                "without_input": self.without_input, "damage": self.damage, "ended": self.ended,
         })
     }
 }

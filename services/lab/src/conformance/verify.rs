@@ -209,7 +209,7 @@ impl Topics {
             type Output = TopicSummary;
             fn each<M: Topic>(&mut self) -> TopicSummary {
                 let hash = &M::of(self.0).hash;
-                TopicSummary { count: hash.count(), hash: format!("{:016x}", hash.digest()) }
+                hash.summary()
             }
         }
         topics::try_each(&mut Finish(&mut self.0))?;

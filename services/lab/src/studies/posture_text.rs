@@ -4,7 +4,7 @@ use std::fmt;
 
 use model::Robot;
 use nalgebra::DMatrix;
-use session::table::{fitted, number};
+use session::table::{number, table};
 use shared_types::codes;
 use viz::plot::digits;
 
@@ -21,7 +21,7 @@ pub struct PostureText<'a> {
 impl fmt::Display for PostureText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{} at frame {}, base axes, SI units\n", self.robot.name, self.posture.frame)?;
-        let mut joints = fitted(&["joint", "q rad", "q °", "lower °", "upper °", "gravity N·m", "bias N·m", "torque limit"]);
+        let mut joints = table(&["joint", "q rad", "q °", "lower °", "upper °", "gravity N·m", "bias N·m", "torque limit"]);
         for (i, joint) in self.robot.joints.iter().enumerate() {
             let degrees = |radians: f64| if radians.is_finite() { format!("{:.2}", radians.to_degrees()) } else { "–".to_owned() };
             joints.add_row([
@@ -57,7 +57,7 @@ impl fmt::Display for PostureText<'_> {
             digits(self.posture.report.condition),
             digits(self.posture.report.manipulability)
         )?;
-        let mut found = fitted(&["singularity", "s", "η in/out", "inside", "type", "κ₁", "κ₂", "ζ (base axes)"]);
+        let mut found = table(&["singularity", "s", "η in/out", "inside", "type", "κ₁", "κ₂", "ζ (base axes)"]);
         for (name, s) in self.posture.singularities() {
             let half = if s.angular != 0 { &s.zeta_B[3..] } else { &s.zeta_B[..3] };
             let kind = if s.angular != 0 { "ω" } else { "v" };

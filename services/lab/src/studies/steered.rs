@@ -10,7 +10,7 @@ use model::Robot;
 use recorder::{Judge, TaskError};
 use serde::Serialize;
 use session::load::Loaded;
-use session::table::{fitted, number};
+use session::table::{number, table};
 use session::{Failure, Observer, Steering};
 use shared_types::bounds::{larger, share};
 use shared_types::codes::{
@@ -251,7 +251,7 @@ pub struct ScoresText<'a>(pub &'a [Score]);
 impl fmt::Display for ScoresText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let heads = ["robot", "s", "speed", "torque", "step", "limits", "⊥ ζ, mm", "°", "stalled", "limit", "reach", "stop"];
-        let mut rows = fitted(&heads);
+        let mut rows = table(&heads);
         for score in self.0 {
             rows.add_row([
                 score.robot.clone().into(),

@@ -117,7 +117,7 @@ pub(super) fn results(loaded: Result<(&Robot, &Scenario), String>) -> (Vec<Cell>
         Ok((score, verdict, hashes)) => {
             let mut cells = vec![Cell::Text(verdict.outcome.clone()), Cell::Text(verdict.reason.clone())];
             cells.extend(RESULTS.iter().map(|(.., of)| of(&score, &verdict)));
-            cells.extend(hashes.map(|hash| if hash.count() > 0 { Cell::Text(format!("{:016x}", hash.digest())) } else { Cell::Absent }));
+            cells.extend(hashes.map(|hash| if hash.count() > 0 { Cell::Text(hash.summary().hash) } else { Cell::Absent }));
             (cells, verdict.ticks)
         }
     }

@@ -343,13 +343,14 @@ mod tests {
                     std::thread::sleep(Duration::from_millis(1));
                 }
             });
-            for _ in 0..3 {
+            for ended in 0..3 {
                 let doorbell = control_page.process(0).doorbell();
                 doorbell.arm(0b01);
                 // Sleeps through all rings for other topics: only a wake ends it.
                 while doorbell.is_armed_for(0b01) {
                     doorbell.sleep(doorbell.rings(), None);
                 }
+                assert_eq!(doorbell.sleeps(), ended + 1, "one sleep was announced, and it has ended");
             }
             is_over.store(true, Ordering::Relaxed);
         });

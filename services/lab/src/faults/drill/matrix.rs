@@ -1,7 +1,7 @@
 //! `armplane drill`: every fault on every process of a real graph, judged by the physics.
 //!
 //! A fault is requested live, at a tick in the middle of the motion; then the run is repeated from the plan that it left, and must give the same
-//! bytes. What the arm did is measured on the simulator's truth, against the same scenario without a fault.
+//! bytes. The arm's motion is measured on the simulator's truth, against the same scenario without a fault.
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use session::table::{fitted, number};
+use session::table::{number, table};
 use viz::plot::digits;
 
 use super::matrix::Drilled;
@@ -11,7 +11,7 @@ use super::matrix::Drilled;
 impl fmt::Display for Drilled {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let headings = ["process", "fault", "detected", "stale", "torque", "step", "mrad", "mm", "recovered", "end", "again"];
-        let mut rows = fitted(&headings);
+        let mut rows = table(&headings);
         for cell in &self.cells {
             let name =
                 if cell.way.trim_matches([' ', '+']).is_empty() { cell.kind.clone() } else { format!("{} ({})", cell.kind, cell.way) };

@@ -15,38 +15,33 @@ impl fmt::Display for Soak {
             "kind",
             "times",
             "detected",
-            "ms p50",
-            "max",
+            "detected after, ms",
             "deaths",
-            "recovered, ms p50",
-            "max",
+            "recovered after, ms",
             "stops",
-            "stopped, ms p50",
-            "max",
+            "stopped after, ms",
             "goal",
             "rest",
             "ended",
         ]);
-        let optional = |value: Option<f64>| number(value.map_or(String::from("–"), digits));
+        let optional = |value: Option<f64>| value.map_or("–".to_owned(), digits);
+        let median_and_most = |p50, max| number(format!("{} / {}", optional(p50), optional(max)));
         for kind in &self.kinds {
             rows.add_row([
                 kind.kind.clone().into(),
                 number(kind.times),
                 number(kind.detected),
-                optional(kind.detected_ms_p50),
-                optional(kind.detected_ms_max),
+                median_and_most(kind.detected_ms_p50, kind.detected_ms_max),
                 number(kind.deaths),
-                optional(kind.recovered_ms_p50),
-                optional(kind.recovered_ms_max),
+                median_and_most(kind.recovered_ms_p50, kind.recovered_ms_max),
                 number(kind.stops),
-                optional(kind.stopped_ms_p50),
-                optional(kind.stopped_ms_max),
+                median_and_most(kind.stopped_ms_p50, kind.stopped_ms_max),
                 number(kind.goal),
                 number(kind.rest),
                 number(kind.ended),
             ]);
         }
-        writeln!(f, "{rows}")?;
+        writeln!(f, "{rows}\nafter, ms: median / maximum")?;
         let all = &self.totals;
         writeln!(
             f,

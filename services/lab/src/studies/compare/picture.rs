@@ -109,7 +109,7 @@ pub(super) fn sweep(sweep: &Sweep) -> Page {
         title: format!("{} straight lines through and near each singularity, {} m/s", sweep.near.len(), sweep.speed),
         subtitle: format!("PUMA 560, every law on the same lines, plant and seed ({})", sweep.seed),
         rows: vec![Row::of(24.0 * sweep.laws.len() as f64 + AROUND, panels)],
-        notes: vec!["Full bars: S1; with the pale part: S2, which is the number. What they ask: armplane compare --help.".to_owned()],
+        notes: vec!["Full bars: S1; with the pale part: S2, which is the number. Their bounds: armplane compare --help.".to_owned()],
         width: 1100.0,
     }
 }

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use control::Kind;
-use session::table::{fitted, number};
+use session::table::{number, table};
 use shared_types::scenario::Scenario;
 use viz::plot::digits;
 
@@ -39,7 +39,7 @@ fn percent(ratio: f64) -> String {
 
 fn scenario_text(f: &mut fmt::Formatter<'_>, scenario: &Scenario, scores: &[Score]) -> fmt::Result {
     writeln!(f, "{}: {} (seed {})", scenario.name, scenario.title, scenario.seed)?;
-    let mut rows = fitted(&["law", "⊥ ζ, mm", "°", "∥ ζ, mm", "°", "speed", "torque", "time", "verdict"]);
+    let mut rows = table(&["law", "⊥ ζ, mm", "⊥ ζ, °", "∥ ζ, mm", "∥ ζ, °", "speed", "torque", "time", "verdict"]);
     for (score, verdict) in scores.iter().zip(verdicts(scores)) {
         let error = |value: f64| number(if score.completed { digits(value) } else { "–".to_owned() });
         rows.add_row([
@@ -59,17 +59,17 @@ fn scenario_text(f: &mut fmt::Formatter<'_>, scenario: &Scenario, scores: &[Scor
         writeln!(f, "{line}")?;
     }
     writeln!(f, "⊥ ζ: largest error orthogonal to the singular directions, ∥ ζ: along them; speed, torque: of the joints' limits.")?;
-    writeln!(f, "S1 asks for less than 1 mm and 0.5° orthogonal to ζ, S2 for 1 mm and 3°, and 10 mm and 5° along ζ.")
+    writeln!(f, "S1: less than 1 mm and 0.5° orthogonal to ζ. S2: less than 1 mm and 3°, and than 10 mm and 5° along ζ.")
 }
 
 fn sweep_text(f: &mut fmt::Formatter<'_>, sweep: &Sweep) -> fmt::Result {
     writeln!(f, "sweep: {} lines at {} m/s (seed {})", sweep.near.len(), sweep.speed, sweep.seed)?;
     let mut rows =
-        fitted(&["law", "S1 %", "S2 %", "elbow", "wrist", "overhead", "ends %", "orthogonal p95, mm", "time p90", "S2 missed by"]);
+        table(&["law", "S1 %", "S2 %", "elbow", "wrist", "overhead", "ends %", "orthogonal p95, mm", "time p90", "S2 missed by"]);
     for (law, scores) in &sweep.laws {
         let share = |near: Option<Kind>, so: &dyn Fn(&Score) -> bool| {
             let (yes, all) = sweep.count(scores, near, so);
-            format!("{:.1}", 100.0 * yes as f64 / all.max(1) as f64)
+            if all == 0 { "–".to_owned() } else { format!("{:.1}", 100.0 * yes as f64 / all as f64) }
         };
         let mut row = vec![law.name().into(), number(share(None, &|score| score.s1)), number(share(None, &|score| score.s2))];
         row.extend(KINDS.map(|kind| number(share(Some(kind), &|score| score.s2))));
@@ -81,14 +81,14 @@ fn sweep_text(f: &mut fmt::Formatter<'_>, sweep: &Sweep) -> fmt::Result {
         ]);
         rows.add_row(row);
     }
-    writeln!(f, "{rows}\nelbow, wrist, overhead: S2 % of the lines near that lock")
+    writeln!(f, "{rows}\nelbow, wrist, overhead: S2 % of the lines near that singularity; –: none is")
 }
 
 /// A row for each of the two laws.
 impl fmt::Display for Race {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{}: the same plant, seed {} and task under two laws", self.scenario, self.seed)?;
-        let mut rows = fitted(&["law", "hand off its reference, mm", "°", "joint speed"]);
+        let mut rows = table(&["law", "position error, mm", "orientation error, °", "joint speed"]);
         for (law, racer) in [&self.law, &self.rival] {
             // An arm without limits has no share of them.
             let speed = if racer.speed_max_ratio == 0.0 { "–".to_owned() } else { format!("{:.0} %", racer.speed_max_ratio * 100.0) };
