@@ -15,28 +15,16 @@ pub struct Rows<'a>(pub &'a [Row]);
 
 impl fmt::Display for Rows<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut lines = table(&[
-            "bench",
-            "placement",
-            "bytes",
-            "mechanism",
-            "samples",
-            "p50 µs",
-            "p99 µs",
-            "p99.9 µs",
-            "max µs",
-            "ratio p50",
-            "ratio p99",
-        ]);
+        let mut lines =
+            table(&["bench", "placement", "bytes", "mechanism", "p50 µs", "p99 µs", "p99.9 µs", "max µs", "ratio p50", "ratio p99"]);
         for row in self.0 {
-            let Distribution { samples, p50_us, p99_us, p999_us, max_us, .. } = row.distribution;
+            let Distribution { p50_us, p99_us, p999_us, max_us, .. } = row.distribution;
             let ratio = |ratio: Option<f64>| number(ratio.map_or(String::new(), |ratio| format!("{ratio:.2}")));
             lines.add_row([
                 row.bench.clone().into(),
                 row.placement.clone().into(),
                 number(row.payload_bytes),
                 row.mechanism.clone().into(),
-                number(samples),
                 number(digits(p50_us)),
                 number(digits(p99_us)),
                 number(digits(p999_us)),
@@ -45,7 +33,9 @@ impl fmt::Display for Rows<'_> {
                 ratio(row.ratio_p99),
             ]);
         }
-        writeln!(f, "{lines}")
+        let samples = || self.0.iter().map(|row| row.distribution.samples);
+        let (least, most) = (samples().min().unwrap_or(0), samples().max().unwrap_or(0));
+        writeln!(f, "{lines}\n{} samples a row", if least == most { most.to_string() } else { format!("{least} to {most}") })
     }
 }
 
