@@ -36,15 +36,17 @@ pub struct BySingularity {
     pub wrist: f64,
     /// Of an overhead singularity.
     pub overhead: f64,
+    /// Of a shoulder singularity: axes 1 and 3 of a seven-joint arm are parallel.
+    pub shoulder: f64,
     /// Of any singularity that is found by number and has no name.
     pub numeric: f64,
 }
 
 impl BySingularity {
-    const ETA_IN: Self = Self { elbow: 0.10, wrist: 0.10, overhead: 0.08, numeric: 0.10 };
-    const ETA_OUT: Self = Self { elbow: 0.20, wrist: 0.20, overhead: 0.16, numeric: 0.20 };
-    pub(super) const RATE_MAX: Self = Self { elbow: 1.5, wrist: 3.0, overhead: 1.2, numeric: 1.5 };
-    pub(super) const SLEW: Self = Self { elbow: 20.0, wrist: 50.0, overhead: 12.0, numeric: 20.0 };
+    const ETA_IN: Self = Self { elbow: 0.10, wrist: 0.10, overhead: 0.08, shoulder: 0.10, numeric: 0.10 };
+    const ETA_OUT: Self = Self { elbow: 0.20, wrist: 0.20, overhead: 0.16, shoulder: 0.20, numeric: 0.20 };
+    pub(super) const RATE_MAX: Self = Self { elbow: 1.5, wrist: 3.0, overhead: 1.2, shoulder: 1.5, numeric: 1.5 };
+    pub(super) const SLEW: Self = Self { elbow: 20.0, wrist: 50.0, overhead: 12.0, shoulder: 20.0, numeric: 20.0 };
 
     /// The number for a singularity of this kind ([`codes::KINDS`](crate::codes::KINDS)).
     #[must_use]
@@ -53,14 +55,15 @@ impl BySingularity {
             codes::KIND_ELBOW => self.elbow,
             codes::KIND_WRIST => self.wrist,
             codes::KIND_OVERHEAD => self.overhead,
+            codes::KIND_SHOULDER => self.shoulder,
             _ => self.numeric,
         }
     }
 
     /// The numbers with their names.
     #[must_use]
-    pub fn named(&self) -> [(&'static str, f64); 4] {
-        [("elbow", self.elbow), ("wrist", self.wrist), ("overhead", self.overhead), ("numeric", self.numeric)]
+    pub fn named(&self) -> [(&'static str, f64); 5] {
+        [("elbow", self.elbow), ("wrist", self.wrist), ("overhead", self.overhead), ("shoulder", self.shoulder), ("numeric", self.numeric)]
     }
 
     /// The largest of them.
@@ -93,13 +96,14 @@ impl BySingularity {
             elbow: Option<f64>,
             wrist: Option<f64>,
             overhead: Option<f64>,
+            shoulder: Option<f64>,
             numeric: Option<f64>,
         }
         struct Either(BySingularity);
         impl<'de> serde::de::Visitor<'de> for Either {
             type Value = BySingularity;
             fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-                f.write_str("numbers by the names elbow, wrist, overhead, numeric, or an array of the first three")
+                f.write_str("numbers by the names elbow, wrist, overhead, shoulder, numeric, or an array of the first three")
             }
             fn visit_map<A: serde::de::MapAccess<'de>>(self, map: A) -> Result<Self::Value, A::Error> {
                 let given = Named::deserialize(serde::de::value::MapAccessDeserializer::new(map))?;
@@ -107,12 +111,13 @@ impl BySingularity {
                     elbow: given.elbow.unwrap_or(self.0.elbow),
                     wrist: given.wrist.unwrap_or(self.0.wrist),
                     overhead: given.overhead.unwrap_or(self.0.overhead),
+                    shoulder: given.shoulder.unwrap_or(self.0.shoulder),
                     numeric: given.numeric.unwrap_or(self.0.numeric),
                 })
             }
             fn visit_seq<A: serde::de::SeqAccess<'de>>(self, seq: A) -> Result<Self::Value, A::Error> {
                 let [elbow, wrist, overhead] = Deserialize::deserialize(serde::de::value::SeqAccessDeserializer::new(seq))?;
-                Ok(BySingularity { elbow, wrist, overhead, numeric: self.0.numeric })
+                Ok(BySingularity { elbow, wrist, overhead, ..self.0 })
             }
         }
         from.deserialize_any(Either(default))

@@ -45,7 +45,9 @@ impl TurnMeter {
         if let Some(turn) = self.turns.last_mut()
             && turn.planned != 0
         {
-            turn.summary.moved_deg = turn.q_start.iter().zip(&tick.truth.q).map(|(from, to)| (to - from).to_degrees()).collect();
+            // In place: nothing is allocated per tick.
+            turn.summary.moved_deg.clear();
+            turn.summary.moved_deg.extend(turn.q_start.iter().zip(&tick.truth.q).map(|(from, to)| (to - from).to_degrees()));
             turn.summary.took_ticks = command.header.tick.saturating_sub(turn.summary.tick);
             if command.planned == 0 {
                 turn.planned = 0;
