@@ -34,6 +34,8 @@ struct Crate<'a> {
     macros: BTreeMap<String, usize>,
     /// Methods in `impl` blocks: the module and the name of the type as written there, the method, the file.
     methods: Vec<(Vec<String>, String, String, usize)>,
+    /// Those of them that other modules may call.
+    public_methods: BTreeSet<(String, usize)>,
 }
 
 /// For each file, by index, the files it depends on and through which names.
@@ -42,7 +44,8 @@ type Edges = BTreeMap<usize, BTreeMap<usize, BTreeSet<String>>>;
 impl<'a> Crate<'a> {
     fn new(target: &'a Target) -> Self {
         let files: Vec<&File> = target.files.iter().filter(|file| !file.test_only).collect();
-        let mut whole = Self { files, modules: BTreeMap::new(), macros: BTreeMap::new(), methods: Vec::new() };
+        let mut whole =
+            Self { files, modules: BTreeMap::new(), macros: BTreeMap::new(), methods: Vec::new(), public_methods: BTreeSet::new() };
         for index in 0..whole.files.len() {
             let (code, module) = (whole.files[index].code.clone(), whole.files[index].module.clone());
             whole.read(&code, module, index);
@@ -109,6 +112,9 @@ impl<'a> Crate<'a> {
         for item in items(&block.stream().into_iter().collect::<Vec<_>>()) {
             let method = item.body.iter().position(|token| is(token, "fn")).and_then(|at| item.body.get(at + 1));
             if let Some(TokenTree::Ident(method)) = method {
+                if item.body.first().is_some_and(|word| is(word, "pub")) {
+                    self.public_methods.insert((method.to_string(), file));
+                }
                 self.methods.push((module.to_vec(), name.clone(), method.to_string(), file));
             }
         }
@@ -123,6 +129,18 @@ impl<'a> Crate<'a> {
             }
         }
         found
+    }
+
+    /// Methods defined away from the file of their type whose name no other function of the crate has: whoever calls one uses that file.
+    fn unique_elsewhere(&self) -> BTreeMap<&str, usize> {
+        let mut counts: BTreeMap<String, usize> = BTreeMap::new();
+        for function in self.files.iter().flat_map(|file| source::functions(&file.code)) {
+            *counts.entry(function.name).or_default() += 1;
+        }
+        let away = self.methods_elsewhere();
+        let away = away.values().flatten().map(|(method, file)| (*method, *file));
+        away.filter(|(method, file)| counts.get(*method) == Some(&1) && self.public_methods.contains(&((*method).to_owned(), *file)))
+            .collect()
     }
 
     /// The file that defines what a path names, seen from a module.
@@ -184,7 +202,7 @@ impl<'a> Crate<'a> {
 
     fn edges(&self) -> Edges {
         let mut edges = Edges::new();
-        let elsewhere = self.methods_elsewhere();
+        let (elsewhere, unique) = (self.methods_elsewhere(), self.unique_elsewhere());
         let mut add = |from: usize, to: Option<usize>, name: &[String]| {
             if let Some(to) = to.filter(|to| *to != from) {
                 edges.entry(from).or_default().entry(to).or_default().insert(name.join("::"));
@@ -212,7 +230,8 @@ impl<'a> Crate<'a> {
                 }
             }
             for name in called_methods(&others) {
-                let to = elsewhere.get(&module.file).and_then(|methods| methods.get(name.as_str())).copied();
+                let to = elsewhere.get(&module.file).and_then(|methods| methods.get(name.as_str()));
+                let to = to.or_else(|| unique.get(name.as_str())).copied();
                 add(module.file, to, &[format!(".{name}()")]);
             }
         }
@@ -378,6 +397,13 @@ fn the_check_sees_a_circle_through_a_facade_and_through_a_method() {
         ("b.rs", "use crate::A;\npub struct B;\nimpl A { pub(crate) fn inner(&self) {} }\n"),
     ];
     assert_eq!(circles_of(&through_a_method).len(), 1);
+    let through_a_method_of_a_third = [
+        ("lib.rs", "mod a;\nmod b;\nmod c;\n"),
+        ("a.rs", "use crate::c::A;\npub struct Z;\nfn outer(x: &A) { x.inner() }\n"),
+        ("b.rs", "use crate::a::Z;\nuse crate::c::A;\nimpl A { pub(crate) fn inner(&self) { let _ = Z; } }\n"),
+        ("c.rs", "pub struct A;\n"),
+    ];
+    assert_eq!(circles_of(&through_a_method_of_a_third).len(), 1);
     let with_its_parent =
         [("lib.rs", "mod a;\npub struct Shared;\npub fn run() { a::work(&Shared) }\n"), ("a.rs", "pub fn work(_: &super::Shared) {}\n")];
     assert_eq!(circles_of(&with_its_parent).len(), 1);

@@ -1,6 +1,6 @@
 //! Modes, states, faults and words, as they change.
 
-use re_sdk_types::archetypes::{StateChange, TextDocument};
+use re_sdk_types::archetypes::{StateChange, StateConfiguration, TextDocument};
 use shared_types::codes::{DRIVES, MODES, PHASES, name_of};
 use shared_types::{MAX_SINGULARITIES, Message};
 
@@ -152,5 +152,20 @@ impl Recording {
         for life in self.subject.lives.clone().named() {
             self.style(entity::life(life), narration::LIFE_STATES);
         }
+    }
+
+    /// A lane per singularity, known from a part's first report on.
+    pub(super) fn style_modes(&mut self) {
+        for (name, _) in self.subject.singularities.clone() {
+            self.style(entity::state(&format!("mode/{name}")), narration::MODE_STATES);
+        }
+    }
+
+    fn style(&mut self, path: String, states: &[(&str, u32)]) {
+        let names = || states.iter().map(|(name, _)| *name);
+        self.log_static(
+            path,
+            &StateConfiguration::new().with_values(names()).with_labels(names()).with_colors(states.iter().map(|(_, colour)| *colour)),
+        );
     }
 }

@@ -5,7 +5,7 @@ use nalgebra::SVector;
 use re_chunk::external::arrow::array::{ArrayRef, Float64Array};
 use re_chunk::{Chunk, EntityPath, RowId, TimePoint};
 use re_log_types::{StoreId, StoreKind};
-use re_sdk_types::archetypes::{Arrows3D, LineStrips3D, RecordingInfo, StateConfiguration, TextDocument};
+use re_sdk_types::archetypes::{Arrows3D, LineStrips3D, RecordingInfo, TextDocument};
 use re_sdk_types::components::{Color, Radius, Timestamp};
 use shared_types::messages::SingularityState;
 use shared_types::scenario::Layout;
@@ -77,14 +77,6 @@ impl Recording {
         self.style_lanes();
     }
 
-    pub(super) fn style(&mut self, path: String, states: &[(&str, u32)]) {
-        let names = || states.iter().map(|(name, _)| *name);
-        self.log_static(
-            path,
-            &StateConfiguration::new().with_values(names()).with_labels(names()).with_colors(states.iter().map(|(_, colour)| *colour)),
-        );
-    }
-
     /// At a part's first report: names and thresholds, the eye's place, and with them the blueprint.
     pub(super) fn introduce(&mut self, row: &TickRow) {
         self.blueprint_sent = true;
@@ -92,13 +84,11 @@ impl Recording {
             self.meet(row);
         }
         let names: Vec<String> = self.subject.singularities.iter().map(|(name, _)| name.clone()).collect();
-        let column: ArrayRef = std::sync::Arc::new(re_chunk::external::arrow::array::StringArray::from(names.clone()));
+        let column: ArrayRef = std::sync::Arc::new(re_chunk::external::arrow::array::StringArray::from(names));
         let components = [(custom(entity::SINGULARITY_NAMES, None), column)];
         let chunk = Chunk::builder(entity::SIGNALS).with_row(RowId::new(), TimePoint::default(), components);
         self.sink.chunk(&self.store, chunk.build());
-        for name in names {
-            self.style(entity::state(&format!("mode/{name}")), narration::MODE_STATES);
-        }
+        self.style_modes();
         let store = self.blueprint();
         blueprint::send(&mut self.sink, &store, &self.subject, self.layout);
     }
