@@ -43,12 +43,12 @@ pub const SUMMARY: &str = "summary.json";
 /// Name of the folder with the messages in the results folder.
 pub const MESSAGES: &str = "messages";
 
-/// Pause between two rounds. To wake up costs more than a tick's messages do, so it takes several at a time: in lockstep, where everybody runs at
-/// full speed, so that no process has to wait; in real time far fewer than the buffers hold.
+/// Pause between two rounds. To wake up with cold caches costs more than a tick's messages do, so the recorder takes several at a time: in lockstep,
+/// where everybody runs at full speed, so that no process has to wait; in real time far fewer than the buffers hold.
 const fn pause(mode: Mode) -> Duration {
     match mode {
         Mode::Lockstep => Duration::from_millis(2),
-        Mode::Realtime => Duration::from_millis(50),
+        Mode::Realtime => Duration::from_millis(100),
     }
 }
 

@@ -274,7 +274,8 @@ impl Shell {
         TickSource::new(Rc::clone(&self.shared), first)
     }
 
-    /// A polled process's rhythm: ends a round, sleeps, begins the next; `false` after the round in which nothing more can come.
+    /// A polled process's rhythm: ends a round, sleeps, begins the next; `false` after the round in which nothing more can come. It sleeps
+    /// less than `every` where ticks are so quick, or messages so large, that more than a quarter of its buffers would be full by then.
     ///
     /// Messages drained in the round count as received: in lockstep the tick source may go on.
     ///
@@ -311,7 +312,8 @@ impl Shell {
             let seen = doorbell.rings();
             doorbell.arm(ANYTHING);
             if !shared.is_stopping() {
-                doorbell.sleep(seen, Some(every.as_nanos() as u64));
+                let most = shared.recorder_lag.saturating_mul(shared.manifest.period_ns());
+                doorbell.sleep(seen, Some((every.as_nanos() as u64).min(most)));
             }
             doorbell.disarm();
         }
