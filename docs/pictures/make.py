@@ -120,6 +120,13 @@ def drill(command, scratch):
     small((folder / "drill.png").read_bytes()).save(DOCS / "drill.png", optimize=True)
 
 
+def soak(command, scratch):
+    """Faults against time, in real time: two and a half minutes, on a machine that does nothing else."""
+    folder = scratch / "soak"
+    subprocess.run([command, "bench", "soak", "--seconds", "150", "--seed", "77", "--out", str(folder)], capture_output=True, check=True)
+    small((folder / "soak.png").read_bytes()).save(DOCS / "soak.png", optimize=True)
+
+
 def report(command, scratch):
     """The first page of a report, in a browser."""
     folder, page, shot = scratch / "report", scratch / "report.html", scratch / "report.png"
@@ -131,7 +138,7 @@ def report(command, scratch):
 
 
 # Pictures that need no viewer, or several of its frames.
-OTHERS = {"race.gif": race, "still": still, "fig3": figure, "report": report, "drill": drill}
+OTHERS = {"race.gif": race, "still": still, "fig3": figure, "report": report, "drill": drill, "soak": soak}
 
 
 def main():
