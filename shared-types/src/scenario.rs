@@ -137,7 +137,14 @@ impl Scenario {
     /// Ticks that the task is planned to take.
     #[must_use]
     pub fn planned_ticks(&self) -> u64 {
-        (self.duration_s() * f64::from(self.rate_hz)).round() as u64
+        self.at_most((self.duration_s() * f64::from(self.rate_hz)).round() as u64)
+    }
+
+    /// So many ticks, or those that the run of an interrupted session had, where they are fewer.
+    #[must_use]
+    pub fn at_most(&self, ticks: u64) -> u64 {
+        let cut = self.servo.as_ref().map_or(0, |session| session.ticks);
+        if cut > 0 { ticks.min(cut) } else { ticks }
     }
 
     /// The checks that do not need the robot.

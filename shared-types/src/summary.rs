@@ -6,6 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::fault::Fault;
 
+/// The outcome of a run that a signal has ended, or whose launcher was killed.
+pub const INTERRUPTED: &str = "interrupted";
+
 /// `summary.json`, whole.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Summary {

@@ -69,6 +69,50 @@ fn what_is_sent_while_the_run_lasts_is_saved_and_gives_the_same_bytes() {
 }
 
 #[test]
+fn a_session_that_ctrl_c_ends_is_repeated_to_its_last_tick() {
+    let desk = Desk::new();
+    // Steered while it lasts; the same without a single target; a file, faster than the clock.
+    let sessions: [(&str, &[&str], &[&str]); 3] = [
+        ("steered", &["ur5", "--from", "-"], &["twist, base, 9, 0.05 0 0 0 0 0", "twist, hand, 9, 0 0 0.05 0 0.1 0"]),
+        ("untouched", &["panda", "--from", "-"], &[]),
+        ("random", &["puma560", "--random", "3", "--duration", "3600"], &[]),
+    ];
+    for (name, args, lines) in sessions {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_armplane"))
+            .arg("servo")
+            .args(args)
+            .args(["--out", name, "--json"])
+            .current_dir(desk.path())
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("armplane starts");
+        // Held open: the end of the input would end the session.
+        let mut input = child.stdin.take().expect("a pipe");
+        lines.iter().for_each(|line| writeln!(input, "{line}").expect("the run reads"));
+        let messages = desk.path().join(name).join("messages/torque.log");
+        while std::fs::metadata(&messages).map_or(0, |file| file.len()) == 0 {
+            assert!(child.try_wait().expect("a child").is_none(), "{name}: the session ended by itself");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        // SAFETY: a signal to a child that has not been waited for.
+        unsafe { libc::kill(child.id().cast_signed(), libc::SIGINT) };
+        let first = summary(&finish(child));
+        drop(input);
+        assert_eq!((&first["outcome"], &first["completed"]), (&"interrupted".into(), &false.into()), "{name}: {}", first["reason"]);
+        let ticks = &first["ticks"];
+        for topic in TOPICS {
+            assert_eq!(&first["topics"][topic]["count"], ticks, "{name}, {topic}: every topic ends with the last tick");
+        }
+        let said = desk.armplane(&["run", &format!("{name}/scenario.toml"), "--out", &format!("{name}-again"), "--json"]);
+        let again = summary(&said);
+        assert_eq!(&again["ticks"], ticks, "{name}: {}", again["reason"]);
+        same_bytes(&first, &again);
+    }
+}
+
+#[test]
 fn the_last_target_before_the_end_of_input_is_followed_to_its_end() {
     let desk = Desk::new();
     let mut child = steered_by_lines(&desk);

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use runtime::{Exit, FaultRecord, Mode, Origin, State, now_ns, unplanned_death};
+use runtime::{Exit, FaultRecord, Mode, Origin, State, Stop, now_ns, unplanned_death};
 use rustix::process::Signal;
 use shared_types::fault::{Kind, ScheduledFault, Way};
 
@@ -32,18 +32,28 @@ fn ends_process(fault: &ScheduledFault) -> bool {
 
 impl Supervised {
     /// Until the run is over for one reason or another.
+    ///
+    /// In lockstep a signal ends it with the tick in hand, so that every topic ends there and the run can be repeated to its last tick; after a second
+    /// signal, or where that takes long, it ends at once.
     pub(crate) fn watch(&mut self, commands: Commands<'_>, signals: &mut Interrupts, report: Report<'_>) -> End {
+        let mut ending: Option<(&'static str, Instant)> = None;
         loop {
             self.rest(BEAT);
             self.pass_lines_on(report);
             report(Event::Progress { ticks: self.ticks() });
-            if let Some(signal) = signals.pending() {
-                return End::Interrupted { signal };
+            match (signals.pending(), ending) {
+                (Some(signal), None) if self.plan.mode == Mode::Lockstep => {
+                    self.control_page.request_stop(Stop::Ticks);
+                    ending = Some((signal, Instant::now()));
+                }
+                (Some(signal), _) => return End::Interrupted { signal },
+                (None, Some((signal, since))) if since.elapsed() > self.plan.limits.stop => return End::Interrupted { signal },
+                (None, _) => {}
             }
             for index in self.take_in_exits(report) {
                 let (child, exit) = (&self.plan.children[index], self.slots.0[index].exit);
                 if child.ends_run && exit.is_some_and(Exit::is_success) {
-                    return End::Completed;
+                    return ending.map_or(End::Completed, |(signal, _)| End::Interrupted { signal });
                 }
                 if let Err(failure) = self.plan_restart(index) {
                     return End::Failed(failure);

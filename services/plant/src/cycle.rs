@@ -53,7 +53,7 @@ impl<const N: usize> Cycle<N> {
         // The drives' model is the description's, without the simulated deviation from it.
         let known = Model::new(robot, (!scenario.frame.is_empty()).then_some(scenario.frame.as_str()))?;
         let start = model::embedded(&start);
-        let longest = (f64::from(TaskEnd::LONGEST) * scenario.duration_s() * f64::from(scenario.rate_hz)).round() as u64;
+        let longest = scenario.at_most((f64::from(TaskEnd::LONGEST) * scenario.duration_s() * f64::from(scenario.rate_hz)).round() as u64);
         let drive = Drive::new(known, scenario.rate_hz, options.hold_ticks, &start);
         Ok(Self {
             plant: Plant::new(robot, &scenario.frame, options, scenario.rate_hz, &start)?,
@@ -129,7 +129,8 @@ impl<const N: usize> Cycle<N> {
     }
 
     /// Whether there is nothing more to simulate: the task is done; or the controller refused to go on, and the arm has had
-    /// 2 s to come to rest; or the motion left the finite numbers; or the run is 20 times as long as planned.
+    /// 2 s to come to rest; or the motion left the finite numbers; or the run is 20 times as long as planned, or as long as the interrupted one
+    /// that it repeats.
     #[must_use]
     pub fn is_over(&self) -> bool {
         self.diverged || self.end.is_over(self.ticks)

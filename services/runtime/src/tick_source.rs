@@ -4,7 +4,7 @@ use std::rc::Rc;
 
 use crate::clock::{now_ns, sleep_until};
 use crate::context::Context;
-use crate::control_page::PROGRESS;
+use crate::control_page::{PROGRESS, Stop};
 use crate::deadline::{USAGE_EVERY, cause};
 use crate::realtime::Usage;
 use crate::wait::{Interrupted, Wait, Waited};
@@ -39,6 +39,10 @@ impl TickSource {
             return Ok(None);
         }
         let tick = self.next_tick;
+        if self.context.is_lockstep() && self.context.control_page.stop() == Stop::Ticks {
+            self.finish()?;
+            return Ok(None);
+        }
         self.context.control_page.fault_table().adopt(tick);
         if self.context.is_lockstep() {
             if !matches!(self.context.wait_for_others(tick)?, Waited::Ready(())) {

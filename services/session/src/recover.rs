@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use runtime::{ControlPage, FaultRecord, RunDir, SHM};
-use shared_types::summary::Summary;
+use shared_types::summary::{INTERRUPTED, Summary};
 
 use crate::failure::Failure;
 use crate::load;
@@ -39,7 +39,7 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
     let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
     let mut summary = recorder::rebuild(&robot, &job).map_err(Failure::work)?;
     if !summary.completed {
-        summary.outcome = "interrupted".to_owned();
+        INTERRUPTED.clone_into(&mut summary.outcome);
         summary.reason = format!("the launcher was killed; recovered from the messages of {} ticks", summary.ticks);
     }
     summary.machine = machine();

@@ -10,7 +10,7 @@ use shared_types::codes::TARGET_END;
 use shared_types::job::{JOB, Job};
 use shared_types::process::{Process, Program};
 use shared_types::scenario::{Scenario, Servo};
-use shared_types::summary::Summary;
+use shared_types::summary::{INTERRUPTED, Summary};
 use shared_types::target_file::{self, Row};
 use shared_types::{Message, Target, TargetContent};
 
@@ -207,6 +207,8 @@ fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(&'static str, Vec<u8>)>
         files.push((TARGETS, targets(job, session, summary)?.into_bytes()));
         (session.input, session.live) = (TARGETS.to_owned(), false);
         session.targets.clear();
+        // An interrupted session ends where it did.
+        session.ticks = if summary.outcome == INTERRUPTED { summary.ticks } else { session.ticks };
         // The file takes the place of the program that gave the targets.
         let operator = |process: &&Process| process.writes.iter().any(|topic| topic == Target::TOPIC);
         if let Some(ours) = built_in.process.iter().find(operator) {
@@ -232,20 +234,20 @@ fn targets(job: &Job, session: &Servo, summary: &Summary) -> Result<String, Fail
     }
     let cannot = |error: LogError| Failure::Work(format!("the targets of the run are not kept, so it cannot be repeated: {error}"));
     let mut log = match LogReader::<Target>::open(&job.out.join(recorder::MESSAGES)) {
-        Ok(log) => log,
+        Ok(log) => Some(log),
         // Before the first tick there are none.
-        Err(error) if error.is_absent() && summary.ticks == 0 => return Ok(String::new()),
+        Err(error) if error.is_absent() && summary.ticks == 0 => None,
         Err(error) => return Err(cannot(error)),
     };
     let mut rows: Vec<Row> = Vec::new();
-    while let Some(message) = log.next_message().map_err(cannot)? {
+    while let Some(message) = log.as_mut().map_or(Ok(None), LogReader::next_message).map_err(cannot)? {
         if rows.last().map_or(TargetContent::default(), |row| row.target) != message.target {
             rows.push(Row { tick: message.header.tick, target: message.target });
         }
     }
-    // A session that was interrupted ends there.
-    if rows.last().is_none_or(|row| row.target.kind != TARGET_END) && summary.ticks < job.scenario.planned_ticks() {
-        rows.push(Row { tick: summary.ticks, target: TargetContent { given_tick: summary.ticks, kind: TARGET_END, ..Default::default() } });
+    if rows.is_empty() {
+        // No target came; a file has at least one. It comes after the last tick.
+        rows.push(Row { tick: summary.ticks, target: TargetContent { kind: TARGET_END, ..Default::default() } });
     }
     Ok(target_file::write(&rows, job.scenario.rate_hz))
 }

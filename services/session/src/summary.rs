@@ -5,7 +5,7 @@ use runtime::{FaultRecord, Origin};
 use shared_types::fault::ScheduledFault;
 use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
-use shared_types::summary::{Deadlines, FaultSummary, ProcessSummary, Summary};
+use shared_types::summary::{Deadlines, FaultSummary, INTERRUPTED, ProcessSummary, Summary};
 
 use crate::machine::machine;
 
@@ -31,7 +31,7 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
         End::Completed => {}
         End::Interrupted { signal } => {
             summary.completed = false;
-            summary.outcome = "interrupted".to_owned();
+            INTERRUPTED.clone_into(&mut summary.outcome);
             summary.reason = format!("stopped by {signal} after {} ticks", outcome.ticks);
         }
         End::Failed(failure) => {

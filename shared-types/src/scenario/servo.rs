@@ -20,6 +20,9 @@ pub struct Servo {
     pub live: bool,
     /// Longest duration; s. 0: until the last target of the text has become too old.
     pub duration_s: f64,
+    /// Ticks after which the run ends, wherever the arm is; 0: it ends with the session. An interrupted session is saved with those that it had.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub ticks: u64,
     /// Largest speed of the end-effector; m/s.
     pub speed_m_s: f64,
     /// Largest angular speed of the end-effector; rad/s.
@@ -34,6 +37,10 @@ fn is_false(value: &bool) -> bool {
     !value
 }
 
+fn is_zero(value: &u64) -> bool {
+    *value == 0
+}
+
 impl Default for Servo {
     fn default() -> Self {
         Self {
@@ -41,6 +48,7 @@ impl Default for Servo {
             targets: String::new(),
             live: false,
             duration_s: 0.0,
+            ticks: 0,
             speed_m_s: 0.5,
             speed_rad_s: 1.5,
             acceleration_m_s2: 2.0,

@@ -43,12 +43,14 @@ pub enum Phase {
 pub enum Stop {
     /// It goes on.
     No = 0,
+    /// No tick begins any more; the tick in hand comes to its end in every process. In lockstep only.
+    Ticks = 1,
     /// All stop but the polled processes (the recorder), which take in what is still on the way.
-    Chain = 1,
+    Chain = 2,
     /// Everybody stops.
-    Everything = 2,
+    Everything = 3,
     /// Everybody stops, and the run has not come to its end: it was interrupted, or it has failed.
-    Early = 3,
+    Early = 4,
 }
 
 #[repr(C, align(64))]
@@ -219,8 +221,9 @@ impl ControlPage {
     pub fn stop(&self) -> Stop {
         match self.page().stop.load(Ordering::Acquire) {
             0 => Stop::No,
-            1 => Stop::Chain,
-            2 => Stop::Everything,
+            1 => Stop::Ticks,
+            2 => Stop::Chain,
+            3 => Stop::Everything,
             _ => Stop::Early,
         }
     }
