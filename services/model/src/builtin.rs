@@ -15,6 +15,7 @@ const BUILTIN: &[(&str, &str, &str)] = &[
     ("panda", include_str!("../robots/panda.urdf"), include_str!("../robots/panda.toml")),
     ("fr3", include_str!("../robots/fr3.urdf"), include_str!("../robots/fr3.toml")),
     ("xarm7", include_str!("../robots/xarm7.urdf"), include_str!("../robots/xarm7.toml")),
+    ("gen3", include_str!("../robots/gen3.urdf"), include_str!("../robots/gen3.toml")),
 ];
 
 const BUILTIN_NAMES: [&str; BUILTIN.len()] = {
