@@ -34,6 +34,16 @@ pub(crate) const MAGNIFIED: f32 = 50.0;
 pub(crate) const HAND: &str = "/world/hand";
 /// The desired end-effector frame.
 pub(crate) const TARGET: &str = "/world/target";
+/// Of a steered arm, the twist that is asked for: the arrow of its motion, ...
+pub(crate) const ASKED: &str = "/world/asked/motion";
+/// ... and the arc of its turn, with the line to the place that is asked for.
+pub(crate) const ASKED_TURN: &str = "/world/asked/turn";
+/// Its hand half a second ahead, ...
+pub(crate) const AHEAD: &str = "/world/ahead/hand";
+/// ... and the way there.
+pub(crate) const AHEAD_WAY: &str = "/world/ahead/way";
+/// Why it is no faster, below the hand.
+pub(crate) const REASON: &str = "/world/hand/reason";
 /// The hand's reachable speeds.
 pub(crate) const VELOCITY: &str = "/world/manipulability/velocity";
 /// Its accelerations under unit forces.

@@ -202,6 +202,7 @@ impl Situation {
             if let Some((i, one)) = near {
                 let _ = writeln!(text, "Near the **{}** singularity: {}.\n", singularity_name(one.kind, i), doing(one.mode));
             }
+            self.tell_reason(&mut text);
             if self.tell_past(&mut text, run) {
                 // The table takes the room of the legend.
                 return text;
@@ -228,9 +229,10 @@ impl Situation {
                 );
             }
         }
-        if let Some([reason, joint, upper]) = self.servo {
-            let _ = writeln!(text, "\nSteered: the arm **{}**.", reason_text(reason, joint, upper));
-        } else if self.clipped {
+        if locks > 0 {
+            self.tell_reason(&mut text);
+        }
+        if self.clipped && self.servo.is_none() {
             text.push_str("\nThe goal is beyond reach: the hand slides along the boundary.\n");
         }
         if self.phase == Some(PHASE_REFUSED) {
@@ -240,6 +242,13 @@ impl Situation {
             "\n*Green: desired; white: actual. Blue body: speeds the hand can reach, flat along ζ. Pale arms: null-space motion so far.*\n",
         );
         text
+    }
+
+    /// Of a steered arm: what it does and why.
+    fn tell_reason(&self, text: &mut String) {
+        if let Some([reason, joint, upper]) = self.servo {
+            let _ = writeln!(text, "\nSteered: **{}**.\n", reason_text(reason, joint, upper));
+        }
     }
 
     /// The singularities that the arm has been in: when, the motion that was lost, the arm's response. Whether there are any.

@@ -11,6 +11,7 @@ mod picture;
 mod pieces;
 mod rival;
 mod state;
+mod steered;
 mod write;
 
 pub use file::save_blueprint;

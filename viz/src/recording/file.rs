@@ -169,6 +169,7 @@ impl Recording {
             ghosts: [0; MAX_DOF],
             ghost_drawn: [false; MAX_DOF],
             situation: None,
+            reason: None,
             history: History::new(stands_still(scenario)),
             faults: Vec::new(),
             fault_states: Vec::new(),
@@ -213,6 +214,7 @@ impl Recording {
         self.blueprint_sent = false;
         self.guides_due = 0;
         self.marks = Default::default();
+        self.reason = None;
         self.drawn = Default::default();
         self.swept = Default::default();
         self.why = Default::default();

@@ -149,6 +149,8 @@ pub struct Recording {
     /// Whether this part has the mesh of each link's ghosts.
     pub(super) ghost_drawn: [bool; MAX_DOF],
     pub(super) situation: Option<Situation>,
+    /// Of a steered arm: the reason last written at the hand, its joint and side.
+    pub(super) reason: Option<(u32, u32, u32)>,
     pub(super) history: History,
     /// Faults in force.
     pub(super) faults: Vec<Fault>,

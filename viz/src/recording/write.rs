@@ -188,6 +188,7 @@ impl Recording {
         let marks: Vec<Mark> =
             row.singularity.map_or(Vec::new(), |report| row.singularities().iter().map(|one| Mark::new(one, report.p_BC)).collect());
         self.write_marks(row, q, &marks, &hand);
+        self.write_target(row, &hand, desired.as_ref());
         if self.motion.update(row) {
             self.write_ghosts(row.tick, false);
         }
