@@ -10,9 +10,10 @@ use crate::purity::impurities;
 use crate::source::{self, File, is, items, paths, tokens_of, use_leaves, walk};
 
 /// The only users of a dependency: of all crates whose names begin so, whatever part of a library they are.
-const SEAMS: [(&str, &[&str]); 7] = [
+const SEAMS: [(&str, &[&str]); 8] = [
     ("iceoryx2", &["runtime", "lab"]),
     ("franka", &["plant-fci"]),
+    ("gilrs", &["operator"]),
     ("rapier", &["sim"]),
     ("parry", &["sim"]),
     ("re_", &["viz"]),

@@ -7,7 +7,8 @@ use std::time::Duration;
 use serde_json::Value;
 use shared_types::topics::TOPICS;
 
-use crate::command::{Desk, Said, assert_nothing_left, finish};
+use crate::command::{Desk, Said, assert_nothing_left, finish, until};
+use crate::patience::ticks;
 
 const TARGETS: &str = "# armplane targets 1, length mm\n0, twist, base, 0.3, 100 0 0 0 0 0.2\n0.2, twist, 7, 1, 0 0 0 0 0 0\n0.3, twist, hand, 0.3, \
                        NaN 0 0 0 0 0\n0.4, pose, base, 1, 450 -150 100 0 1 0 0\n0.9, end\n";
@@ -91,23 +92,19 @@ fn a_session_that_ctrl_c_ends_is_repeated_to_its_last_tick() {
         // Held open: the end of the input would end the session.
         let mut input = child.stdin.take().expect("a pipe");
         lines.iter().for_each(|line| writeln!(input, "{line}").expect("the run reads"));
-        let messages = desk.path().join(name).join("messages/torque.log");
-        while std::fs::metadata(&messages).map_or(0, |file| file.len()) == 0 {
-            assert!(child.try_wait().expect("a child").is_none(), "{name}: the session ended by itself");
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        until("the first ticks", || ticks(&child) > 100);
         // SAFETY: a signal to a child that has not been waited for.
         unsafe { libc::kill(child.id().cast_signed(), libc::SIGINT) };
         let first = summary(&finish(child));
         drop(input);
         assert_eq!((&first["outcome"], &first["completed"]), (&"interrupted".into(), &false.into()), "{name}: {}", first["reason"]);
-        let ticks = &first["ticks"];
+        let ended = &first["ticks"];
         for topic in TOPICS {
-            assert_eq!(&first["topics"][topic]["count"], ticks, "{name}, {topic}: every topic ends with the last tick");
+            assert_eq!(&first["topics"][topic]["count"], ended, "{name}, {topic}: every topic ends with the last tick");
         }
         let said = desk.armplane(&["run", &format!("{name}/scenario.toml"), "--out", &format!("{name}-again"), "--json"]);
         let again = summary(&said);
-        assert_eq!(&again["ticks"], ticks, "{name}: {}", again["reason"]);
+        assert_eq!(&again["ticks"], ended, "{name}: {}", again["reason"]);
         same_bytes(&first, &again);
     }
 }
@@ -136,9 +133,13 @@ fn what_cannot_be_steered_says_why() {
         (&["servo", "panda", "--random", "1", "--start", "lying"], "no posture `lying`"),
         (&["servo", "panda", "ur5", "--random", "1"], "one robot or scenario at a time"),
         (&["servo", "fig5-wrist-rotation"], "is not steered"),
+        (&["servo", "panda", "--from", "keyboard"], "standard input is no terminal"),
+        // With the feature: there is none to be found.
+        (&["servo", "panda", "--from", "gamepad"], "gamepad"),
         (&["servo", "panda", "--from", "topic"], "name a graph with a process of yours that writes `target`"),
     ] {
         let said = desk.armplane(args);
         assert!(said.code == 2 && said.err.contains(expected), "{args:?}: {}{}", said.out, said.err);
     }
+    assert!(!desk.path().join("runs").exists(), "what is refused leaves no folder");
 }

@@ -1,5 +1,5 @@
-//! A session that is steered while it lasts: keys of a terminal in raw mode, with a line of help and a line of state, or lines from standard input.
-//! Each key and each line is a target for the operator's socket.
+//! A session that is steered while it lasts: by keys of a terminal in raw mode or by a gamepad, with a line of help and a line of state; or by lines
+//! from standard input. Each of them is a target for the operator's socket.
 
 use std::io::{Read, Write};
 use std::os::unix::net::UnixDatagram;
@@ -10,52 +10,71 @@ use std::time::Duration;
 
 use crossterm::terminal::{disable_raw_mode, enable_raw_mode};
 use lab::studies::steered;
+use operator::{Gamepad, Keys, Pad};
 use runtime::{ControlPage, RunDir};
 use session::Failure;
 use shared_types::scenario::Servo;
 
-/// How long a key holds, s: longer than a terminal waits before it repeats one.
-const HOLDS_S: f64 = 0.6;
 /// Pause between two lines of state.
 const EVERY: Duration = Duration::from_millis(100);
 /// Pause before a line that no process took is sent again.
 const AGAIN: Duration = Duration::from_millis(2);
-/// Speed of a key at the start: m/s and rad/s.
-const SPEED: (f64, f64) = (0.05, 0.2);
 
-const HELP: &str =
-    "w/s x  a/d y  r/f z   i/k turn x  j/l turn y  u/o turn z   + - speed   1 base 2 hand 3 singular   x side   space stop   q end";
-
-/// A terminal that steers; its mode is restored when it is dropped.
-pub(crate) struct Keyboard {
+/// The last line of a terminal: what the arm does and why, until it is dropped. In raw mode where keys steer.
+pub(crate) struct Panel {
     is_over: Arc<AtomicBool>,
+    is_raw: bool,
 }
 
-impl Keyboard {
+impl Panel {
     /// Begins to read keys for a run whose processes are about to start.
     ///
     /// # Errors
-    /// [`Failure::Input`] where standard input is no terminal.
-    pub(crate) fn start(run: &RunDir) -> Result<Self, Failure> {
-        let page = ControlPage::open(run).map_err(Failure::work)?;
+    /// [`Failure::Input`] where standard input is no terminal that can be read key by key.
+    pub(crate) fn of_keyboard(run: &RunDir) -> Result<Self, Failure> {
         let socket = UnixDatagram::unbound().map_err(Failure::work)?;
-        enable_raw_mode().map_err(|error| {
-            Failure::Input(format!("standard input is no terminal ({error}); give targets with --from FILE, or --from -"))
-        })?;
-        eprint!("{HELP}\r\n");
-        let is_over = Arc::new(AtomicBool::new(false));
-        let (over, path) = (Arc::clone(&is_over), run.path().join(Servo::SOCKET));
+        enable_raw_mode().map_err(|error| Failure::Input(format!("the terminal gives no single keys: {error}")))?;
+        let path = run.path().join(Servo::SOCKET);
         std::thread::spawn(move || read_keys(&socket, &path));
+        Self::show(run, Keys::HELP, true)
+    }
+
+    /// Begins to read the gamepad.
+    pub(crate) fn of_gamepad(gamepad: Gamepad, run: &RunDir) -> Result<Self, Failure> {
+        gamepad.steer(&run.path().join(Servo::SOCKET));
+        Self::show(run, Pad::HELP, false)
+    }
+
+    fn show(run: &RunDir, help: &str, is_raw: bool) -> Result<Self, Failure> {
+        let page = ControlPage::open(run).map_err(Failure::work)?;
+        print(format_args!("{help}\r\n"));
+        let is_over = Arc::new(AtomicBool::new(false));
+        let over = Arc::clone(&is_over);
         std::thread::spawn(move || {
             while !over.load(Ordering::Relaxed) {
                 // To the beginning of the line, and clear it.
-                eprint!("\r\x1b[K{}", steered::describe(&page.live_state().servo));
-                let _ = std::io::stderr().flush();
+                print(format_args!("\r\x1b[K{}", steered::describe(&page.live_state().servo)));
                 std::thread::sleep(EVERY);
             }
         });
-        Ok(Self { is_over })
+        Ok(Self { is_over, is_raw })
     }
+}
+
+impl Drop for Panel {
+    fn drop(&mut self) {
+        self.is_over.store(true, Ordering::Relaxed);
+        if self.is_raw {
+            let _ = disable_raw_mode();
+        }
+        print(format_args!("\n"));
+    }
+}
+
+/// Prints to a terminal that may have been closed meanwhile.
+fn print(text: std::fmt::Arguments<'_>) {
+    let mut terminal = std::io::stderr();
+    let _ = terminal.write_fmt(text).and_then(|()| terminal.flush());
 }
 
 /// Sends the lines of standard input to a run; at the end of input the session ends with its last target.
@@ -72,97 +91,17 @@ pub(crate) fn send_lines(run: &RunDir) -> Result<(), Failure> {
     Ok(())
 }
 
-impl Drop for Keyboard {
-    fn drop(&mut self) {
-        self.is_over.store(true, Ordering::Relaxed);
-        let _ = disable_raw_mode();
-        eprintln!();
-    }
-}
-
 fn read_keys(socket: &UnixDatagram, path: &Path) {
-    let mut keys = Keys::default();
+    const CTRL_C: u8 = 3;
+    let (mut keys, mut is_ending) = (Keys::default(), false);
     for key in std::io::stdin().lock().bytes().map_while(Result::ok) {
+        // Where the first does not end the session, the one after the second is a signal again.
+        if key == CTRL_C && std::mem::replace(&mut is_ending, true) {
+            let _ = disable_raw_mode();
+        }
         if let Some(line) = keys.press(key) {
             // The operator may not be there yet, or no longer.
             let _ = socket.send_to(line.as_bytes(), path);
         }
-    }
-}
-
-/// Frame, speed and side as the keys have set them.
-struct Keys {
-    frame: &'static str,
-    side: &'static str,
-    factor: f64,
-}
-
-impl Default for Keys {
-    fn default() -> Self {
-        Self { frame: "base", side: "keep", factor: 1.0 }
-    }
-}
-
-impl Keys {
-    /// The target of a key; `None` for one that only changes a setting, or none.
-    fn press(&mut self, key: u8) -> Option<String> {
-        let axis = match key {
-            b'w' | b's' => 0,
-            b'a' | b'd' => 1,
-            b'r' | b'f' => 2,
-            b'i' | b'k' => 3,
-            b'j' | b'l' => 4,
-            b'u' | b'o' => 5,
-            b' ' => 6,
-            // Ctrl-C and Ctrl-D too.
-            b'q' | 3 | 4 => return Some(Servo::END.to_owned()),
-            other => {
-                self.set(other);
-                return None;
-            }
-        };
-        let sign = if b"sdfklo".contains(&key) { -1.0 } else { 1.0 };
-        let mut twist = [0.0; 6];
-        if axis < 6 {
-            twist[axis] = sign * self.factor * if axis < 3 { SPEED.0 } else { SPEED.1 };
-        }
-        let values: Vec<String> = twist.iter().map(f64::to_string).collect();
-        Some(format!("twist, {}, {HOLDS_S}, {}, {}", self.frame, values.join(" "), self.side))
-    }
-
-    fn set(&mut self, key: u8) {
-        match key {
-            b'1' => self.frame = "base",
-            b'2' => self.frame = "hand",
-            b'3' => self.frame = "singular",
-            b'+' | b'=' => self.factor = (self.factor * 1.25).min(8.0),
-            b'-' => self.factor = (self.factor / 1.25).max(0.05),
-            b'x' => {
-                self.side = match self.side {
-                    "keep" => "positive",
-                    "positive" => "negative",
-                    _ => "keep",
-                };
-            }
-            _ => {}
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use shared_types::codes::{FRAME_HAND, SIDE_POSITIVE, TARGET_END, TARGET_TWIST};
-    use shared_types::target_file::content;
-
-    #[test]
-    fn every_key_is_a_target_that_the_operator_reads() {
-        let mut keys = Keys::default();
-        let mut press = |key: u8| keys.press(key).map(|line| content(&line, 1.0, 0, 1000).unwrap());
-        assert_eq!(press(b'd').unwrap().twist, [0.0, -0.05, 0.0, 0.0, 0.0, 0.0]);
-        assert_eq!((press(b'2'), press(b'x')), (None, None));
-        let turned = press(b'u').unwrap();
-        assert_eq!((turned.kind, turned.frame, turned.side, turned.twist[5]), (TARGET_TWIST, FRAME_HAND, SIDE_POSITIVE, 0.2));
-        assert_eq!((press(b' ').unwrap().twist, press(3).unwrap().kind), ([0.0; 6], TARGET_END));
     }
 }

@@ -1,16 +1,18 @@
 //! `armplane servo`: a person, a file or another program steers the arm.
 
+use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
 use lab::studies::steered::{self, Score, ScoresText};
 use launcher::End;
+use operator::Gamepad;
 use runtime::RunDir;
 use session::{Failure, Progress, Request, RunText, Steering, Targets};
 use shared_types::job::Mode;
 
-use crate::live::{self, Keyboard};
+use crate::live::{self, Panel};
 use crate::out::{say, show};
 use crate::progress::Terminal;
 use crate::run;
@@ -20,9 +22,9 @@ pub(crate) struct ServoArgs {
     /// A built-in robot, a URDF file, a built-in scenario, or a scenario file; with --seeds several robots.
     #[arg(value_name = "ROBOT|SCENARIO", default_values_t = [DEFAULT.to_owned()])]
     subject: Vec<String>,
-    /// Where the targets come from: a file (docs/servo.md has the format), `-` for lines of standard input without times, `keyboard`, or `topic` for a
-    /// process of the graph [default: the scenario's own].
-    #[arg(long, value_name = "FILE|-|keyboard|topic", conflicts_with = "random")]
+    /// Where the targets come from: a file (docs/servo.md has the format), `-` for lines of standard input without times, `keyboard`, `gamepad`
+    /// (in a build with that feature), or `topic` for a process of the graph [default: the scenario's own].
+    #[arg(long, value_name = "FILE|-|keyboard|gamepad|topic", conflicts_with = "random")]
     from: Option<String>,
     /// Random twists of this seed, in place of a file.
     #[arg(long, value_name = "SEED")]
@@ -58,6 +60,7 @@ const DEFAULT: &str = "servo-panda";
 
 /// Words of `--from`.
 const KEYBOARD: &str = "keyboard";
+const GAMEPAD: &str = "gamepad";
 const LINES: &str = "-";
 
 /// Duration of random twists, s.
@@ -90,10 +93,18 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
         (_, Some(seed)) => Targets::Text(steered::twists(seed, args.duration.unwrap_or(RANDOM_S))),
         (None, None) => Targets::Scenario,
         (Some("topic"), _) => Targets::Process,
-        (Some(KEYBOARD | LINES), _) => Targets::Live,
+        (Some(KEYBOARD | GAMEPAD | LINES), _) => Targets::Live,
         (Some(file), _) => Targets::File(file.into()),
     };
     let loaded = steering(args, subject, targets).load()?;
+    // Before anything is made for the run.
+    if args.from.as_deref() == Some(KEYBOARD) && !std::io::stdin().is_terminal() {
+        return Err(Failure::Input("standard input is no terminal: give targets with --from FILE, or lines with --from -".to_owned()));
+    }
+    let mut gamepad = match args.from.as_deref() {
+        Some(GAMEPAD) => Some(Gamepad::open().map_err(Failure::Input)?),
+        _ => None,
+    };
     let request = Request {
         plant: None,
         scenario: subject.clone(),
@@ -107,24 +118,25 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
         live: args.live,
         silence_limit: None,
     };
-    let mut keyboard = None;
+    let mut panel = None;
     let mut begin = |run: &RunDir| -> Result<(), Failure> {
         match args.from.as_deref() {
-            Some(KEYBOARD) => keyboard = Some(Keyboard::start(run)?),
+            Some(KEYBOARD) => panel = Some(Panel::of_keyboard(run)?),
+            Some(GAMEPAD) => panel = gamepad.take().map(|gamepad| Panel::of_gamepad(gamepad, run)).transpose()?,
             Some(LINES) => live::send_lines(run)?,
             _ => {}
         }
         Ok(())
     };
-    // The keyboard has the terminal's last line.
-    let is_shown = args.from.as_deref() != Some(KEYBOARD);
+    // The panel has the terminal's last line.
+    let is_shown = !matches!(args.from.as_deref(), Some(KEYBOARD | GAMEPAD));
     let observe = |progress: Progress<'_>| {
         if is_shown {
             terminal.show(progress)
         }
     };
     let finished = session::run_loaded(&request, loaded, &mut begin, &observe);
-    drop(keyboard);
+    drop(panel);
     let finished = finished?;
     match as_json {
         true => say!("{}", serde_json::to_string_pretty(&finished.summary).map_err(Failure::work)?),

@@ -1,6 +1,9 @@
 //! The operator of a steered run: publishes the target of each tick, from the session's text or from what is sent to it while the run lasts.
 
 mod cycle;
+mod gamepad;
+mod keys;
+mod pad;
 
 use std::cell::Cell;
 use std::io;
@@ -13,6 +16,9 @@ use shared_types::target_file::{content, unreadable};
 use shared_types::{SensorSample, Target};
 
 pub use cycle::Cycle;
+pub use gamepad::Gamepad;
+pub use keys::Keys;
+pub use pad::Pad;
 
 /// Longest line that is taken in; bytes.
 const LINE: usize = 1024;

@@ -30,7 +30,7 @@ const ROBOT_TOML: &str = "robot.toml";
 /// Made and removed to see whether the results folder can be written to.
 const PROBE: &str = ".armplane";
 /// The files that [`keep`] writes.
-const KEPT: [&str; 6] = [SUMMARY, JOB, SCENARIO, GRAPH, ROBOT_URDF, ROBOT_TOML];
+const KEPT: [&str; 7] = [SUMMARY, JOB, SCENARIO, GRAPH, ROBOT_URDF, ROBOT_TOML, TARGETS];
 /// More than a summary takes, faults included; bytes.
 const SUMMARY_BYTES: usize = 128 * 1024;
 /// More than the faults of a run take in its scenario; bytes.

@@ -1,0 +1,90 @@
+//! The keys of a terminal as targets. PURE.
+
+use shared_types::scenario::Servo;
+
+/// How long a key holds, s: longer than a terminal waits before it repeats one.
+const HOLDS_S: f64 = 0.6;
+/// Speed of a key at the start: m/s and rad/s.
+const SPEED: (f64, f64) = (0.05, 0.2);
+
+/// Frame, speed and side as the keys have set them.
+#[derive(Clone, Debug)]
+pub struct Keys {
+    frame: &'static str,
+    side: &'static str,
+    factor: f64,
+}
+
+impl Default for Keys {
+    fn default() -> Self {
+        Self { frame: "base", side: "keep", factor: 1.0 }
+    }
+}
+
+impl Keys {
+    /// The keys, in one line.
+    pub const HELP: &str =
+        "w/s x  a/d y  r/f z   i/k turn x  j/l turn y  u/o turn z   + - speed   1 base 2 hand 3 singular   x side   space stop   q end";
+
+    /// The target of a key; `None` for one that only changes a setting, or none.
+    pub fn press(&mut self, key: u8) -> Option<String> {
+        let axis = match key {
+            b'w' | b's' => 0,
+            b'a' | b'd' => 1,
+            b'r' | b'f' => 2,
+            b'i' | b'k' => 3,
+            b'j' | b'l' => 4,
+            b'u' | b'o' => 5,
+            b' ' => 6,
+            // Ctrl-C and Ctrl-D too.
+            b'q' | 3 | 4 => return Some(Servo::END.to_owned()),
+            other => {
+                self.set(other);
+                return None;
+            }
+        };
+        let sign = if b"sdfklo".contains(&key) { -1.0 } else { 1.0 };
+        let mut twist = [0.0; 6];
+        if axis < 6 {
+            twist[axis] = sign * self.factor * if axis < 3 { SPEED.0 } else { SPEED.1 };
+        }
+        let values: Vec<String> = twist.iter().map(f64::to_string).collect();
+        Some(format!("twist, {}, {HOLDS_S}, {}, {}", self.frame, values.join(" "), self.side))
+    }
+
+    fn set(&mut self, key: u8) {
+        match key {
+            b'1' => self.frame = "base",
+            b'2' => self.frame = "hand",
+            b'3' => self.frame = "singular",
+            b'+' | b'=' => self.factor = (self.factor * 1.25).min(8.0),
+            b'-' => self.factor = (self.factor / 1.25).max(0.05),
+            b'x' => {
+                self.side = match self.side {
+                    "keep" => "positive",
+                    "positive" => "negative",
+                    _ => "keep",
+                };
+            }
+            _ => {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shared_types::codes::{FRAME_HAND, SIDE_POSITIVE, TARGET_END, TARGET_TWIST};
+    use shared_types::target_file::content;
+
+    #[test]
+    fn every_key_is_a_target_that_the_operator_reads() {
+        let mut keys = Keys::default();
+        let mut press = |key: u8| keys.press(key).map(|line| content(&line, 1.0, 0, 1000).unwrap());
+        assert_eq!(press(b'd').unwrap().twist, [0.0, -0.05, 0.0, 0.0, 0.0, 0.0]);
+        assert_eq!((press(b'2'), press(b'x')), (None, None));
+        let turned = press(b'u').unwrap();
+        assert_eq!((turned.kind, turned.frame, turned.side, turned.twist[5]), (TARGET_TWIST, FRAME_HAND, SIDE_POSITIVE, 0.2));
+        assert_eq!((press(b' ').unwrap().twist, press(3).unwrap().kind), ([0.0; 6], TARGET_END));
+    }
+}
