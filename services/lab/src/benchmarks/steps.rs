@@ -6,10 +6,15 @@ use chain::Chain;
 use model::{Model, Robot};
 use nalgebra::SVector;
 use runtime::now_ns;
-use session::Failure;
+use session::load::Loaded;
+use session::{Failure, Steering, Targets};
 use shared_types::scenario::Scenario;
 
 use super::distribution::{Distribution, Row as BenchRow, histogram};
+use crate::studies::steered::twists;
+
+/// Duration of the session of random twists, s.
+const STEERED_S: f64 = 20.0;
 
 /// Evaluations per sample: a clock reading costs a tenth of one.
 const BATCH: u64 = 100;
@@ -110,6 +115,41 @@ pub fn steps(robot: &Robot, scenario: &Scenario, which: &str) -> Result<Vec<Benc
         BenchRow::alone("control", "estimator", of(1)),
         BenchRow::alone("control", "analyzer", of(2)),
         BenchRow::alone("control", "controller", of(3)),
+        BenchRow::alone("control", "controller, steered", steered(robot)?),
         BenchRow::alone("control", "whole tick, one thread", Distribution::of(&whole)),
     ])
+}
+
+/// The controller's step in a session of random twists on the same arm.
+fn steered(robot: &Robot) -> Result<Distribution, Failure> {
+    let steering = Steering {
+        subject: robot.name.clone(),
+        targets: Targets::Text(twists(1, STEERED_S)),
+        start: None,
+        duration_s: None,
+        settings: Vec::new(),
+        seed: None,
+        graph: None,
+    };
+    let Loaded { scenario, robot, .. } = steering.load()?;
+    let mut plant = plant::cycle(&robot, &scenario).map_err(Failure::work)?;
+    let mut estimator = estimator::cycle(&robot, &scenario).map_err(Failure::work)?;
+    let mut analyzer = analyzer::cycle(&robot, &scenario).map_err(Failure::work)?;
+    let mut controller = controller::cycle(&robot, &scenario).map_err(Failure::work)?;
+    let mut operator = operator::Cycle::new(&scenario.servo.clone().unwrap_or_default(), scenario.rate_hz);
+    let (mut m, mut times) = (chain::Tick::default(), histogram());
+    for tick in 0.. {
+        if plant.is_over() {
+            break;
+        }
+        plant.sample(tick, &mut m.sensor, &mut m.plant_state);
+        estimator.step(&m.sensor, &mut m.estimate);
+        analyzer.step(&m.estimate, &mut m.singularity);
+        operator.step(&m.sensor, &mut m.target);
+        let began = now_ns();
+        controller.steer((&m.estimate, &m.singularity), Some(&m.target), &mut m.servo_state, &mut m.control_state, &mut m.torque);
+        times.saturating_record(now_ns() - began);
+        plant.step(Some(&m.torque));
+    }
+    Ok(Distribution::of(&times))
 }

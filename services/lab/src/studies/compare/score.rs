@@ -98,7 +98,7 @@ pub(crate) fn scored(robot: &Robot, scenario: &Scenario, each: &mut dyn FnMut(&c
 }
 
 fn sized<const N: usize>(robot: &Robot, scenario: &Scenario, each: &mut dyn FnMut(&chain::Tick)) -> Result<(Score, Verdict), Refused> {
-    let planned = scenario.duration_s() * f64::from(scenario.rate_hz);
+    let planned = scenario.planned_ticks() as f64;
     let mut judge = Judge::new(limits(robot), scenario.goal.clone(), planned);
     let mut meter = Meter::<N>::new(robot, scenario)?;
     chain::run(robot, scenario, |tick| {
@@ -114,6 +114,7 @@ fn sized<const N: usize>(robot: &Robot, scenario: &Scenario, each: &mut dyn FnMu
 /// Measures beyond those of the recorder's judge.
 struct Meter<const N: usize> {
     model: Model<N>,
+    ticks: u64,
     k_v: f64,
     back_within: u64,
     along: [f64; 2],
@@ -129,6 +130,7 @@ impl<const N: usize> Meter<N> {
     fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
         Ok(Self {
             model: Model::new(robot, None).map_err(Refused::because)?,
+            ticks: 0,
             k_v: scenario.control.k_v,
             back_within: (BACK_WITHIN_S * f64::from(scenario.rate_hz)).ceil() as u64,
             along: [0.0; 2],
@@ -141,6 +143,7 @@ impl<const N: usize> Meter<N> {
     }
 
     fn tick(&mut self, tick: &recorder::Tick<'_>) {
+        self.ticks += 1;
         let TaskError { position, orientation } = TaskError::of(tick);
         self.along = [larger(self.along[0], position[2]), larger(self.along[1], orientation[2])];
         self.stopped_by_plant |= tick.truth.limit_mask != 0 || tick.truth.drive != DRIVE_ACTIVE && tick.truth.header.tick > 0;
@@ -174,8 +177,10 @@ impl<const N: usize> Meter<N> {
         let saturated_s = joints.saturated_ticks as f64 * scenario.dt_s();
         let [along_mm, along_deg] = self.along;
         let (orthogonal_mm, orthogonal_deg) = (task.orthogonal_max_mm, task.orthogonal_max_deg);
+        // The repetition of an interrupted session is over with its last tick.
+        let completed = verdict.completed || self.ticks > 0 && scenario.servo.as_ref().is_some_and(|session| session.ticks == self.ticks);
         let missed: Vec<&'static str> = [
-            ("stopped", !verdict.completed),
+            ("stopped", !completed),
             ("joint stop", self.stopped_by_plant),
             ("end", !(within(task.final_position_mm, 1.0) && within(task.final_orientation_deg, 0.5))),
             ("speed", !within(joints.speed_max_ratio, 1.0)),
@@ -189,7 +194,7 @@ impl<const N: usize> Meter<N> {
         let clean = missed.iter().all(|what| ["orthogonal", "along"].contains(what));
         Score {
             law: scenario.control.strategy.name().to_owned(),
-            completed: verdict.completed,
+            completed,
             outcome: verdict.outcome.clone(),
             reason: verdict.reason.clone(),
             along_max_mm: along_mm,
