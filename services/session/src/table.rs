@@ -58,6 +58,10 @@ impl Fitted {
 impl fmt::Display for Fitted {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut table = self.table.clone();
+        let natural: u16 = table.column_max_content_widths().iter().map(|width| width + PADDING).sum();
+        if table.width().is_none_or(|width| natural <= width) {
+            return table.fmt(f);
+        }
         for (column, widest) in table.column_iter_mut().zip(&self.widest) {
             // A path or a name that is as wide as the table breaks all the same.
             let least = u16::try_from(*widest).unwrap_or(WIDTH).min(WIDTH / 3) + PADDING;
