@@ -197,11 +197,16 @@ impl Situation {
                 );
                 return text;
             }
-            text.push_str("Free: the hand can move in every direction.\n\n");
             let near = self.singularities[..self.count].iter().enumerate().find(|(_, one)| one.mode != MODE_REGULAR);
-            if let Some((i, one)) = near {
-                let _ = writeln!(text, "Near the **{}** singularity: {}.\n", singularity_name(one.kind, i), doing(one.mode));
-            }
+            let _ = match near {
+                Some((i, one)) => writeln!(
+                    text,
+                    "Free in every direction; near the **{}** singularity: {}.\n",
+                    singularity_name(one.kind, i),
+                    doing(one.mode)
+                ),
+                None => writeln!(text, "Free: the hand can move in every direction.\n"),
+            };
             self.tell_reason(&mut text);
             if self.tell_past(&mut text, run) {
                 // The table takes the room of the legend.
@@ -313,7 +318,7 @@ fn reason(kind: u32, joints: usize) -> &'static str {
         (KIND_WRIST, _) => "axes 4 and 6 parallel",
         (KIND_OVERHEAD, _) => "wrist on the waist's axis",
         (KIND_SHOULDER, _) => "axes 1 and 3 parallel",
-        _ => "joint motions that add up to nothing",
+        _ => "joint motions that cancel",
     }
 }
 
@@ -321,13 +326,13 @@ fn reason(kind: u32, joints: usize) -> &'static str {
 pub(crate) fn doing(mode: u32) -> &'static str {
     match mode {
         MODE_REGULAR => "plain operational-space control",
-        MODE_BLEND => "control along ζ passes between hand and null space",
+        MODE_BLEND => "blends hand and null-space control",
         MODE_TRACK => "follows the path by null-space motion",
         MODE_PASS => "passes through, ζ held off the path",
         MODE_HOLD => "holds ζ, moves orthogonal to it",
         MODE_REORIENT => "joints turn ζ, the hand stays",
-        MODE_SLIDE => "goal out of reach: slides along the boundary",
-        MODE_RECOVER => "free again, removes what is left of the null-space error",
+        MODE_SLIDE => "out of reach: slides on the boundary",
+        MODE_RECOVER => "removes the remaining null-space error",
         _ => "in a mode this recording does not know",
     }
 }

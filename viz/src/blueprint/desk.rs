@@ -53,13 +53,18 @@ impl<'a> Desk<'a> {
                 let right = if self.subject.stands_still {
                     // No singularity is in play: the error first, the joints that move, and the rest in tabs.
                     let more: Vec<_> = [measure].into_iter().chain(others).chain(modes).collect();
-                    [(1.3, errors), (1.2, joints), (1.2, torques), (1.0, self.sheet.tabs(more))]
+                    vec![(1.3, errors), (1.2, joints), (1.2, torques), (1.0, self.sheet.tabs(more))]
+                } else if self.subject.singularities.len() > 3 {
+                    // A lane and a name in the legend for each of them take the torques' room.
+                    let more: Vec<_> = [errors, torques, joints].into_iter().chain(others).collect();
+                    let (more, modes) = (self.sheet.tabs(more), self.sheet.tabs(modes.into()));
+                    vec![(1.4, measure), (1.5, more), (1.6, modes)]
                 } else {
                     let more: Vec<_> = [errors, joints].into_iter().chain(others).collect();
                     let (more, modes) = (self.sheet.tabs(more), self.sheet.tabs(modes.into()));
-                    [(1.35, measure), (1.05, torques), (1.15, more), (1.3, modes)]
+                    vec![(1.25, measure), (1.17, torques), (1.15, more), (1.28, modes)]
                 };
-                let cells = vec![(1.12, self.sheet.column(left.into())), (1.0, self.sheet.column(right.into()))];
+                let cells = vec![(1.12, self.sheet.column(left.into())), (1.0, self.sheet.column(right))];
                 self.sheet.row("", cells);
             }
             Layout::Timing => {
@@ -81,7 +86,7 @@ impl<'a> Desk<'a> {
         }
     }
 
-    /// A line per joint. A legend has room for three or four names: of two plots side by side the one names the first joints, the other the last.
+    /// A line per joint. A legend has room for four names: of two plots side by side the one names the first joints, the other the last.
     fn per_joint(&self, drawn: Drawn, named: Named) -> Vec<Lines> {
         let first = self.subject.joints.div_ceil(2);
         let is_named = |i: usize| match named {
@@ -89,7 +94,7 @@ impl<'a> Desk<'a> {
             Named::First => i < first,
             Named::Last => i >= first,
         };
-        // The others share an entry, which comes last.
+        // The others share an entry.
         let names = (0..self.subject.joints).map(|i| if is_named(i) { format!("q{}", i + 1) } else { "…".to_owned() });
         vec![Lines::drawn(drawn, names.collect(), JOINTS)]
     }

@@ -216,8 +216,9 @@ impl Picture {
                 // Each below the one before: seen from far they would overlap.
                 let below = Vec3::NEG_Z * (0.75 * unit * labels);
                 labels += 1.0;
-                // Beside the end of its axis: above it, or below where the axis points down.
-                let end = mark.zeta() * (side * 1.05 * unit);
+                // Beside the end of its axis: above it, or below where the axis points down; nearer to C the more it lies: words are wide.
+                let zeta = mark.zeta();
+                let end = zeta * (side * (0.85 + 0.2 * zeta.z.abs()) * unit);
                 let aside = Vec3::Z * (if end.z < -0.3 * unit { -0.25 * unit } else { 0.25 * unit });
                 tracks.label.push(tick, &Placement { p: mark.X_BS.p + end + aside + below, ..Placement::IDENTITY });
             }

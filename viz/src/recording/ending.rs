@@ -25,6 +25,7 @@ struct Stretch {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Stretches {
     now: Option<Stretch>,
+    /// The longest, or the first of those about as long.
     longest: Option<Stretch>,
     /// Where |s|/η was least, and how small; for a run that is inside none.
     nearest: Option<(f64, Stretch)>,
@@ -48,7 +49,10 @@ impl Stretches {
             if marks[now.which].look.presence == Presence::Inside {
                 now.zeta[1] = marks[now.which].zeta();
             }
-            if self.longest.is_none_or(|longest| now.last - now.first >= longest.last - longest.first) {
+            // Of stretches about as long the first: playback comes to it first.
+            let is_longest =
+                |longest: Stretch| longest.first == now.first || 4 * (now.last - now.first) > 5 * (longest.last - longest.first);
+            if self.longest.is_none_or(is_longest) {
                 self.longest = Some(*now);
             }
         } else {
@@ -74,7 +78,7 @@ impl Stretches {
 }
 
 /// The close-up's distance, in half lengths of the mark: its label has room beside it.
-const CLOSE: f32 = 5.2;
+const CLOSE: f32 = 5.8;
 
 /// An eye near C that looks across ζ: onto the sector that ζ sweeps, else onto the plane of ζ and the hand's way; from the main eye's side.
 pub(super) fn close_up(centre: Vec3, zeta: [Vec3; 2], way: Vec3, unit: f32, main: &Eye) -> Eye {
@@ -95,6 +99,23 @@ pub(super) fn close_up(centre: Vec3, zeta: [Vec3; 2], way: Vec3, unit: f32, main
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::Look;
+
+    #[test]
+    fn playback_repeats_the_first_of_stretches_about_as_long() {
+        let mut stretches = Stretches::default();
+        let mark = |presence| Mark { look: Look { presence, angular: false }, X_BS: Placement::IDENTITY, size: 1.0, edge: 0.5 };
+        for tick in 0..1000 {
+            let is_inside = matches!(tick, 100..120 | 300..400 | 500..601 | 800..830);
+            let mark = mark(if is_inside { Presence::Inside } else { Presence::Near });
+            stretches.push(tick, &[SingularityState::default()], &[mark], &Placement::IDENTITY);
+        }
+        let main = Eye { position: Vec3::new(2.0, -2.0, 1.0), look_at: Vec3::ZERO, up: Vec3::Z };
+        let ending = stretches.ending(|tick| tick as i64 * 1_000_000, 999, 0.2, &main).expect("it was singular");
+        assert_eq!(ending.loop_ns, (0, 999_000_000), "from 300 ms less 500 ms to 399 ms and 1 s more");
+        let ending = stretches.ending(|tick| tick as i64 * 10_000_000, 999, 0.2, &main).expect("it was singular");
+        assert_eq!(ending.loop_ns, (2_500_000_000, 4_990_000_000), "the stretch from 3.00 to 3.99 s");
+    }
 
     #[test]
     fn the_close_up_looks_onto_the_plane_that_zeta_sweeps() {
