@@ -232,7 +232,7 @@ impl<const N: usize> Controller<N> {
             REASON_HELD
         } else if limit.is_some() {
             REASON_LIMIT
-        } else if servo.clipped || pull.tension > TENSION {
+        } else if !servo.is_posture() && (servo.clipped || pull.tension > TENSION) {
             REASON_REACH
         } else if clock < FULL {
             if is_near { REASON_SINGULARITY } else { REASON_EFFORT }
