@@ -35,9 +35,13 @@ PICTURES = {
     "timing": (["run", "fig5-wrist-rotation"], 1.0, "timing"),
 }
 
-# The race: frames per second, the window, its part that is kept (left, top, right, bottom), width of a frame.
-RACE = ["compare", "fig5-wrist-rotation", "--race"]
-RATE, WINDOW, PART, WIDTH = 10, "1280x860", (0, 54, 676, 830), 676
+# Animated picture: what is run, from when to when (s), how many seconds pass in one, and its part of the window (left, top, right, bottom).
+ANIMATIONS = {
+    "race.gif": (["compare", "fig5-wrist-rotation", "--race"], (0.0, 4.4), 1.0, (0, 54, 676, 830)),
+    "servo.gif": (["servo", "servo-line-panda"], (0.0, 23.0), 4.0, (0, 54, 676, 830)),
+}
+# Frames per second, the window, width of a frame.
+RATE, WINDOW, WIDTH = 10, "1280x860", 676
 COLOURS = 200
 
 
@@ -69,14 +73,15 @@ def picture(command, name, scratch):
         small(viewer.picture()).save(DOCS / f"{name}.png", optimize=True)
 
 
-def race(command, scratch):
-    folder = scratch / "race.gif"
-    armplane(command, RACE, folder)
+def animation(command, name, scratch):
+    arguments, (begin, end), speed, part = ANIMATIONS[name]
+    folder = scratch / name
+    armplane(command, arguments, folder)
     frames = []
     with Viewer([folder / "run.rrd"], WINDOW) as viewer:
-        for k in range(int(4.4 * RATE)):
-            viewer.at(k / RATE)
-            frame = Image.open(io.BytesIO(viewer.picture())).convert("RGB").crop(PART)
+        for k in range(int((end - begin) / speed * RATE)):
+            viewer.at(begin + k * speed / RATE)
+            frame = Image.open(io.BytesIO(viewer.picture())).convert("RGB").crop(part)
             frames.append(frame.resize((WIDTH, WIDTH * frame.height // frame.width), Image.Resampling.LANCZOS))
     # One palette for all, made of several: the background stays as it is from frame to frame and packs well.
     some = frames[:: max(1, len(frames) // 6)]
@@ -85,7 +90,7 @@ def race(command, scratch):
         sheet.paste(frame, (0, k * frame.height))
     palette = sheet.quantize(COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
     frames = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    path = DOCS / "race.gif"
+    path = DOCS / name
     hold = [1000 // RATE] * (len(frames) - 1) + [1500]
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=hold, loop=0, optimize=True)
     if path.stat().st_size > 3_000_000:
@@ -138,17 +143,19 @@ def report(command, scratch):
 
 
 # Pictures that need no viewer, or several of its frames.
-OTHERS = {"race.gif": race, "still": still, "fig3": figure, "report": report, "drill": drill, "soak": soak}
+OTHERS = {"still": still, "fig3": figure, "report": report, "drill": drill, "soak": soak}
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--armplane", default=str(DOCS.parent / "target/release/armplane"))
-    parser.add_argument("--only", default=",".join([*PICTURES, *OTHERS]), help="names, separated by commas")
+    parser.add_argument("--only", default=",".join([*PICTURES, *ANIMATIONS, *OTHERS]), help="names, separated by commas")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         for name in arguments.only.split(","):
-            if name in OTHERS:
+            if name in ANIMATIONS:
+                animation(arguments.armplane, name, pathlib.Path(scratch))
+            elif name in OTHERS:
                 OTHERS[name](arguments.armplane, pathlib.Path(scratch))
             else:
                 picture(arguments.armplane, name, pathlib.Path(scratch))
