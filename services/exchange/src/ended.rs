@@ -2,7 +2,7 @@
 
 use runtime::{Interrupted, ProcessError};
 
-use crate::program::Failure;
+use crate::failure::Failure;
 
 /// The end of a process before its time: of its own, or by its program.
 pub(crate) enum Ended {

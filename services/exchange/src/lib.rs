@@ -6,6 +6,7 @@
 //!
 //! ```text
 //! page.rs       the page in memory            program.rs   the program: started or awaited, asked, ended
+//! reply.rs      what a program writes, judged failure.rs   a program's faults
 //! cut.rs        its end by a program          ended.rs     why a turn ends before the run does
 //! ports.rs      topics to and from the page   turn.rs      the turns of the three roles
 //! describe/     the wire for other languages: `armplane wire`
@@ -15,9 +16,11 @@ mod checkpoint;
 mod cut;
 pub mod describe;
 mod ended;
+mod failure;
 mod page;
 mod ports;
 mod program;
+pub mod reply;
 mod turn;
 
 use std::process::Command;
@@ -31,8 +34,11 @@ use shared_types::layout::MessageLayout;
 
 use checkpoint::ProgramCheckpoint;
 use ended::Ended;
-use page::{About, Page};
-use program::{Answer, Failure, Program};
+use program::Program;
+use reply::Answer;
+
+pub use failure::Failure;
+pub use page::{About, Page};
 
 /// The longest that a program may take for an answer, where its graph does not say.
 const USUAL_LIMIT: Duration = Duration::from_secs(10);

@@ -1,5 +1,6 @@
 //! The exchange page in memory: armplane's side of it.
 
+use std::cell::Cell;
 use std::fs::OpenOptions;
 use std::mem::offset_of;
 use std::os::unix::fs::OpenOptionsExt;
@@ -19,26 +20,35 @@ const LINE: usize = 64;
 
 /// The page's description of the process and its run.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct About {
-    pub(crate) is_lockstep: bool,
-    pub(crate) rate_hz: u32,
-    pub(crate) dof: u32,
-    pub(crate) incarnation: u32,
+pub struct About {
+    /// Lockstep, or real time.
+    pub is_lockstep: bool,
+    /// Ticks per second; Hz.
+    pub rate_hz: u32,
+    /// Joints of the arm.
+    pub dof: u32,
+    /// How often the process has been started in this run, from 1.
+    pub incarnation: u32,
 }
 
 /// An exchange page, mapped, with its messages in the order of its topics.
-pub(crate) struct Page {
+pub struct Page {
     start: NonNull<u8>,
     bytes: usize,
     messages: Vec<(usize, usize)>,
     state_at: usize,
     topics_at: usize,
+    /// Requests so far: the page's own count is one that a program may write.
+    asked: Cell<u32>,
     path: PathBuf,
 }
 
 impl Page {
     /// Makes the page of a process in the run's directory; one that a predecessor had is replaced.
-    pub(crate) fn create(run: &Path, process: &str, about: About, topics: &[(MessageLayout, u32)]) -> std::io::Result<Self> {
+    ///
+    /// # Errors
+    /// When the file cannot be made or mapped.
+    pub fn create(run: &Path, process: &str, about: About, topics: &[(MessageLayout, u32)]) -> std::io::Result<Self> {
         let topics_at = size_of::<ExchangeHead>().next_multiple_of(LINE);
         let state_at = (topics_at + topics.len() * size_of::<ExchangeTopic>()).next_multiple_of(LINE);
         let mut end = state_at + EXCHANGE_STATE;
@@ -81,7 +91,7 @@ impl Page {
         let start = unsafe { mmap(std::ptr::null_mut(), end, ProtFlags::READ | ProtFlags::WRITE, MapFlags::SHARED, &file, 0)? };
         let start = NonNull::new(start.cast()).ok_or_else(|| std::io::Error::other("mapped at address 0"))?;
         let messages = entries.iter().map(|entry| (entry.at as usize, entry.bytes as usize)).collect();
-        Ok(Self { start, bytes: end, messages, state_at, topics_at, path })
+        Ok(Self { start, bytes: end, messages, state_at, topics_at, asked: Cell::new(0), path })
     }
 
     /// Its addresses in this process.
@@ -90,7 +100,9 @@ impl Page {
         start..start + self.bytes
     }
 
-    pub(crate) fn path(&self) -> &Path {
+    /// Its file.
+    #[must_use]
+    pub fn path(&self) -> &Path {
         &self.path
     }
 
@@ -121,11 +133,12 @@ impl Page {
     }
 
     /// Asks the program for something; the count of the request.
-    pub(crate) fn ask(&self, request: u32, tick: u64) -> u32 {
+    pub fn ask(&self, request: u32, tick: u64) -> u32 {
         self.word(offset_of!(ExchangeHead, request)).store(request, Ordering::Relaxed);
         self.long(offset_of!(ExchangeHead, tick)).store(tick, Ordering::Relaxed);
         let requests = self.word(offset_of!(ExchangeHead, requests));
-        let count = requests.load(Ordering::Relaxed).wrapping_add(1);
+        let count = self.asked.get().wrapping_add(1);
+        self.asked.set(count);
         requests.store(count, Ordering::Release);
         let _ = rustix::thread::futex::wake(requests, rustix::thread::futex::Flags::empty(), 1);
         count
@@ -157,7 +170,8 @@ impl Page {
         self.text::<EXCHANGE_TEXT>(offset_of!(ExchangeHead, complaint))
     }
 
-    pub(crate) fn give_reason(&self, reason: &str) {
+    /// Says why the program is stopped.
+    pub fn give_reason(&self, reason: &str) {
         let mut text = [0; EXCHANGE_TEXT];
         put_text(&mut text, reason);
         self.copy_in(offset_of!(ExchangeHead, reason), &text);
@@ -171,13 +185,13 @@ impl Page {
     }
 
     /// Says whether the message of a topic belongs to the next request.
-    pub(crate) fn mark_fresh(&self, topic: usize, is_fresh: bool) {
+    pub fn mark_fresh(&self, topic: usize, is_fresh: bool) {
         let entry = self.topics_at + topic * size_of::<ExchangeTopic>();
         self.word(entry + offset_of!(ExchangeTopic, fresh)).store(u32::from(is_fresh), Ordering::Relaxed);
     }
 
     /// Puts a message on the page.
-    pub(crate) fn put(&self, topic: usize, message: &[u8]) {
+    pub fn put(&self, topic: usize, message: &[u8]) {
         let (at, bytes) = self.messages[topic];
         assert_eq!(message.len(), bytes);
         self.copy_in(at, message);
@@ -191,12 +205,13 @@ impl Page {
     }
 
     /// A number of a message on the page.
-    pub(crate) fn number(&self, topic: usize, offset: usize) -> u32 {
+    #[must_use]
+    pub fn number(&self, topic: usize, offset: usize) -> u32 {
         self.word(self.messages[topic].0 + offset).load(Ordering::Relaxed)
     }
 
     /// Puts a predecessor's checkpoint on the page.
-    pub(crate) fn put_state(&self, state: &[u8]) {
+    pub fn put_state(&self, state: &[u8]) {
         self.copy_in(self.state_at, state);
         self.word(offset_of!(ExchangeHead, state_left)).store(state.len() as u32, Ordering::Relaxed);
     }
@@ -207,7 +222,7 @@ impl Page {
     }
 
     /// Copies the program's checkpoint.
-    pub(crate) fn get_state(&self, state: &mut [u8]) {
+    pub fn get_state(&self, state: &mut [u8]) {
         assert!(state.len() <= EXCHANGE_STATE);
         self.copy_out(self.state_at, state);
     }

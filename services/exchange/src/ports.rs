@@ -3,12 +3,12 @@
 use std::collections::VecDeque;
 use std::marker::PhantomData;
 
-use bytemuck::{bytes_of, bytes_of_mut};
+use bytemuck::bytes_of;
 use runtime::{Collector, Interrupted, ProcessError, Reader, Shell, Writer};
 use shared_types::topics::{self, Each, Topic};
-use shared_types::wire::{Field, Header};
 
 use crate::page::Page;
+use crate::reply::Draft;
 
 /// A topic that the process reads, tick by tick.
 pub(crate) trait Input {
@@ -68,28 +68,16 @@ impl<M: Topic> Input for Reading<M> {
 
 struct Writing<M: Topic> {
     writer: Writer<M>,
-    place: usize,
-    /// A copy that the program cannot change between check and sending.
-    message: M,
+    draft: Draft<M>,
 }
 
 impl<M: Topic> Output for Writing<M> {
     fn not_finite(&mut self, page: &Page) -> Option<(&'static str, String)> {
-        page.get(self.place, size_of::<Header>(), &mut bytes_of_mut(&mut self.message)[size_of::<Header>()..]);
-        if self.message.is_finite() {
-            return None;
-        }
-        let bytes = bytes_of(&self.message);
-        let is_bad = |field: &&Field| {
-            let numbers = bytes[field.offset..field.offset + field.size].chunks_exact(size_of::<f64>());
-            field.is_number() && numbers.map(bytemuck::pod_read_unaligned::<f64>).any(|number| !number.is_finite())
-        };
-        Some((M::TOPIC, M::FIELDS.iter().find(is_bad).map_or_else(|| "a nested field".to_owned(), |field| field.name.to_string())))
+        self.draft.not_finite(page)
     }
 
     fn send(&mut self, tick: u64) -> Result<(), ProcessError> {
-        *self.message.header_mut() = Header { tick, ..Header::default() };
-        Ok(self.writer.send(self.message)?)
+        Ok(self.writer.send(self.draft.message(tick))?)
     }
 }
 
@@ -141,7 +129,7 @@ impl End for dyn Input {
 
 impl End for dyn Output {
     fn of<M: Topic>(shell: &Shell, place: usize) -> Result<Box<Self>, ProcessError> {
-        Ok(Box::new(Writing { writer: shell.writer::<M>()?, place, message: M::zeroed() }))
+        Ok(Box::new(Writing { writer: shell.writer::<M>()?, draft: Draft::of(place) }))
     }
 }
 

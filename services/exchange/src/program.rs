@@ -8,11 +8,13 @@ use std::time::{Duration, Instant};
 use runtime::Shell;
 use rustix::process::{Pid, Signal, getpid, getppid, kill_process_group, set_parent_process_death_signal};
 use rustix::thread::futex;
-use shared_types::codes::{ANSWER_DONE, ANSWER_FAILED, ANSWER_OVER, PROGRAM_AWAITED, PROGRAM_JOINED, REQUEST_STOP, USE_WRITES};
-use shared_types::exchange::{EXCHANGE_STATE, EXCHANGE_VARIABLE, EXCHANGE_VERSION};
+use shared_types::codes::{PROGRAM_AWAITED, REQUEST_STOP};
+use shared_types::exchange::EXCHANGE_VARIABLE;
 use shared_types::layout::MessageLayout;
 
+use crate::failure::Failure;
 use crate::page::Page;
+use crate::reply::{self, Answer};
 
 /// How often an exit of the program, and a stop of the run, are looked at while an answer is waited for.
 const LOOK: Duration = Duration::from_millis(5);
@@ -28,49 +30,6 @@ const LONGEST_EXTERNAL_START: Duration = Duration::from_secs(600);
 
 /// So long after its start a program that has not joined is reported.
 const SLOW_START: Duration = Duration::from_secs(5);
-
-/// The program's fault.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub(crate) enum Failure {
-    #[error("the program of {process} cannot be started: {reason}")]
-    Start { process: String, reason: String },
-    #[error("the program of {process} ended with {exit} {at}")]
-    Ended { process: String, exit: String, at: String },
-    #[error("the program of {process} has not joined within {} s", limit.as_secs())]
-    Absent { process: String, limit: Duration },
-    #[error("the program of {process} refuses the exchange page: {complaint}")]
-    Refused { process: String, complaint: String },
-    #[error("the program of {process} speaks version {theirs} of the exchange page, armplane speaks version {ours}")]
-    Version { process: String, theirs: u32, ours: u32 },
-    #[error("the program of {process} uses {theirs} ({theirs_hash:016x}) for `{topic}`, armplane uses {ours} ({ours_hash:016x})")]
-    Layout { process: String, topic: String, theirs: String, theirs_hash: u64, ours: String, ours_hash: u64 },
-    #[error("the program of {process} does not write `{topic}`, as the graph demands")]
-    Unwritten { process: String, topic: String },
-    #[error("the program of {process} has not answered tick {tick} within {} s", limit.as_secs())]
-    Silent { process: String, tick: u64, limit: Duration },
-    #[error("the program of {process} answered tick {found} where tick {tick} was asked")]
-    Tick { process: String, tick: u64, found: u64 },
-    #[error("the program of {process} wrote the count of answers {found} at tick {tick}, where {expected} was due")]
-    Count { process: String, tick: u64, found: u32, expected: u32 },
-    #[error("the program of {process} gave the answer {found} at tick {tick}, which has no meaning")]
-    Code { process: String, tick: u64, found: u32 },
-    #[error("the program of {process} says of its checkpoint of tick {tick} that it has {found} bytes; there is room for {EXCHANGE_STATE}")]
-    State { process: String, tick: u64, found: usize },
-    #[error("the program of {process} wrote a number that is not finite into {field} of `{topic}` at tick {tick}")]
-    NotFinite { process: String, tick: u64, topic: &'static str, field: String },
-    #[error("the program of {process} cannot go on at tick {tick}: {complaint}")]
-    Failed { process: String, tick: u64, complaint: String },
-}
-
-/// The program's answer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Answer {
-    Done,
-    /// The run ends with this tick.
-    Over,
-    /// None: the run stops.
-    Stopped,
-}
 
 /// A program and its page.
 pub(crate) struct Program<'a> {
@@ -113,13 +72,13 @@ impl<'a> Program<'a> {
     pub(crate) fn join(&mut self, topics: &[(MessageLayout, u32)]) -> Result<bool, Failure> {
         let (began, mut is_reported) = (Instant::now(), self.child.is_none());
         let limit = if self.child.is_some() { LONGEST_START } else { LONGEST_EXTERNAL_START };
-        while self.page.program() == PROGRAM_AWAITED {
+        while !reply::has_joined(&self.page, &self.process, topics)? {
             if self.shell.is_stopping() {
                 return Ok(false);
             }
             // One that refuses the page ends at once: its reason counts.
             match self.look("before it joined") {
-                Err(_) if self.page.program() != PROGRAM_AWAITED => break,
+                Err(_) if self.page.program() != PROGRAM_AWAITED => continue,
                 looked => looked?,
             }
             if began.elapsed() > SLOW_START && !is_reported {
@@ -131,24 +90,6 @@ impl<'a> Program<'a> {
             }
             std::thread::sleep(LOOK);
         }
-        let (process, theirs) = (self.process.clone(), self.page.program_version());
-        if theirs != EXCHANGE_VERSION {
-            return Err(Failure::Version { process, theirs, ours: EXCHANGE_VERSION });
-        }
-        if self.page.program() != PROGRAM_JOINED {
-            return Err(Failure::Refused { process, complaint: self.page.complaint() });
-        }
-        for (place, (layout, usage)) in topics.iter().enumerate() {
-            let (theirs, theirs_hash) = self.page.program_type(place);
-            let topic = layout.topic.clone();
-            if theirs.is_empty() && *usage == USE_WRITES {
-                return Err(Failure::Unwritten { process, topic });
-            }
-            if !theirs.is_empty() && (theirs_hash != layout.hash || theirs != layout.type_name) {
-                let (ours, ours_hash) = (layout.type_name.clone(), layout.hash);
-                return Err(Failure::Layout { process, topic, theirs, theirs_hash, ours, ours_hash });
-            }
-        }
         Ok(true)
     }
 
@@ -157,16 +98,14 @@ impl<'a> Program<'a> {
         let expected = self.page.ask(request, tick);
         let began = Instant::now();
         loop {
-            let found = self.page.answers().load(Ordering::Acquire);
-            if found == expected {
-                break;
-            }
-            if found != expected.wrapping_sub(1) {
-                return Err(Failure::Count { process: self.process.clone(), tick, found, expected });
-            }
+            let found = match reply::answer(&self.page, &self.process, expected, tick)? {
+                Ok(answer) => return Ok(answer),
+                Err(found) => found,
+            };
             let limit = rustix::time::Timespec { tv_sec: 0, tv_nsec: LOOK.as_nanos() as i64 };
-            // An answer or a signal ends it as well as the limit: the loop looks again.
-            if futex::wait(self.page.answers(), futex::Flags::empty(), found, Some(&limit)).is_ok() {
+            // An answer or a signal ends it as well as the limit. A program may wake without an answer, for ever: that does not put the looks below off.
+            let _ = futex::wait(self.page.answers(), futex::Flags::empty(), found, Some(&limit));
+            if self.page.answers().load(Ordering::Acquire) != found {
                 continue;
             }
             let is_early = || self.shell.is_stopping_early() && began.elapsed() > GRACE;
@@ -182,16 +121,6 @@ impl<'a> Program<'a> {
                 return Err(Failure::Silent { process: self.process.clone(), tick, limit: self.limit });
             }
         }
-        let process = || self.process.clone();
-        match self.page.answer() {
-            ANSWER_DONE | ANSWER_OVER if self.page.answer_tick() != tick => {
-                Err(Failure::Tick { process: process(), tick, found: self.page.answer_tick() })
-            }
-            ANSWER_DONE => Ok(Answer::Done),
-            ANSWER_OVER => Ok(Answer::Over),
-            ANSWER_FAILED => Err(Failure::Failed { process: process(), tick, complaint: self.page.complaint() }),
-            found => Err(Failure::Code { process: process(), tick, found }),
-        }
     }
 
     pub(crate) fn process(&self) -> &str {
@@ -200,10 +129,7 @@ impl<'a> Program<'a> {
 
     /// The length of the checkpoint that the program has written; 0 for none.
     pub(crate) fn state_bytes(&self, tick: u64) -> Result<usize, Failure> {
-        match self.page.state_bytes() {
-            found if found > EXCHANGE_STATE => Err(Failure::State { process: self.process.clone(), tick, found }),
-            found => Ok(found),
-        }
+        reply::state_bytes(&self.page, &self.process, tick)
     }
 
     /// Whether the program still runs; not known of one that was started separately.

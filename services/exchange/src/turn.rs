@@ -11,8 +11,10 @@ use shared_types::{Message, TorqueCommand};
 
 use crate::checkpoint::ProgramCheckpoint;
 use crate::ended::Ended;
+use crate::failure::Failure;
 use crate::ports::{self, End, Gathered, Input, Output};
-use crate::program::{Answer, Failure, Program};
+use crate::program::Program;
+use crate::reply::Answer;
 
 /// How often an observer looks for messages.
 const ROUND: Duration = Duration::from_millis(10);

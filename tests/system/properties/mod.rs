@@ -2,12 +2,14 @@
 #![allow(dead_code, unused_imports, reason = "each fuzz target uses one of them")]
 
 mod chain_of_steps;
+mod exchange_page;
 mod files;
 mod input;
 mod messages;
 mod run_folder;
 
 pub use chain_of_steps::{controller, drive, fingers};
+pub use exchange_page::exchange_page;
 pub use files::{graph, job, results, scenario, target_file, urdf};
 pub use messages::validation;
 pub use run_folder::{MANIFEST, control_page, manifest, message_log};
