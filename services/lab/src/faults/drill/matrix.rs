@@ -23,6 +23,7 @@ use shared_types::{MAX_DOF, Message, PlantState, SensorSample};
 
 use super::super::motion::{Guarantee, Motion, SPEED_MARGIN};
 use super::cell::Cell;
+use super::fall::{Fall, fall};
 use super::limits;
 use super::picture::picture;
 use super::plan::{Only, Plan, Terms, plans};
@@ -150,7 +151,7 @@ impl<'a> Drill<'a> {
         let ran = self.run(&self.job.scenario, &live.collect::<Result<Vec<_>, _>>()?, records)?;
         let planned = ran.summary.faults.iter().filter_map(|fault| fault.plan.clone()).collect();
         let again = self.run(&Scenario { fault: planned, ..self.job.scenario.clone() }, &[], records)?;
-        Ok(self.judge(plan, base, &ran, &again))
+        self.judge(plan, base, &ran, &again)
     }
 
     /// Runs the scenario in its processes.
@@ -185,7 +186,7 @@ impl<'a> Drill<'a> {
         Ok(Ran { summary, topics, end: outcome.end, truth, samples, left_behind })
     }
 
-    fn judge(&self, plan: &Plan, base: &Ran, ran: &Ran, again: &Ran) -> Cell {
+    fn judge(&self, plan: &Plan, base: &Ran, ran: &Ran, again: &Ran) -> Result<Cell, Failure> {
         let joined = |of: &dyn Fn(&Fault) -> String| plan.iter().map(of).collect::<Vec<_>>().join(" + ");
         let at_tick = plan.iter().filter_map(|fault| fault.at_tick).min().unwrap_or_default();
         // Where the messages end early and the topics are the fault-free ones, the arm did what it did without a fault.
@@ -228,8 +229,8 @@ impl<'a> Drill<'a> {
         cell.goal_reached = ran.summary.completed && limits::is_goal(task.final_position_mm, task.final_orientation_deg);
         cell.recovered = ran.end == End::Completed && last.is_some_and(|state| state.drive == DRIVE_ACTIVE);
         cell.safe_stop = motion.is_at_rest();
-        let has_failed_drive = plan.iter().any(|fault| fault.kind == Kind::Drive);
-        cell.invariants_broken = motion.broken().into_iter().chain(limits::broken(&cell, has_failed_drive)).collect();
+        let fall = self.fall(plan, base)?;
+        cell.invariants_broken = motion.broken().into_iter().chain(limits::broken(&cell, fall)).collect();
         let mut broken = |is_broken: bool, what: String| {
             if is_broken {
                 cell.invariants_broken.push(what);
@@ -251,7 +252,18 @@ impl<'a> Drill<'a> {
         broken(!cell.replayed_identically, "the saved plan gives other bytes".to_owned());
         let left = cell.left_behind.join(", ");
         broken(!left.is_empty(), format!("left in shared memory: {left}"));
-        cell
+        Ok(cell)
+    }
+
+    /// How far the arm may fall where a drive fails, from the speeds that it has without a fault; `None` where none does.
+    fn fall(&self, plan: &Plan, base: &Ran) -> Result<Option<Fall>, Failure> {
+        let rate_hz = f64::from(self.job.scenario.rate_hz);
+        let length_s = |fault: &Fault| fault.for_ticks.map_or(fault.kind.usual_length_s(), |ticks| ticks as f64 / rate_hz);
+        let longest = plan.iter().filter(|fault| fault.kind == Kind::Drive).map(length_s).reduce(f64::max);
+        let fastest = |joint: usize| base.truth.iter().fold(0.0_f64, |most, state| most.max(state.qdot[joint].abs()));
+        let speed: Vec<f64> = (0..MAX_DOF).map(fastest).collect();
+        let fall = |seconds| fall(self.robot, &self.job.scenario.frame, &speed, seconds).map_err(Failure::input);
+        longest.map(fall).transpose()
     }
 }
 

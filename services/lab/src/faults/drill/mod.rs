@@ -1,6 +1,7 @@
 //! Every fault on every process of a real graph, judged by the physics.
 
 mod cell;
+mod fall;
 mod limits;
 mod matrix;
 mod picture;
