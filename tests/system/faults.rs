@@ -117,6 +117,30 @@ fn a_recorder_killed_from_outside_loses_nothing_either() {
     assert_nothing_left(said.launcher);
 }
 
+/// Messages that are in no file are in the retainers of their topics and in the recorder's checkpoints alone.
+#[test]
+fn a_recorder_killed_from_outside_loses_nothing_where_no_message_is_kept() {
+    let desk = Desk::new();
+    let long = ["run", "--set", "segment.1.duration_s=20", "--json"];
+    let whole: Value = serde_json::from_str(&desk.armplane(&[&long[..], &["--no-record"]].concat()).out).unwrap();
+    for none in ["--no-record", "--no-messages"] {
+        let child = desk.start(&[&long[..], &[none]].concat());
+        // Further than the retainers reach back, and not just behind a checkpoint that is due for its age.
+        until("thousands of ticks", || crate::patience::ticks(&child) > 6_000);
+        let victim = children_of_run(child.id()).into_iter().find(|(name, _)| name == "recorder").unwrap().1;
+        signal(victim, "KILL");
+        let said = finish(child);
+        let killed: Value = serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
+        assert_eq!((said.code, &killed["recorder"]["lost"]), (0, &0.into()), "{none}: {}", said.err);
+        assert_eq!(killed["faults"].as_array().map(Vec::len), Some(1), "{none}: the run ended before the kill");
+        assert_eq!(
+            (topics(&whole), &whole["task"]),
+            (topics(&killed), &killed["task"]),
+            "{none}: every message, in order, and the figures"
+        );
+    }
+}
+
 #[test]
 fn a_live_fault_is_recorded_and_its_run_can_be_repeated() {
     let desk = Desk::new();

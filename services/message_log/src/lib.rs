@@ -10,4 +10,4 @@ mod rows;
 pub use difference::{Difference, Differences, FieldDifference, first_difference, first_difference_in};
 pub use hash::TopicHash;
 pub use log::{LogReader, LogWriter};
-pub use rows::{LogError, RowReader, RowWriter, Shape};
+pub use rows::{BLOCK, LogError, RowReader, RowWriter, Shape};

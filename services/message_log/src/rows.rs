@@ -22,7 +22,7 @@ use shared_types::layout::MessageLayout;
 const MAGIC: [u8; 8] = *b"armkept\x02";
 const HEAD: usize = 24;
 /// Messages in a block: what a killed writer takes with it. Its replacement finds them in the retainer of the topic, which holds far more.
-pub(crate) const BLOCK: usize = 128;
+pub const BLOCK: usize = 128;
 /// Numbers of a block before its messages.
 const BLOCK_HEAD: usize = 8;
 

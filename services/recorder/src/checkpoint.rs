@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use bytemuck::{bytes_of, bytes_of_mut, try_pod_read_unaligned};
-use message_log::TopicHash;
+use message_log::{BLOCK, TopicHash};
 use serde::de::Visitor;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use shared_types::summary::RecorderSummary;
@@ -28,7 +28,16 @@ const WRITTEN: &str = "recorder.written";
 /// How much a replacement has to go through again: messages that are kept, but in no figure yet.
 const EVERY: Duration = Duration::from_secs(2);
 /// The same in ticks, for runs in lockstep.
-pub(crate) const EVERY_TICKS: u64 = 8192;
+const EVERY_TICKS: u64 = 8192;
+
+/// The most ticks from one checkpoint to the next, where the run may be `most_ahead` of the recorder.
+///
+/// A replacement finds messages in the message logs or in the retainers. Those that are in no log, because none is kept, or because a block of large
+/// messages is more than the retainers hold, are in the retainers alone: a checkpoint comes before those have let go of them. They hold four times
+/// `most_ahead`; the recorder may be so much behind, and take in as much in one round.
+pub(crate) fn most_ticks(are_kept: bool, most_ahead: u64) -> u64 {
+    if are_kept && most_ahead >= BLOCK as u64 { EVERY_TICKS } else { most_ahead }
+}
 
 /// Everything a recorder has gathered.
 #[derive(Debug, Serialize, Deserialize)]
@@ -142,8 +151,9 @@ impl Memory {
         Ok(Self { path: run_dir.join(FILE), saved: Instant::now(), saved_ticks: 0, written, noted: Written::default() })
     }
 
-    pub(crate) fn is_due(&self, ticks: u64) -> bool {
-        self.saved.elapsed() >= EVERY || ticks >= self.saved_ticks + EVERY_TICKS
+    /// Whether a checkpoint is due at a tick, where the last one may be so many ticks old.
+    pub(crate) fn is_due(&self, ticks: u64, most_ticks: u64) -> bool {
+        self.saved.elapsed() >= EVERY || ticks >= self.saved_ticks + most_ticks
     }
 
     /// Notes how far the recording has come.
@@ -180,5 +190,52 @@ impl Memory {
     pub(crate) fn last(&self) -> Option<Checkpoint> {
         let bytes = std::fs::read(&self.path).ok()?;
         ciborium::from_reader(bytes.as_slice()).ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use shared_types::random::at as random;
+
+    use super::*;
+
+    /// The most messages of a topic that are in the retainer alone, whenever the recorder is killed: a run at random speeds, with as many messages as the
+    /// retainer holds, and as far ahead of the recorder as [`runtime::Shell::most_ahead`] lets it be.
+    fn most_unsafe(held: u64, are_kept: bool, most_ticks: fn(bool, u64) -> u64) -> u64 {
+        let most_ahead = (held / 4).min(256);
+        let (mut sent, mut taken_in, mut closed, mut in_log, mut saved) = (0_u64, 0, 0, 0, 0);
+        let mut most = 0;
+        for step in 0..100_000 {
+            // In bursts: now the run is far ahead, now the recorder takes in a message at a time.
+            if sent <= closed + most_ahead && random(7, step / 300) % 5 < 1 + random(8, step) % 5 {
+                sent += 1;
+            } else if random(9, step).is_multiple_of(3) {
+                // A round: what was there when it began is closed with it.
+                closed = taken_in;
+                taken_in = sent;
+                in_log += (taken_in - in_log) / BLOCK as u64 * BLOCK as u64;
+                if taken_in >= saved + most_ticks(are_kept, most_ahead) {
+                    (saved, in_log) = (taken_in, taken_in);
+                }
+            }
+            most = most.max(sent - if are_kept { in_log } else { saved });
+        }
+        most
+    }
+
+    #[test]
+    fn a_message_that_no_file_has_is_in_the_retainer_whenever_the_recorder_is_killed() {
+        for (held, are_kept) in [16, 64, 256, 512, 1024].into_iter().flat_map(|held| [(held, true), (held, false)]) {
+            let most = most_unsafe(held, are_kept, most_ticks);
+            assert!(most <= held, "{most} messages are in the retainer alone, which holds {held}; a log is kept: {are_kept}");
+        }
+        let seldom = |_, _| EVERY_TICKS;
+        assert!(most_unsafe(1024, false, seldom) > 1024 && most_unsafe(64, true, seldom) > 64, "the rule is needed");
+    }
+
+    #[test]
+    fn checkpoints_are_rare_where_the_logs_have_what_they_need() {
+        assert_eq!(most_ticks(true, 256), EVERY_TICKS);
+        assert_eq!((most_ticks(false, 256), most_ticks(true, 4)), (256, 4), "nothing is kept; a block is more than the retainers hold");
     }
 }

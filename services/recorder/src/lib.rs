@@ -26,7 +26,7 @@ use shared_types::summary::{RecorderSummary, Summary};
 use shared_types::topics::{self, Build, ByTopic, COUNT, Each, Family, Topic};
 use viz::Level;
 
-use checkpoint::{Bytes, Checkpoint, Memory, Past, Progress, StoredRow};
+use checkpoint::{Bytes, Checkpoint, Memory, Past, Progress, StoredRow, most_ticks};
 use fault_reporter::FaultReporter;
 use foreign::ForeignTap;
 use kept::Kept;
@@ -129,7 +129,8 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
         if !tape.result.error.is_empty() || topics.has_failed() {
             shell.mark_detected();
         }
-        if shell.is_about_to_go_down() || memory.is_due(assembler.next_tick()) {
+        let most_ticks = most_ticks(job.messages && !topics.has_failed(), shell.most_ahead());
+        if shell.is_about_to_go_down() || memory.is_due(assembler.next_tick(), most_ticks) {
             tape.flush();
             topics.flush();
             memory.note(tape.written());

@@ -382,6 +382,12 @@ impl Shell {
         if let Round::From(ticks) = self.round.get() { ticks } else { 0 }
     }
 
+    /// Ticks that the run may be ahead of a polled process in lockstep: at most a quarter of the messages that the retainers of the topics hold.
+    #[must_use]
+    pub fn most_ahead(&self) -> u64 {
+        self.shared.recorder_lag
+    }
+
     /// Whether this polled process dies, or stands still, when it has said how far it is: what it has taken in must be safe before.
     #[must_use]
     pub fn is_about_to_go_down(&self) -> bool {
