@@ -83,7 +83,7 @@ pub enum Failure {
         tick: u64,
     },
     /// A process did not get ready.
-    #[error("{process} was not ready for the first tick within {limit:?}")]
+    #[error("{process} was not ready for the first tick within {limit:?}: a program opens its topics, then asks for its first message")]
     Slow {
         /// Which.
         process: String,

@@ -40,6 +40,8 @@ pub struct Child {
 pub struct Limits {
     /// Until all processes are ready.
     pub start: Option<Duration>,
+    /// A program that a person starts comes when it comes, and a robot first moves to the start posture: the start has no limit.
+    pub awaits_person: bool,
     /// From the request to stop until SIGTERM, and from SIGTERM until SIGKILL.
     pub stop: Duration,
     /// The same for the polled processes (the recorder has files to finish).
@@ -54,17 +56,23 @@ pub struct Limits {
     pub stopped: Option<Duration>,
 }
 
+/// The time that processes have until they are ready for the first tick.
+const START: Duration = Duration::from_secs(20);
+
 impl Limits {
     /// In lockstep a process is killed for an exit, a fault or a request of the user, never for the time it takes: it may be stopped, traced, or
     /// share its core with others. In real time a silent process is replaced.
     #[must_use]
     pub fn of(mode: Mode) -> Self {
         let seconds = Duration::from_secs;
-        let (stop, stop_polled) = (seconds(2), seconds(30));
+        let (stop, stop_polled, awaits_person) = (seconds(2), seconds(30), false);
         match mode {
-            Mode::Lockstep => Self { start: None, stop, stop_polled, kills_at_end: false, wait: None, silent: None, stopped: None },
+            Mode::Lockstep => {
+                Self { start: None, awaits_person, stop, stop_polled, kills_at_end: false, wait: None, silent: None, stopped: None }
+            }
             Mode::Realtime => Self {
-                start: Some(seconds(20)),
+                start: Some(START),
+                awaits_person,
                 stop,
                 stop_polled,
                 kills_at_end: true,
@@ -75,11 +83,14 @@ impl Limits {
         }
     }
 
-    /// With the user's own limit on how long a process may be silent or stopped.
+    /// With the user's own limit on how long a process may be silent or stopped; until its first tick it has at least [`START`].
     #[must_use]
     pub fn with_silence(self, limit: Option<Duration>) -> Self {
         match limit {
-            Some(limit) => Self { silent: Some(limit), stopped: Some(limit), kills_at_end: true, ..self },
+            Some(limit) => {
+                let start = if self.awaits_person { None } else { Some(limit.max(START)) };
+                Self { start, silent: Some(limit), stopped: Some(limit), kills_at_end: true, ..self }
+            }
             None => self,
         }
     }
@@ -125,6 +136,10 @@ pub enum Event<'a> {
         process: &'a str,
         /// For how long it had done nothing.
         silent: Duration,
+        /// The tick that it has not closed.
+        tick: u64,
+        /// The topics whose messages close its ticks.
+        writes: &'a [String],
     },
     /// The run waits for a process, for a time that a person notices; reported once for each reason.
     Waiting {
@@ -132,6 +147,10 @@ pub enum Event<'a> {
         process: &'a str,
         /// The reason.
         reason: Delay,
+        /// The tick that it has not closed.
+        tick: u64,
+        /// The topics whose messages close its ticks.
+        writes: &'a [String],
     },
     /// A process ended unasked and has been started again.
     Restarted {

@@ -28,6 +28,7 @@ fn child_entry() {
         "controller" => controller(&run, u64::MAX),
         "controller-that-fails" => controller(&run, 100),
         "controller-that-hangs" => hang(&run),
+        "controller-that-keeps-silent" => keep_silent(&run),
         "controller-that-never-starts" => std::process::exit(7),
         "controller-that-opens-less" => controller(&run, u64::MAX),
         "estimator" => slow_estimator(&run),
@@ -106,6 +107,15 @@ fn hang(run: &Path) -> Result<(), ProcessError> {
     loop {
         std::thread::sleep(Duration::from_secs(1));
     }
+}
+
+/// Reads every sample and sends nothing.
+fn keep_silent(run: &Path) -> Result<(), ProcessError> {
+    let shell = Shell::open(run, "controller")?;
+    let mut sensors = shell.reader::<SensorSample>()?;
+    let _torques = shell.writer::<TorqueCommand>()?;
+    while sensors.next()?.is_some() {}
+    Ok(())
 }
 
 /// Takes everything in, checks order and completeness, and writes down what it had.
@@ -308,6 +318,41 @@ fn a_process_that_hangs_is_named_by_who_waited_and_killed_in_the_end() {
     assert!(text.contains("controller was behind"), "{text}");
     assert_eq!(outcome.processes[1].exit, Exit::Signal(9), "it ignored the stop and SIGTERM");
     assert!(!is_left_behind(&ran.name));
+}
+
+#[test]
+fn a_process_that_asks_for_more_without_an_answer_ends_by_itself_with_the_topic_that_it_owes() {
+    for restart in [Restart::Never, Restart::Budget { times: 2, back_off: Duration::from_millis(1) }] {
+        let ran = run(plan(Mode::Lockstep, restart), "controller-that-keeps-silent", 1_000, |_| {});
+        let End::Failed(failure) = ran.outcome.unwrap().end else { panic!("the run ended without it") };
+        let text = failure.to_string();
+        assert!(text.contains("controller asks for more and has not sent topic \"torque\" of tick "), "{text}");
+        assert!(!is_left_behind(&ran.name));
+    }
+}
+
+#[test]
+fn a_process_that_answers_nothing_is_replaced_where_the_user_sets_a_limit() {
+    let mut plan = plan(Mode::Lockstep, Restart::Budget { times: 1, back_off: Duration::from_millis(1) });
+    plan.limits = Limits { stop: Duration::from_millis(200), ..plan.limits }.with_silence(Some(Duration::from_millis(300)));
+    let launcher = Launcher::prepare(plan).unwrap();
+    let mut silenced = Vec::new();
+    let mut report = |event: Event<'_>| {
+        if let Event::Silenced { process, writes, .. } = event {
+            silenced.push((process.to_owned(), writes.to_vec()));
+        }
+    };
+    let outcome = launcher.run(&command("controller-that-hangs", u64::MAX), &mut report).unwrap();
+    assert!(matches!(&outcome.end, End::Failed(Failure::Died { process, restarts: 1, .. }) if process == "controller"), "{outcome:?}");
+    assert_eq!(silenced, [("controller".to_owned(), vec!["torque".to_owned()]), ("controller".to_owned(), vec!["torque".to_owned()])]);
+}
+
+#[test]
+fn a_limit_on_silence_limits_the_start_too_but_where_a_person_starts_a_program() {
+    let limits = Limits::of(Mode::Lockstep);
+    let start = |limits: Limits, seconds| limits.with_silence(Some(Duration::from_secs(seconds))).start;
+    assert_eq!((limits.start, start(limits, 1), start(limits, 60)), (None, Some(Duration::from_secs(20)), Some(Duration::from_secs(60))));
+    assert_eq!(start(Limits { awaits_person: true, ..limits }, 1), None);
 }
 
 #[test]

@@ -233,7 +233,8 @@ impl Supervised {
                 slot.child.iter().for_each(|child| child.signal(Signal::KILL));
                 slot.seen = None;
                 self.control_page.fault_table().mark_detected(index, source, now_ns());
-                report(Event::Silenced { process: &self.plan.children[index].process.name, silent });
+                let process = &self.plan.children[index].process;
+                report(Event::Silenced { process: &process.name, silent, tick: ticks, writes: &process.writes });
             } else if !is_paused {
                 let is_behind = is_late && behind == Some(index);
                 self.note_delay(index, halted.or(is_behind.then_some(Delay::Behind)), report);
@@ -250,7 +251,9 @@ impl Supervised {
         let noticed = if matches!(delay, Delay::Stopped | Delay::Traced) { NOTICED } else { NOTICED_SLOW };
         if since.elapsed() >= noticed {
             slot.delay = Some((delay, since, true));
-            report(Event::Waiting { process: &self.plan.children[index].process.name, reason: delay });
+            let process = &self.plan.children[index].process;
+            let tick = self.control_page.process(index).ticks();
+            report(Event::Waiting { process: &process.name, reason: delay, tick, writes: &process.writes });
         }
     }
 

@@ -87,13 +87,20 @@ fn sample(tick: u64) -> SensorSample {
 #[test]
 fn in_lockstep_every_tick_is_handed_over_once_and_in_order() {
     let stage = stage(Mode::Lockstep);
-    let (plant, estimator) = (stage.shell("plant"), stage.shell("estimator"));
+    let (plant, estimator) = (stage.shell("plant"), Shell::open(stage.run.path(), "estimator").unwrap());
     let (mut sensors, mut inlet) = (plant.writer().unwrap(), estimator.reader::<SensorSample>().unwrap());
+    let mut estimates = estimator.writer::<StateEstimate>().unwrap();
+    let mut answer = |tick| {
+        let mut estimate = StateEstimate::default();
+        estimate.header.tick = tick;
+        estimates.send(estimate).unwrap();
+    };
     for tick in [0, 1, 1, 2] {
         sensors.send(sample(tick)).unwrap();
     }
     for tick in 0..3 {
         assert_eq!(inlet.next().unwrap().unwrap().header.tick, tick);
+        answer(tick);
     }
     assert_eq!(estimator.count(Count::Repeated), 1);
     sensors.send(sample(4)).unwrap();
@@ -101,6 +108,19 @@ fn in_lockstep_every_tick_is_handed_over_once_and_in_order() {
     assert_eq!(error, Interrupted::Lost { process: "estimator".into(), topic: "sensor", expected: 3, found: 4 });
     // A message of a later tick stays in the buffer.
     assert_eq!(inlet.at(4).unwrap().unwrap().header.tick, 4);
+}
+
+#[test]
+fn a_process_that_asks_for_more_and_has_not_answered_is_told_so() {
+    let stage = stage(Mode::Lockstep);
+    let (plant, estimator) = (stage.shell("plant"), stage.shell("estimator"));
+    let (mut sensors, mut inlet) = (plant.writer().unwrap(), estimator.reader::<SensorSample>().unwrap());
+    [0, 1].into_iter().for_each(|tick| sensors.send(sample(tick)).unwrap());
+    assert_eq!(inlet.next().unwrap().unwrap().header.tick, 0);
+    let error = inlet.next().unwrap_err();
+    assert_eq!(error, Interrupted::Unsent { process: "estimator".into(), topic: "estimate".into(), tick: 0 });
+    let text = error.to_string();
+    assert!(text.contains("has not sent topic \"estimate\" of tick 0") && text.contains("at every tick"), "{text}");
 }
 
 #[test]

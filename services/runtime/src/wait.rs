@@ -40,6 +40,19 @@ pub enum Interrupted {
         /// The topic without a writer.
         topic: String,
     },
+    /// In lockstep a process takes the next tick before it has answered the one in hand.
+    #[error(
+        "{process} asks for more and has not sent topic {topic:?} of tick {tick}: \
+         send one message on each topic of its `writes` at every tick, or take the topic out of `writes`"
+    )]
+    Unsent {
+        /// The process.
+        process: String,
+        /// The topic that it has not sent.
+        topic: String,
+        /// Of which tick.
+        tick: u64,
+    },
     /// iceoryx2 failed.
     #[error("{process} cannot use topic {topic:?}: {reason}")]
     Port {

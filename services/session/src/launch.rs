@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::Command;
 
-use launcher::{Event, Interrupts, Launcher, Outcome, Plan};
+use launcher::{Delay, Event, Interrupts, Launcher, Outcome, Plan};
 use runtime::RunDir;
 use shared_types::graph::Process;
 use shared_types::job::{JOB, Job};
@@ -33,17 +33,29 @@ pub fn launch_begun(job: &Job, plan: Plan, begin: Begin<'_>, observer: Observer<
     let launched = launch_watched(job, plan, begin, &mut |event| match event {
         Event::Progress { ticks } => observer(Progress::Position(*ticks)),
         Event::Line { process, line } => observer(Progress::Line(&format!("{process}: {line}"))),
-        Event::Silenced { process, silent } => {
-            observer(Progress::Line(&format!("{process} has done nothing for {} ms and is killed", silent.as_millis())));
+        Event::Silenced { process, silent, tick, writes } => {
+            let due = due(*tick, writes).map(|due| format!(": {due} was due")).unwrap_or_default();
+            observer(Progress::Line(&format!("{process} has done nothing for {} ms and is killed{due}", silent.as_millis())));
         }
         Event::Restarted { process, exit, pid, incarnation } => {
             observer(Progress::Line(&format!("{process} ended with {exit} and was started again (start {incarnation}, process {pid})")));
         }
-        Event::Waiting { process, reason } => observer(Progress::Line(&format!("{process} {reason}"))),
+        Event::Waiting { process, reason: Delay::Behind, tick, writes } if !writes.is_empty() => {
+            let due = due(*tick, writes).unwrap_or_default();
+            let remedy = "Ctrl-C ends the run, `--silence-limit SECONDS` replaces such a process";
+            observer(Progress::Line(&format!("{process} has not sent {due}: waiting ({remedy})")));
+        }
+        Event::Waiting { process, reason, .. } => observer(Progress::Line(&format!("{process} {reason}"))),
         Event::Go | Event::Stopping | Event::Stopped => {}
     });
     observer(Progress::End);
     launched
+}
+
+/// The messages that a process owes, in words; `None` where it writes none.
+fn due(tick: u64, writes: &[String]) -> Option<String> {
+    let topics: Vec<String> = writes.iter().map(|topic| format!("`{topic}`")).collect();
+    (!topics.is_empty()).then(|| format!("{} of tick {tick}", topics.join(", ")))
 }
 
 /// Takes in Ctrl-C and its like as long as the result is held: a command holds it until its results are written.

@@ -47,9 +47,8 @@ pub fn plan(job: &Job) -> Result<Plan, Failure> {
         Mode::Realtime => runtime::Mode::Realtime,
     };
     let messages = job.graph.own_messages().map(foreign).collect();
-    // A program that a person starts comes when it comes; a robot first moves to the start posture.
     let limits = match job.graph.process.iter().any(|process| process.external || !process.robot.is_empty()) {
-        true => Limits { start: None, wait: None, ..Limits::of(mode) },
+        true => Limits { start: None, wait: None, awaits_person: true, ..Limits::of(mode) },
         false => Limits::of(mode),
     };
     Ok(Plan { mode, rate_hz: job.scenario.rate_hz, children: children.collect(), messages, limits, faults })

@@ -84,6 +84,8 @@ struct Ticks {
     last: Option<u64>,
     /// A message that came before its time.
     ahead: Option<Incoming>,
+    /// The tick that the process has in hand: given by `next`, and not asked beyond.
+    in_hand: Option<u64>,
 }
 
 /// The topic and writers of a wait.
@@ -115,13 +117,20 @@ impl Ticks {
         let returns_at = shared.returns_at();
         inlet.begin_at(returns_at);
         let last = returns_at.checked_sub(1);
-        Self { shared, inlet, topic, bit, current: None, last, ahead: None }
+        Self { shared, inlet, topic, bit, current: None, last, ahead: None, in_hand: None }
     }
 
     fn next(&mut self) -> Result<Option<&Incoming>, Interrupted> {
         let shared = Rc::clone(&self.shared);
         if matches!(shared.start()?, Waited::Stopped) {
             return Ok(None);
+        }
+        // A stop may have ended the wait for another input of the tick.
+        if let Some(tick) = self.in_hand.take()
+            && let Some(topic) = shared.unsent(tick)
+            && !shared.is_stopping()
+        {
+            return Err(Interrupted::Unsent { process: shared.name().to_owned(), topic: topic.to_owned(), tick });
         }
         shared.pause();
         loop {
@@ -169,6 +178,7 @@ impl Ticks {
             }
             Waited::Ready(Found::Nothing) => {
                 self.shared.entry().add(Count::Lost, 1);
+                self.shared.excuse(tick);
                 if self.shared.is_lockstep() && self.shared.is_unharmed() {
                     return Err(self.lost(tick, self.ahead.as_ref().map_or(tick + 1, |ahead| ahead.tick())));
                 }
@@ -344,7 +354,7 @@ impl Ticks {
                 return Err(self.lost(expected, tick));
             }
         }
-        self.last = Some(tick);
+        (self.last, self.in_hand) = (Some(tick), Some(tick));
         Ok(self.lend())
     }
 }

@@ -35,7 +35,7 @@ impl LauncherEvents {
                 }
                 format!("{process}: {line}")
             }
-            Event::Silenced { process, silent } => {
+            Event::Silenced { process, silent, .. } => {
                 self.silenced.push((*process).to_owned());
                 format!("{process} has done nothing for {} ms and is killed", silent.as_millis())
             }
