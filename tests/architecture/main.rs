@@ -1,9 +1,10 @@
 //! The rules of the house, checked on the source itself: what a crate may import, what pure code may touch, circles of files, citations, and
-//! that each test claims something.
+//! that each test claims something, and that each guarantee names one.
 
 mod circles;
 mod citations;
 mod claims;
+mod guarantees;
 mod purity;
 mod rules;
 mod source;
