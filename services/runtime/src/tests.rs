@@ -401,7 +401,7 @@ fn a_message_that_reached_the_retainer_alone_reaches_its_readers_after_the_death
     // The messages of the replacement arrive in the buffer, behind them.
     sensors.send(sample(102)).unwrap();
     for tick in [0, 1] {
-        assert_eq!(reader.next().unwrap().unwrap().header.tick, tick);
+        assert_eq!(reader.at(tick).unwrap().unwrap().header.tick, tick);
     }
     assert_eq!((collected(&mut collector), collected(&mut collector)), (vec![0, 1, 102], vec![]));
     assert_eq!(reader.next().unwrap().unwrap().header.tick, 102);
@@ -466,7 +466,7 @@ fn a_loan_is_empty_and_a_dropped_one_is_not_sent() {
         assert_eq!(*loan, sample(tick), "nothing of earlier messages is left in it");
         loan.q_encoder[2] = tick as f64;
         loan.send().unwrap();
-        let lent = inlet.next().unwrap().unwrap();
+        let lent = inlet.at(tick).unwrap().unwrap();
         assert_eq!((lent.header.tick, lent.q_encoder[2], lent.q_encoder[3]), (tick, tick as f64, 0.0));
     }
 }
