@@ -9,7 +9,7 @@ use crate::{MAX_DOF, MAX_SINGULARITIES};
 
 wire! {
     /// State of the estimator's filter after a tick.
-    EstimatorCheckpoint checkpoint version 1 {
+    EstimatorCheckpoint checkpoint version 2 {
         /// Tick of the last sample taken in.
         tick: u64,
         /// Joint positions; rad.
@@ -18,6 +18,10 @@ wire! {
         qdot: [f64; MAX_DOF],
         /// Acceleration that the model does not explain; rad/s².
         disturbance: [f64; MAX_DOF],
+        /// The same by the slow filter, which decides whether there is a disturbance; rad/s².
+        disturbance_slow: [f64; MAX_DOF],
+        /// Share of the disturbance that is explained, beyond 1 for as long as it is held; dimensionless.
+        disturbance_presence: [f64; MAX_DOF],
         /// First of the readings set aside in a row, per joint; rad.
         rejected_reading: [f64; MAX_DOF],
         /// Readings set aside in a row, per joint; ticks.
@@ -239,7 +243,7 @@ mod tests {
         }
         // A line here is never edited, only replaced by that of the next version.
         let known = [
-            ("armplane.EstimatorCheckpoint.v1", 304, 0x6a0b_43aa_4a62_64c4),
+            ("armplane.EstimatorCheckpoint.v2", 432, 0x0184_47d8_5cf1_979d),
             ("armplane.AnalyzerCheckpoint.v2", 1888, 0xd183_645a_d89c_2cda),
             ("armplane.ControllerCheckpoint.v5", 3672, 0x1601_d08e_5eb6_d5a5),
         ];

@@ -1,6 +1,6 @@
 //! The estimator's pure step: encoder samples to positions, velocities and unexplained torque.
 
-use crate::disturbance::Disturbance;
+use crate::disturbance::{Disturbance, Unexplained};
 use model::{Model, ModelError, Robot, padded};
 use nalgebra::SVector;
 use shared_types::codes::DRIVE_BRAKED;
@@ -60,14 +60,14 @@ struct State<const N: usize> {
     rejected_reading: SVector<f64, N>,
     q: SVector<f64, N>,
     qdot: SVector<f64, N>,
-    /// Acceleration that the model does not explain, noise included, rad/s².
-    d: SVector<f64, N>,
+    /// Acceleration that the model does not explain.
+    unexplained: Unexplained<N>,
 }
 
 impl<const N: usize> State<N> {
     /// Nothing is known but where it is.
     fn begin(tick: u64, q: SVector<f64, N>) -> Self {
-        Self { tick, samples: 0, rejected_ticks: [0; N], rejected_reading: q, q, qdot: SVector::zeros(), d: SVector::zeros() }
+        Self { tick, samples: 0, rejected_ticks: [0; N], rejected_reading: q, q, qdot: SVector::zeros(), unexplained: Unexplained::none() }
     }
 }
 
@@ -109,7 +109,9 @@ impl<const N: usize> Cycle<N> {
             tick: state.tick,
             q: padded(&state.q),
             qdot: padded(&state.qdot),
-            disturbance: padded(&state.d),
+            disturbance: padded(&state.unexplained.d),
+            disturbance_slow: padded(&state.unexplained.slow),
+            disturbance_presence: padded(&state.unexplained.presence),
             rejected_reading: padded(&state.rejected_reading),
             rejected_ticks: std::array::from_fn(|i| if i < N { state.rejected_ticks[i] } else { 0 }),
             samples: state.samples,
@@ -127,7 +129,11 @@ impl<const N: usize> Cycle<N> {
             rejected_reading: take(&from.rejected_reading),
             q: take(&from.q),
             qdot: take(&from.qdot),
-            d: take(&from.disturbance),
+            unexplained: Unexplained {
+                d: take(&from.disturbance),
+                slow: take(&from.disturbance_slow),
+                presence: take(&from.disturbance_presence),
+            },
         });
     }
 
@@ -155,17 +161,23 @@ impl<const N: usize> Cycle<N> {
         let state = State {
             q: predicted.q + innovation * g,
             qdot: predicted.qdot + innovation * (h / self.T),
-            d: self.disturbance.learned(&predicted.d, &(innovation * (h / (self.T * self.T))), self.T),
+            unexplained: self.disturbance.learned(
+                &predicted.unexplained,
+                &(innovation * (h / (self.T * self.T))),
+                self.T,
+                f64::from(predicted.samples) * self.T,
+            ),
             ..predicted
         };
         let disturbance = |state: &State<N>| {
-            let d = self.disturbance.explained(&state.d);
+            let d = state.unexplained.explained();
             if d.amax() == 0.0 { SVector::zeros() } else { self.model.mass_matrix(&state.q) * d }
         };
         let (mut state, mut innovation, mut tau_disturbance) = (state, innovation, disturbance(&state));
         let is_finite = |values: &SVector<f64, N>| values.iter().all(|x| x.is_finite());
-        let is_an_arms =
-            state.qdot.iter().all(|x| x.abs() <= ABSURD) && [&state.q, &state.d, &innovation, &tau_disturbance].into_iter().all(is_finite);
+        let is_an_arms = state.qdot.iter().all(|x| x.abs() <= ABSURD)
+            && state.unexplained.is_finite()
+            && [&state.q, &innovation, &tau_disturbance].into_iter().all(is_finite);
         if !is_an_arms {
             let reading = SVector::from_column_slice(&sample.q_encoder[..N]);
             (state, innovation, tau_disturbance) =
@@ -200,7 +212,7 @@ impl<const N: usize> Cycle<N> {
             predicted.rejected_ticks[joint] = 0;
             predicted.q[joint] = *measured;
             predicted.qdot[joint] = if mean.abs() <= limit { mean } else { 0.0 };
-            predicted.d[joint] = 0.0;
+            predicted.unexplained.forget(joint);
         }
     }
 
@@ -225,7 +237,7 @@ impl<const N: usize> Cycle<N> {
     /// One tick ahead under constant torque: the midpoint rule, second order in T like the truth's own variation within a tick.
     fn predict(&self, state: &State<N>, tau: &SVector<f64, N>) -> State<N> {
         let T = self.T;
-        let d = self.disturbance.explained(&state.d);
+        let d = state.unexplained.explained();
         let half = self.model.forward_dynamics(&state.q, &state.qdot, tau) + d;
         let q_mid = state.q + state.qdot * (T / 2.0);
         let qdot_mid = state.qdot + half * (T / 2.0);

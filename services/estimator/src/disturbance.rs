@@ -1,11 +1,12 @@
 //! The acceleration that the model does not explain: a wrong mass, friction, a payload.
 //!
-//! A low-pass filter of the residual acceleration a = innovation·h/T² + d_e, d_e the share that the prediction already contains:
+//! Two low-pass filters of the residual acceleration a = innovation·h/T² + d_e, d_e the share of d that the prediction already contains:
 //!
-//! d ← d + ω T (a − d)
+//! d ← d + ω T (a − d),   d_slow ← d_slow + ω_slow T (a − d_slow)
 //!
-//! While d is within the encoders' noise, d_e = 0: a model that is exact stays exact, and its runs are those without a disturbance observer. Beyond it
-//! d_e = d: then a − d = innovation·h/T², the integral action of a third-order fading-memory filter. Between the two ω grows with the share.
+//! d_slow decides whether there is a disturbance: within its noise d_e = 0, so that a model that is exact stays exact, and its runs are those without an
+//! observer. Beyond it d_e → d: then a − d = innovation·h/T², the integral action of a third-order fading-memory filter. A disturbance that was there
+//! stays explained for [`HELD_S`] after d_slow has come back into the noise: one of about that size must not be explained and dropped in turns.
 //!
 //! Against white encoder noise of standard deviation σ and the observer's bandwidth b ≫ ω, ∫ of the filter's power gives σ_d = σ ω b^1.5 √T / 2.
 
@@ -13,55 +14,101 @@ use nalgebra::SVector;
 use shared_types::scenario::Scenario;
 use std::f64::consts::TAU;
 
-/// Share of the bandwidth while nothing is explained: the thresholds go with it, and what stays unexplained below them.
-const QUIET: f64 = 0.1;
+/// Bandwidth of d_slow as a share of that of d: the threshold goes with it, and what stays unexplained below.
+const SLOW: f64 = 0.1;
 
-/// Multiples of σ_d at which d begins to count, and at which it counts in full.
-const NOISE: (f64, f64) = (6.0, 12.0);
+/// Multiples of d_slow's σ_d beyond which there is a disturbance.
+const NOISE: f64 = 5.5;
 
 /// The same where encoders are ideal, rad/s²: what the prediction's own step leaves.
 const EXACT: f64 = 0.01;
 
-/// The filter's constants.
+/// Times in which the share of d that is explained rises to 1, and falls to 0 again, s: without a step in torque.
+const RISE_S: f64 = 0.005;
+const FALL_S: f64 = 0.250;
+
+/// A disturbance found within this time, s, has acted since the beginning (a payload, a wrong mass): d has seen the share 1 − exp(−ω(t − lag)) of it, lag
+/// the observer's own delay. It is corrected for that, by this factor at most.
+const BEGUN: (f64, f64) = (0.2, 3.0);
+
+/// How long a disturbance counts after it was last seen, s.
+const HELD_S: f64 = 0.5;
+
+/// The filters' constants.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Disturbance {
-    /// Bandwidth while d counts in full, rad/s; 0: off.
+    /// Bandwidth of d, rad/s; 0: off.
     bandwidth: f64,
-    /// |d| at which it begins to count, rad/s².
-    begins: f64,
-    /// |d| from which on it counts in full, rad/s².
-    full: f64,
+    /// |d_slow| beyond which there is a disturbance, rad/s².
+    threshold: f64,
+    /// Delay of the observer's double pole, s.
+    lag_s: f64,
+}
+
+/// The filters' state.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Unexplained<const N: usize> {
+    /// d, noise included, rad/s².
+    pub(crate) d: SVector<f64, N>,
+    /// d_slow, rad/s².
+    pub(crate) slow: SVector<f64, N>,
+    /// The share of d that is explained, beyond 1 for as long as it is held.
+    pub(crate) presence: SVector<f64, N>,
+}
+
+impl<const N: usize> Unexplained<N> {
+    /// Nothing is known.
+    pub(crate) fn none() -> Self {
+        Self { d: SVector::zeros(), slow: SVector::zeros(), presence: SVector::zeros() }
+    }
+
+    /// Nothing is known of a joint any more.
+    pub(crate) fn forget(&mut self, joint: usize) {
+        (self.d[joint], self.slow[joint], self.presence[joint]) = (0.0, 0.0, 0.0);
+    }
+
+    /// The acceleration that the prediction contains and the controller compensates, rad/s².
+    pub(crate) fn explained(&self) -> SVector<f64, N> {
+        self.d.zip_map(&self.presence, |d, presence| d * presence.clamp(0.0, 1.0))
+    }
+
+    pub(crate) fn is_finite(&self) -> bool {
+        self.d.iter().chain(&self.slow).chain(&self.presence).all(|x| x.is_finite())
+    }
 }
 
 impl Disturbance {
-    /// As `scenario` tunes it, with thresholds from the encoders' resolution and noise.
+    /// As `scenario` tunes it, with the threshold from the encoders' resolution and noise.
     pub(crate) fn new(scenario: &Scenario) -> Self {
         let (bandwidth, plant, T) = (scenario.estimator.disturbance_bandwidth, &scenario.plant, scenario.dt_s());
         // Rounding adds the variance 1/12 of a count squared.
         let counts = (1.0 / 12.0 + plant.encoder_noise_counts * plant.encoder_noise_counts).sqrt();
         let sigma = if plant.encoder_bits == 0 { 0.0 } else { counts * TAU / libm::pow(2.0, f64::from(plant.encoder_bits)) };
-        let sigma_d = 0.5 * sigma * QUIET * bandwidth * libm::pow(scenario.estimator.bandwidth, 1.5) * T.sqrt();
-        Self { bandwidth, begins: (NOISE.0 * sigma_d).max(EXACT), full: (NOISE.1 * sigma_d).max(2.0 * EXACT) }
+        let sigma_d = 0.5 * sigma * SLOW * bandwidth * libm::pow(scenario.estimator.bandwidth, 1.5) * T.sqrt();
+        Self { bandwidth, threshold: (NOISE * sigma_d).max(EXACT), lag_s: 2.0 / scenario.estimator.bandwidth.max(1.0) }
     }
 
-    /// Share of a joint's d that counts, 0 to 1, continuous with its slope.
-    fn share(&self, d: f64) -> f64 {
-        let x = ((d.abs() - self.begins) / (self.full - self.begins)).clamp(0.0, 1.0);
-        x * x * (3.0 - 2.0 * x)
-    }
-
-    /// The share of d that the prediction contains and the controller compensates, rad/s².
-    pub(crate) fn explained<const N: usize>(&self, d: &SVector<f64, N>) -> SVector<f64, N> {
-        d.map(|d| d * self.share(d))
-    }
-
-    /// d after a tick of `T` seconds that left `residual` unexplained, rad/s².
-    pub(crate) fn learned<const N: usize>(&self, d: &SVector<f64, N>, residual: &SVector<f64, N>, T: f64) -> SVector<f64, N> {
-        d.zip_map(residual, |d, residual| {
-            let share = self.share(d);
-            let rate = (self.bandwidth * T * (QUIET + (1.0 - QUIET) * share)).min(1.0);
-            d + rate * (residual + d * share - d)
-        })
+    /// The state after a tick of `T` seconds that left `residual` unexplained, rad/s², `since_s` after the filters began.
+    pub(crate) fn learned<const N: usize>(
+        &self,
+        before: &Unexplained<N>,
+        residual: &SVector<f64, N>,
+        T: f64,
+        since_s: f64,
+    ) -> Unexplained<N> {
+        let a = residual + before.explained();
+        let follow = |x: &SVector<f64, N>, bandwidth: f64| x + (a - x) * (bandwidth * T).min(1.0);
+        let (mut d, slow) = (follow(&before.d, self.bandwidth), follow(&before.slow, SLOW * self.bandwidth));
+        let presence = before.presence.zip_map(&slow, |presence, slow| {
+            if slow.abs() > self.threshold { (presence + T / RISE_S).min(1.0 + HELD_S / FALL_S) } else { (presence - T / FALL_S).max(0.0) }
+        });
+        if since_s < BEGUN.0 {
+            let seen = 1.0 - libm::exp(-self.bandwidth * (since_s - self.lag_s).max(0.0));
+            for i in (0..N).filter(|i| before.presence[*i] <= 0.0 && presence[*i] > 0.0) {
+                d[i] /= seen.max(1.0 / BEGUN.1);
+            }
+        }
+        Unexplained { d, slow, presence }
     }
 }
 
@@ -81,21 +128,56 @@ mod tests {
     #[test]
     fn finer_encoders_explain_less() {
         let (coarse, fine, ideal) = (scenario(16), scenario(18), scenario(0));
-        assert!((coarse.begins / fine.begins - 4.0).abs() < 1e-9, "σ_d goes with the resolution: {coarse:?} {fine:?}");
-        assert!(coarse.begins > 0.02 && coarse.begins < 0.1 && ideal.begins == EXACT, "{coarse:?} {ideal:?}");
+        assert!((coarse.threshold / fine.threshold - 4.0).abs() < 1e-9, "σ_d goes with the resolution: {coarse:?} {fine:?}");
+        assert!(coarse.threshold > 0.02 && coarse.threshold < 0.1 && ideal.threshold == EXACT, "{coarse:?} {ideal:?}");
+    }
+
+    /// The filters after `ticks` of a plant whose acceleration differs from the model's by `d`.
+    fn after(filter: &Disturbance, mut state: Unexplained<1>, d: f64, ticks: u32) -> Unexplained<1> {
+        for _ in 0..ticks {
+            state = filter.learned(&state, &(Vector1::new(d) - state.explained()), 1e-3, f64::INFINITY);
+        }
+        state
     }
 
     #[test]
     fn within_the_noise_nothing_is_explained_and_beyond_it_everything() {
         let filter = scenario(16);
-        let small = Vector1::new(0.99 * filter.begins);
-        assert_eq!(filter.explained(&small)[0], 0.0);
-        let large = Vector1::new(-1.01 * filter.full);
-        assert_eq!(filter.explained(&large), large);
-        // A constant residual is learned, and what is explained stays without one.
-        let mut d = Vector1::zeros();
-        (0..2000).for_each(|_| d = filter.learned(&d, &small, 1e-3));
-        assert!((d - small).amax() < 1e-3 * small.amax(), "{d}");
-        assert_eq!(filter.learned(&large, &Vector1::zeros(), 1e-3), large);
+        let (small, large) = (0.99 * filter.threshold, -1.2 * filter.threshold);
+        let quiet = after(&filter, Unexplained::none(), small, 5000);
+        assert_eq!(quiet.explained()[0], 0.0);
+        assert!((quiet.d[0] - small).abs() < 1e-3 * small, "{quiet:?}");
+        let loud = after(&filter, quiet, large, 5000);
+        assert!((loud.explained()[0] - large).abs() < 1e-3 * large.abs(), "{loud:?}");
+    }
+
+    #[test]
+    fn a_disturbance_from_the_beginning_is_known_when_it_is_found() {
+        let filter = scenario(16);
+        let mut state = Unexplained::none();
+        let mut tick = 0;
+        while state.presence[0] <= 0.0 {
+            tick += 1;
+            // The observer's double pole delays what the filters see.
+            let seen = 1.0 - (1.0 + 0.15 * f64::from(tick)) * (-0.15 * f64::from(tick)).exp();
+            state = filter.learned(&state, &(Vector1::new(0.5 * seen) - state.explained()), 1e-3, f64::from(tick) * 1e-3);
+        }
+        assert!((20..60).contains(&tick) && (state.d[0] - 0.5).abs() < 0.1, "tick {tick}: {state:?}");
+    }
+
+    #[test]
+    fn a_disturbance_near_the_threshold_is_held_and_let_go_smoothly() {
+        let filter = scenario(16);
+        let loud = after(&filter, Unexplained::none(), 1.5 * filter.threshold, 2000);
+        let held = after(&filter, loud, 0.8 * filter.threshold, 400);
+        assert_eq!(held.explained(), held.d, "it counts in full for a while: {held:?}");
+        let (mut state, mut largest) = (held, 0.0_f64);
+        for _ in 0..2000 {
+            let next = after(&filter, state, 0.8 * filter.threshold, 1);
+            largest = largest.max((next.explained() - state.explained()).amax());
+            state = next;
+        }
+        assert_eq!(state.explained()[0], 0.0);
+        assert!(largest < 0.01 * filter.threshold, "a step of {largest} rad/s²");
     }
 }

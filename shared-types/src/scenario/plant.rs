@@ -99,7 +99,7 @@ pub struct Estimator {
 
 impl Default for Estimator {
     fn default() -> Self {
-        Self { bandwidth: 150.0, disturbance_bandwidth: 50.0 }
+        Self { bandwidth: 150.0, disturbance_bandwidth: 60.0 }
     }
 }
 
