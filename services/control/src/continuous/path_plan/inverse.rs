@@ -14,7 +14,9 @@ const STEPS: usize = 12;
 /// The same where damping leaves an error anyway.
 const DAMPED_STEPS: usize = 3;
 /// Largest joint motion of one Newton step, rad.
-pub(super) const STRIDE: f64 = 0.4;
+const STRIDE: f64 = 0.4;
+/// Damped steps from a posture further away, and the unit-scaled pose error that is none.
+const APPROACH: (u32, f64) = (60, 1e-6);
 
 /// The kinematics of C, a point of the end-effector link, on the task's axes; lengths are divided by `length_m`.
 #[derive(Clone, Copy, Debug)]
@@ -162,6 +164,31 @@ impl<const N: usize> Kinematics<'_, N> {
             }
         }
         (q, e)
+    }
+
+    /// The posture of a pose that damped steps from `near` lead to: the damping falls where a step helps, and grows where it does not.
+    pub(super) fn approach(&self, X: &Pose, near: &SVector<f64, N>) -> Option<SVector<f64, N>> {
+        let (mut q, mut damping) = (*near, 0.1);
+        let mut e = self.error(X, &self.pose(&q));
+        let mut spectrum = self.spectrum(&q);
+        for _ in 0..APPROACH.0 {
+            if e.norm() < APPROACH.1 {
+                return Some(q);
+            }
+            let step = spectrum.solve(&e, damping);
+            let next = q + step * (STRIDE / step.amax().max(STRIDE));
+            let left = self.error(X, &self.pose(&next));
+            if left.norm() < e.norm() {
+                (q, e) = (next, left);
+                spectrum = self.spectrum(&q);
+                damping *= 0.3;
+            } else if damping > 1e3 {
+                return None;
+            } else {
+                damping *= 4.0;
+            }
+        }
+        None
     }
 
     /// Largest part of a unit-scaled error at C over what is allowed of it at E: position (m) and orientation (rad).

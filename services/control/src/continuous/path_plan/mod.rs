@@ -15,11 +15,11 @@ pub use schedule::{PathPlan, Sample};
 
 use crate::trajectory::Progress;
 use crate::types::Kind;
-use inverse::{Kinematics, STRIDE};
+use inverse::Kinematics;
 use model::{Model, Pose};
 use nalgebra::{SVector, Vector3};
 use request::{analyse, centre};
-use route::{Block, Bounds, Furthest, Knot, Search, Stretch};
+use route::{ARRIVED, Block, Bounds, Furthest, Knot, Search, Stretch};
 
 /// Most layers of a leg.
 pub const LAYERS: usize = 40;
@@ -27,15 +27,10 @@ pub const LAYERS: usize = 40;
 const LAYERS_IN_ALL: usize = 4000;
 /// Seeds from which a pose is looked for anywhere in the joint space.
 const SEEDS: u32 = 48;
-/// Steps from each, and the unit-scaled pose error that is none.
-const APPROACH: (u32, f64) = (60, 1e-6);
 /// Other start postures that are tried for a remedy, how far they lie apart, rad, and the deviations: factors on what the task allows.
 const STARTS: usize = 6;
 const DISTINCT: f64 = 0.1;
 const ALLOWANCES: [f64; 2] = [4.0, 16.0];
-
-/// Rest of a leg with which a route counts as being at its end, as a share of the deviation allowed.
-const ARRIVED: f64 = 0.1;
 
 /// Why there is no route.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,7 +83,7 @@ pub fn remedy<const N: usize>(request: &Request<'_, N>) -> Option<Remedy<N>> {
     let mut starts = vec![request.q_start];
     for k in 0..SEEDS {
         let near = spread(request.model, k);
-        let Some(q) = solution(&arm, &X, &near) else { continue };
+        let Some(q) = arm.approach(&X, &near) else { continue };
         let fits = (0..N).all(|i| q[i] >= lower[i] && q[i] <= upper[i]) && starts.iter().all(|other| (q - other).amax() > DISTINCT);
         if fits && starts.len() <= STARTS {
             starts.push(q);
@@ -217,7 +212,7 @@ fn attempt<const N: usize>(request: &Request<'_, N>, fan: bool, times: &[f64]) -
                 }
                 Block::End if !reachable(&arm, &beyond, &far.q) => Obstacle::Reach,
                 // The goal is on the branch where the arm is: the law may get there, though no route of the search does.
-                Block::End if solution(&arm, &goal, &far.q).is_some() => Obstacle::Undecided,
+                Block::End if arm.approach(&goal, &far.q).is_some() => Obstacle::Undecided,
                 Block::End => Obstacle::Discontinuous,
             };
             let knots = search.chain(search.deepest());
@@ -247,35 +242,10 @@ fn attempt<const N: usize>(request: &Request<'_, N>, fan: bool, times: &[f64]) -
 
 /// Whether any posture, within the limits or not, has this pose.
 fn reachable<const N: usize>(arm: &Kinematics<'_, N>, X: &Pose, near: &SVector<f64, N>) -> bool {
-    let solves = |q: &SVector<f64, N>| solution(arm, X, q).is_some();
+    let solves = |q: &SVector<f64, N>| arm.approach(X, q).is_some();
     let middle = spread(arm.model, 0);
     let beside = |k: u32| near + (spread(arm.model, k) - middle) * 0.2;
     solves(near) || (0..SEEDS).any(|k| solves(&beside(k)) || solves(&spread(arm.model, k)))
-}
-
-/// The posture of a pose that damped steps from `near` lead to: the damping falls where a step helps, and grows where it does not.
-fn solution<const N: usize>(arm: &Kinematics<'_, N>, X: &Pose, near: &SVector<f64, N>) -> Option<SVector<f64, N>> {
-    let (mut q, mut damping) = (*near, 0.1);
-    let mut e = arm.error(X, &arm.pose(&q));
-    let mut spectrum = arm.spectrum(&q);
-    for _ in 0..APPROACH.0 {
-        if e.norm() < APPROACH.1 {
-            return Some(q);
-        }
-        let step = spectrum.solve(&e, damping);
-        let next = q + step * (STRIDE / step.amax().max(STRIDE));
-        let left = arm.error(X, &arm.pose(&next));
-        if left.norm() < e.norm() {
-            (q, e) = (next, left);
-            spectrum = arm.spectrum(&q);
-            damping *= 0.3;
-        } else if damping > 1e3 {
-            return None;
-        } else {
-            damping *= 4.0;
-        }
-    }
-    None
 }
 
 /// The `k`-th of a sequence of postures that fills the joint ranges evenly: additive recurrence with the roots of primes.

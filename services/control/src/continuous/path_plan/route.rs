@@ -4,6 +4,7 @@
 //! followed to the next layer by Newton steps of adaptive length; where the arm is singular there are more ways on: past the lock with ζ off the
 //! direction of travel (within what the user allows), out of a fold on either side, and a self-motion that turns ζ while the path waits.
 
+mod closing;
 mod self_motion;
 
 use super::inverse::{Kinematics, SOLVED, Spectrum};
@@ -11,9 +12,8 @@ use model::Pose;
 use nalgebra::{SVector, Vector6};
 use std::cell::Cell;
 
-/// Largest joint motion between two knots, rad (m).
+/// Largest joint motion between two knots, rad (m); deviation of the posture half-way from their mean, over that motion: more is no smooth motion.
 const STEP: f64 = 0.12;
-/// Deviation of the posture half-way between two knots from their mean, over the joint motion between them: more of it is no smooth motion.
 const BEND: f64 = 0.25;
 /// Unit-scaled pose error half-way between two knots that is none.
 const STRAIGHT: f64 = 1e-4;
@@ -39,6 +39,8 @@ const DAMPING_PER_RAD: f64 = 3.0;
 /// Share of the deviation allowed that a route takes at its knots, and half-way between. The law follows only the auxiliary coordinate of a route and
 /// keeps the path in every other direction: the arm deviates less than the damped postures do.
 const LEFT: (f64, f64) = (1.0, 1.2);
+/// Rest of a leg with which a route counts as being at its end, as a share of the deviation allowed.
+pub(super) const ARRIVED: f64 = 0.1;
 /// Distance that a route keeps from every joint limit, rad (m): encoder noise and what tracking costs.
 pub(super) const CLEAR: f64 = 2e-3;
 /// Distance from a limit at which it begins to cost, rad (m).
@@ -179,7 +181,7 @@ impl<'a, const N: usize> Search<'a, N> {
         layer.iter().copied().min_by(|a, b| self.nodes[*a].cost.total_cmp(&self.nodes[*b].cost))
     }
 
-    /// Adds a posture that follows on another by a motion given from elsewhere.
+    /// Adds a posture that follows on another by a given motion.
     pub(super) fn append(&mut self, parent: usize, knots: Vec<Knot<N>>) -> Option<usize> {
         let end = knots.last()?;
         let (q, cost) = (end.q, self.nodes[parent].cost + (end.t - self.nodes[parent].knots.last()?.t));
@@ -207,8 +209,7 @@ impl<'a, const N: usize> Search<'a, N> {
             t = *next;
         }
         // A leg ends on the path, however it was left meanwhile.
-        let end = (leg.pose)(t);
-        layer.retain(|node| self.arm.error(&end, &self.arm.pose(&self.nodes[*node].q)).norm() < 1e-5);
+        layer.retain(|node| self.closes(*node, &(leg.pose)(t)));
         layer
     }
 

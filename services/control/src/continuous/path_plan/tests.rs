@@ -128,3 +128,27 @@ fn lines_through_the_locks_of_seven_joints_have_routes() {
     let n = lines::<7>(robot("iiwa14"), 4, 6, |q, _| (q[4], q[5]) = (std::f64::consts::FRAC_PI_2, 0.0));
     assert!(n >= 5, "{n} of 6");
 }
+
+/// A scenario of one line, from a posture to a pose.
+fn line_to(robot: &str, q_rad: &str, to_m: &str, rotation: &str, duration_s: f64) -> Scenario {
+    let text = format!(
+        "name = \"line\"\nrobot = \"{robot}\"\n[start]\nq_rad = {q_rad}\n[[segment]]\nto_m = {to_m}\nrotation = {rotation}\nduration_s = {duration_s}\n"
+    );
+    Scenario::parse("line.toml", &text, &[]).unwrap()
+}
+
+/// Elbow and wrist are locked at the start, with one direction lost: the self-motion folds the arm and stretches it again, and there the lost direction
+/// touches what the path needs.
+#[test]
+fn a_self_motion_leads_to_the_posture_in_which_a_fold_opens() {
+    let scenario = line_to(
+        "ur5",
+        "[2.3358562273126307, -0.4808617754356229, 0.0, -0.5809155455306835, 0.0, 2.0515414539299233]",
+        "[0.42696022709707954, -0.291693307110614, 0.2811488474230306]",
+        "[[-0.42046401599940536, 0.5962321875655425, 0.68389852299918], [0.3437960545647685, -0.5928603861522544, 0.7282313062462356], \
+         [0.8396512872111557, 0.5413166735305757, 0.04429418519898062]]",
+        2.3,
+    );
+    let plan = plan_of::<6>(robot("ur5"), &scenario).unwrap();
+    assert!(plan.legs() == 1 && holds(robot("ur5"), &scenario, &plan));
+}

@@ -2,6 +2,20 @@
 
 use super::*;
 
+/// Share of the path's direction that is lost: at a step of the self-motion beside which its least value is looked for, at a neighbour of that step at
+/// least, and where it counts as none.
+const TOUCHING: (f64, f64, f64) = (0.1, 2e-3, 5e-3);
+
+/// Where `f` is lowest within [−1, 1], by golden section.
+fn lowest(f: impl Fn(f64) -> f64) -> f64 {
+    let (mut low, mut high) = (-1.0, 1.0);
+    for _ in 0..40 {
+        let (c, d) = (high - 0.618 * (high - low), low + 0.618 * (high - low));
+        if f(c) < f(d) { high = d } else { low = c }
+    }
+    0.5 * (low + high)
+}
+
 impl<const N: usize> Search<'_, N> {
     /// The part of a task displacement that is lost in this posture.
     pub(super) fn undone(&self, q: &SVector<f64, N>, onwards: &Vector6<f64>) -> Vector6<f64> {
@@ -38,6 +52,7 @@ impl<const N: usize> Search<'_, N> {
             spectrum.sigma.get(spectrum.free + 1).copied().unwrap_or(1.0)
         };
         let mut ranks = [f64::INFINITY, second(&at)];
+        let (mut gaps, mut crossed) = ([f64::INFINITY, undone.norm()], false);
         for k in 1..=40 {
             self.spent.set(self.spent.get() + 2);
             if self.is_exhausted() {
@@ -64,20 +79,22 @@ impl<const N: usize> Search<'_, N> {
             } else {
                 None
             };
-            let rank = second(&next);
-            let chosen = if chosen.is_none() && !every && ranks[1] < ranks[0] && ranks[1] <= rank && ranks[1] < 0.1 && k > 1 {
-                let (mut low, mut high) = (-1.0, 1.0);
+            let (rank, gap) = (second(&next), rest.norm());
+            let falls = k > 1 && ranks[1] < ranks[0] && ranks[1] <= rank && ranks[1] < 0.1;
+            // Where the lost direction touches what the path needs and turns back, a fold opens, too.
+            let least = gaps[1] < gaps[0] && gaps[1] <= gap && gaps[1] < TOUCHING.0 && gaps[0].max(gap) > TOUCHING.1;
+            let touches = k > 1 && !crossed && least;
+            crossed = chosen.is_some();
+            let chosen = if !crossed && !every && (falls || touches) {
                 self.spent.set(self.spent.get() + 80);
                 let there = |x: f64| self.arm.solve(X, &(at + if x < 0.0 { v * (x * STRIDE) } else { dq * x }), &zero, 0.0, SOLVED).0;
-                for _ in 0..40 {
-                    let (c, d) = (high - 0.618 * (high - low), low + 0.618 * (high - low));
-                    if second(&there(c)) < second(&there(d)) { high = d } else { low = c }
-                }
-                Some(there(0.5 * (low + high)))
+                let left = |q: &SVector<f64, N>| self.undone(q, onwards).norm();
+                let q = there(lowest(|x| if falls { second(&there(x)) } else { left(&there(x)) }));
+                (falls || left(&q) < TOUCHING.2).then_some(q)
             } else {
                 chosen
             };
-            ranks = [ranks[1], rank];
+            (ranks, gaps) = ([ranks[1], rank], [gaps[1], gap]);
             if let Some(q) = chosen {
                 let mut knots = knots.clone();
                 knots.push(Knot { t: leg.from_s + t, q, waits: true });
