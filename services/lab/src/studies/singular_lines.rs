@@ -2,8 +2,9 @@
 //!
 //! A random posture is moved onto σ_min = 0, or, for a pair of singularities, onto s_i = s_j = 0; the analysis names what is lost there. A line in a random
 //! direction with a random turn goes through its pose, or starts or ends in it; it is kept if both ends and 24 poses between them have a posture within the
-//! limits near by. Whether these postures continue one another is not checked: that is what the control law has to find out. A lock that bounds what can
-//! be reached is passed along the boundary (an elbow's, a sphere, is started from or ended at).
+//! limits near by, and if, without spare joints, the postures that continue those of the ends lead to the singular pose: from any other start no motion
+//! follows the line. The way on there is not checked: that is what the control law has to find out. A lock that bounds what can be reached is passed along
+//! the boundary (an elbow's, a sphere, is started from or ended at).
 
 use control::continuous::path_plan::inverse::{Kinematics, SOLVED};
 use control::linear::rotation_exp;
@@ -29,6 +30,12 @@ const MARGIN: f64 = 0.05;
 /// Guesses for the posture of an end, and how far they lie from the singular posture, rad (m); likewise for the poses between, further away.
 const GUESSES: (u32, f64) = (60, 0.4);
 const FAR_GUESSES: (u32, f64) = (40, 1.5);
+
+/// Largest joint motion between two poses of which one continues the other, rad (m); shortest step, and the rest of the way to the singular pose, as
+/// shares of the line.
+const CONTINUES: f64 = 0.15;
+const SHORTEST: f64 = 1e-5;
+const REST: f64 = 1e-3;
 
 /// The part of a line at which the arm is singular.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -252,7 +259,11 @@ impl<const N: usize> Draw<'_, N> {
         };
         let pose = |x: f64| Pose { R: rotation_exp(&(turn * (x - share))) * at.R, p: at.p + along * (x - share) };
         let mut end = |x: f64| if x == share { Some(*q) } else { self.end(&pose(x), q, random) };
-        let (q_start, _) = (end(0.0)?, end(1.0)?);
+        let (q_start, q_end) = (end(0.0)?, end(1.0)?);
+        let spare = self.robot.dof() > self.arm.task.iter().filter(|counts| **counts).count();
+        if !spare && !(self.leads(&pose, &q_start, 0.0, share) && self.leads(&pose, &q_end, 1.0, share)) {
+            return None;
+        }
         let mut last = q_start;
         for k in 1..POSES {
             last = self.any(&pose(f64::from(k) / f64::from(POSES)), &last, q, random)?;
@@ -268,6 +279,23 @@ impl<const N: usize> Draw<'_, N> {
             segment: vec![segment],
             ..self.template.clone()
         })
+    }
+
+    /// Whether the postures that continue `q`, within the limits, lead along the line from the share `from` to nearly `to`.
+    fn leads(&self, pose: &impl Fn(f64) -> Pose, q: &SVector<f64, N>, from: f64, to: f64) -> bool {
+        let (way, mut q, mut at, mut step) = (to - from, *q, 0.0, 1.0 / f64::from(POSES));
+        while at < 1.0 - REST {
+            let next = (at + step).min(1.0 - REST);
+            let (there, e) = self.arm.solve(&pose(from + way * next), &q, &SVector::zeros(), 0.0, SOLVED);
+            if e.norm() < 10.0 * SOLVED && (there - q).amax() < CONTINUES && self.is_inside(&there) {
+                (q, at, step) = (there, next, (1.5 * step).min(1.0 / f64::from(POSES)));
+            } else if step > SHORTEST {
+                step *= 0.5;
+            } else {
+                return way == 0.0;
+            }
+        }
+        true
     }
 
     /// A posture of the pose `X` within the limits: the one that continues `last`, or another.
