@@ -261,7 +261,8 @@ impl<const N: usize> Draw<'_, N> {
         let mut end = |x: f64| if x == share { Some(*q) } else { self.end(&pose(x), q, random) };
         let (q_start, q_end) = (end(0.0)?, end(1.0)?);
         let spare = self.robot.dof() > self.arm.task.iter().filter(|counts| **counts).count();
-        if !spare && !(self.leads(&pose, &q_start, 0.0, share) && self.leads(&pose, &q_end, 1.0, share)) {
+        let has_ends = self.leads(&pose, &q_start, 0.0, share) && self.leads(&pose, &q_end, 1.0, share);
+        if !(spare || has_ends) {
             return None;
         }
         let mut last = q_start;
