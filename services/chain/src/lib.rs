@@ -164,3 +164,28 @@ pub fn try_first_tick(robot: &Robot, scenario: &Scenario) -> Result<(), Refused>
         _ => Ok(()),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Torques of a session whose target at 0.1 s is `target`.
+    fn torques(target: &str) -> Vec<[f64; shared_types::MAX_DOF]> {
+        let text = format!(
+            "name = \"t\"\nrobot = \"ur5\"\n[start]\nposture = \"bent\"\n[servo]\ntargets = \"\"\"\n# armplane targets 1, length m\n\
+             0, twist, base, 1, 0.01 0 0 0 0 0\n0.1, {target}\n0.2, end\n\"\"\"\n"
+        );
+        let scenario = Scenario::parse("t.toml", &text, &[]).unwrap();
+        let mut torques = Vec::new();
+        run(&Robot::builtin("ur5").unwrap(), &scenario, |tick| torques.push(tick.torque.tau)).unwrap();
+        torques
+    }
+
+    #[test]
+    fn a_target_is_in_the_torque_of_its_own_tick() {
+        let [one, other] = ["twist, base, 1, 0.2 0 0 0 0 0", "posture, joints, 1, 0 -1 1 -1 1 0"].map(torques);
+        assert_eq!(one.iter().zip(&other).position(|(one, other)| one != other), Some(100));
+        let [one, other] = ["twist, base, 1, 0.2 0 0 0 0 0", "twist, base, 1, -0.2 0 0 0 0 0"].map(torques);
+        assert_eq!(one.iter().zip(&other).position(|(one, other)| one != other), Some(100));
+    }
+}
