@@ -46,9 +46,9 @@ REFUSAL_TORQUE = 6
 REFUSAL_ROUTE = 7
 REFUSAL_LIMIT = 8
 REFUSAL_UNLISTED = 9
-REFUSAL_DOUBT = 10
+REFUSAL_ESTIMATE = 10
 REFUSAL_PARTED = 11
-REFUSALS = {REFUSAL_NONE: "", REFUSAL_STATE: "the estimated state is not a finite number", REFUSAL_REPORT: "the singularity report is of another version of the wire", REFUSAL_SINGULAR: "the arm is singular in a way that the law does not handle; start or lead the path elsewhere", REFUSAL_SPEED: "the path passes so near to a singularity that even at its slowest it needs far more joint speed than there is", REFUSAL_ROOM: "the singular direction cannot be turned as asked: the joints have no room for it; ask for less, or start elsewhere", REFUSAL_TORQUE: "the torque is not a finite number", REFUSAL_ROUTE: "the path cannot be followed within the joint limits from this start posture; start in another posture, or lead the path elsewhere", REFUSAL_LIMIT: "a joint came too near to its limit and the arm was stopped before it; start in another posture, or end the path earlier", REFUSAL_UNLISTED: "the arm has lost a direction that no listed singularity explains: start elsewhere, or lead the path around that posture", REFUSAL_DOUBT: "the estimated state moves as no torque within the limits can move the arm; see to the encoders", REFUSAL_PARTED: "the arm was held back or thrown"}
+REFUSALS = {REFUSAL_NONE: "", REFUSAL_STATE: "the estimated state is not a finite number", REFUSAL_REPORT: "the singularity report is of another version of the wire", REFUSAL_SINGULAR: "the arm is singular in a way that the law does not handle; start or lead the path elsewhere", REFUSAL_SPEED: "the path passes so near to a singularity that even at its slowest it needs far more joint speed than there is", REFUSAL_ROOM: "the singular direction cannot be turned as asked: the joints have no room for it; ask for less, or start elsewhere", REFUSAL_TORQUE: "the torque is not a finite number", REFUSAL_ROUTE: "the path cannot be followed within the joint limits from this start posture; start in another posture, or lead the path elsewhere", REFUSAL_LIMIT: "a joint came too near to its limit and the arm was stopped before it; start in another posture, or end the path earlier", REFUSAL_UNLISTED: "the arm has lost a direction that no listed singularity explains: start elsewhere, or lead the path around that posture", REFUSAL_ESTIMATE: "the estimated state moves as no torque within the limits can move the arm; see to the encoders", REFUSAL_PARTED: "the arm was held back or thrown"}
 
 DRIVE_ACTIVE = 0
 DRIVE_HOLDING = 1
@@ -110,7 +110,7 @@ REASON_REACH = 7
 REASON_STOPPED = 8
 REASON_OVER = 9
 REASON_HELD = 10
-REASONS = {REASON_FOLLOWING: "follows", REASON_RESTING: "rests", REASON_STALE: "rests: the target is older than its validity", REASON_FAST: "slowed: the target is faster than the session allows", REASON_SINGULARITY: "slowed near a singularity", REASON_EFFORT: "slowed: a joint is at its speed or torque", REASON_LIMIT: "slowed before a joint limit", REASON_REACH: "at the boundary of reach", REASON_STOPPED: "stopped, goes on from rest", REASON_OVER: "over", REASON_HELD: "held back: something is in the arm's way"}
+REASONS = {REASON_FOLLOWING: "follows", REASON_RESTING: "rests", REASON_STALE: "rests: the target is older than its validity", REASON_FAST: "slowed: the target is faster than the session allows", REASON_SINGULARITY: "slowed near a singularity", REASON_EFFORT: "slowed: a joint is at its speed or torque limit", REASON_LIMIT: "slowed before a joint limit", REASON_REACH: "at the boundary of reach", REASON_STOPPED: "stopped, goes on from rest", REASON_OVER: "over", REASON_HELD: "held back: something is in the arm's way"}
 
 PROGRAM_AWAITED = 0
 PROGRAM_JOINED = 1
@@ -391,7 +391,7 @@ class ControlState(ctypes.Structure):
         ("planned", ctypes.c_uint32),  # 1 + the place of the singularity whose ζ is being turned as planned, 0 when none is
         ("refusal", ctypes.c_uint32),  # One of `REFUSALS`
         ("rate_mask", ctypes.c_uint32),  # Bit i: the law asked for a faster change of torque i than its drive accepts; the torque sent changes at the largest rate
-        ("doubt_ticks", ctypes.c_uint32),  # Ticks in a row for which the estimate has been set aside, because no torque within the limits moves the arm so
+        ("rejected_ticks", ctypes.c_uint32),  # Ticks in a row for which the estimate has been set aside, because no torque within the limits moves the arm so
     ]
 
 
@@ -420,6 +420,6 @@ TOPICS = {
     "singularity": (SingularityReport, "armplane.SingularityReport.v4", 0x8844948f013a28ee),
     "target": (Target, "armplane.Target.v2", 0xf7a8d3c2246c9806),
     "servo_state": (ServoState, "armplane.ServoState.v1", 0xb214d5f1957726e4),
-    "control_state": (ControlState, "armplane.ControlState.v3", 0x98e4d969d5ba0d02),
+    "control_state": (ControlState, "armplane.ControlState.v3", 0x1e5990b2609559a8),
     "torque": (TorqueCommand, "armplane.TorqueCommand.v5", 0xf478adead3f15ea4),
 }

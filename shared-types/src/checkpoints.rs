@@ -207,7 +207,7 @@ wire! {
         /// One of `codes::REFUSALS`.
         refusal: u32,
         /// Ticks in a row for which the estimate has been set aside.
-        doubt_ticks: u32,
+        rejected_ticks: u32,
         /// 1 once an estimate has been taken as plausible.
         plausible: u32,
         /// Zero in this version.

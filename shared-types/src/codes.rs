@@ -107,7 +107,7 @@ codes! {
         /// rank J and the singularities inside their neighbourhoods do not add up.
         REFUSAL_UNLISTED = 9 "the arm has lost a direction that no listed singularity explains: start elsewhere, or lead the path around that posture",
         /// The estimate has moved as no arm can for too long.
-        REFUSAL_DOUBT = 10 "the estimated state moves as no torque within the limits can move the arm; see to the encoders",
+        REFUSAL_ESTIMATE = 10 "the estimated state moves as no torque within the limits can move the arm; see to the encoders",
         /// The arm is far from the reference arm of its steered run.
         REFUSAL_PARTED = 11 "the arm was held back or thrown",
     }
@@ -223,7 +223,7 @@ codes! {
         /// Near a singularity the joints would need more speed than they have.
         REASON_SINGULARITY = 4 "slowed near a singularity",
         /// A joint would need more speed, or torque, than it has.
-        REASON_EFFORT = 5 "slowed: a joint is at its speed or torque",
+        REASON_EFFORT = 5 "slowed: a joint is at its speed or torque limit",
         /// A joint is near its limit.
         REASON_LIMIT = 6 "slowed before a joint limit",
         /// The target leads beyond reach: the arm slides along the boundary, or rests there.

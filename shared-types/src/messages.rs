@@ -280,7 +280,7 @@ wire! {
         /// Bit i: the law asked for a faster change of torque i than its drive accepts; the torque sent changes at the largest rate.
         rate_mask: u32,
         /// Ticks in a row for which the estimate has been set aside, because no torque within the limits moves the arm so.
-        doubt_ticks: u32,
+        rejected_ticks: u32,
     }
 }
 

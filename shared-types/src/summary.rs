@@ -139,7 +139,7 @@ pub struct JointSummary {
     pub rate_limited_ticks: u64,
     /// Ticks for which the controller set the estimate aside, because no torque within the limits moves the arm so.
     #[serde(default)]
-    pub doubted_ticks: u64,
+    pub rejected_estimate_ticks: u64,
     /// Changes of mode, all singularities together; each also stands in `modes`.
     pub switches: u64,
     /// Energy put in at them: the jump in commanded power, |Δτᵀq̇| of the tick of the change, over the 25 ms in which velocity feedback takes it back; J.

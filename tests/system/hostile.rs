@@ -51,7 +51,7 @@ pub(crate) const TARGETS: &str = "# armplane targets 1, length mm
 1, end
 ";
 
-/// Numbers that make trouble, and numbers that do not.
+/// Numbers at the limits of their type, and ordinary ones.
 fn number() -> impl Strategy<Value = f64> {
     prop_oneof![
         4 => -10.0..10.0,

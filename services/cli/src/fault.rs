@@ -38,7 +38,7 @@ pub(crate) struct FaultArgs {
     process: Option<String>,
     /// The kind of fault (see --list).
     kind: Option<Kind>,
-    /// Show all kinds of faults, what they do and to whom they can happen.
+    /// Show all kinds of faults, their effects and the processes that they can happen to.
     #[arg(long)]
     list: bool,
     /// In which way, for the kinds that have several.

@@ -46,7 +46,7 @@ pub(crate) fn running<const N: usize>(
         },
         saturation_mask: limited.mask,
         rate_mask: 0,
-        doubt_ticks: 0,
+        rejected_ticks: 0,
         clipped: telemetry.clipped,
         refusal: Refusal::None,
     }
@@ -93,7 +93,7 @@ pub(crate) fn resting<const N: usize>(state: &State<N>, saturation_mask: u32, ra
         phase: Phase::Refused,
         saturation_mask,
         rate_mask,
-        doubt_ticks: state.plausible.doubt_ticks,
+        rejected_ticks: state.plausible.rejected_ticks,
         clipped: false,
         refusal: state.refusal,
     }

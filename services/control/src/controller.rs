@@ -121,7 +121,7 @@ impl<const N: usize> Controller<N> {
         }
         let terms = &self.model.evaluate(q, qdot);
         if !self.state.plausible.take(q, qdot, &Bounds::of(&self.model, terms, self.scenario.dt_s())) {
-            return self.doubt();
+            return self.reject();
         }
         self.act((q, qdot), tau_disturbance, report, terms)
     }
@@ -162,11 +162,11 @@ impl<const N: usize> Controller<N> {
     }
 
     /// Brings the arm to rest from where it plausibly is, its path's clock with it; after too long it refuses to go on.
-    pub(crate) fn doubt(&mut self) -> Command<N> {
+    pub(crate) fn reject(&mut self) -> Command<N> {
         let (dt, damping) = (self.scenario.dt_s(), 0.5 * self.scenario.control.k_v);
-        let ticks = self.state.plausible.doubt_ticks;
-        if f64::from(ticks) * dt > plausibility::DOUBT_S {
-            self.state.refusal = Refusal::Doubt;
+        let ticks = self.state.plausible.rejected_ticks;
+        if f64::from(ticks) * dt > plausibility::REJECTION_S {
+            self.state.refusal = Refusal::Estimate;
         }
         self.state.plausible.come_to_rest(damping, dt);
         if self.scenario.control.governor {

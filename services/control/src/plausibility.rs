@@ -5,7 +5,7 @@ use model::{Model, Terms};
 use nalgebra::SVector;
 
 /// Time after which a state that stays implausible is refused, s: longer than the estimator sets readings aside, shorter than an arm takes to fall far.
-pub(crate) const DOUBT_S: f64 = 0.2;
+pub(crate) const REJECTION_S: f64 = 0.2;
 
 /// A joint moves with at most so many times its speed limit.
 const SPEED: f64 = 2.0;
@@ -44,7 +44,7 @@ pub(crate) struct Plausible<const N: usize> {
     /// Whether there has been one.
     pub(crate) known: bool,
     /// Ticks in a row for which the estimate has been set aside.
-    pub(crate) doubt_ticks: u32,
+    pub(crate) rejected_ticks: u32,
     /// rad.
     pub(crate) q: SVector<f64, N>,
     /// rad/s.
@@ -54,23 +54,23 @@ pub(crate) struct Plausible<const N: usize> {
 impl<const N: usize> Plausible<N> {
     /// Before the first tick.
     pub(crate) fn unknown() -> Self {
-        Self { known: false, doubt_ticks: 0, q: SVector::zeros(), qdot: SVector::zeros() }
+        Self { known: false, rejected_ticks: 0, q: SVector::zeros(), qdot: SVector::zeros() }
     }
 
     /// Takes the estimate where it is plausible; returns whether it is.
     ///
-    /// With k ticks of doubt before: |Δq_i| ≤ 2·q̇_max·(1 + k)·dt + 0.02 rad, and |q̇_i| grows by at most a quarter of its limit plus
+    /// With k ticks of rejected estimates before: |Δq_i| ≤ 2·q̇_max·(1 + k)·dt + 0.02 rad, and |q̇_i| grows by at most a quarter of its limit plus
     /// (1 + k)·dt·Σ_j |A⁻¹_ij|·(τ_max,j + |g_j|). A speed that falls is always plausible: stops and floors take any of it.
     ///
     /// Shapes N · Units rad, rad/s · Requires finite numbers · Ensures that a lasting change of place is accepted after the time an arm takes to get
     /// there · Cost O(N), and O(N³) for a velocity that changes by more than a quarter of its limit; no allocation
     pub(crate) fn take(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, bounds: &Bounds<'_, N>) -> bool {
-        let ticks = 1.0 + f64::from(self.doubt_ticks);
+        let ticks = 1.0 + f64::from(self.rejected_ticks);
         let is_plausible = !self.known || self.near(q, ticks, bounds) && self.reachable(qdot, ticks, bounds);
         if is_plausible {
-            *self = Self { known: true, doubt_ticks: 0, q: *q, qdot: *qdot };
+            *self = Self { known: true, rejected_ticks: 0, q: *q, qdot: *qdot };
         } else {
-            self.doubt_ticks = self.doubt_ticks.saturating_add(1);
+            self.rejected_ticks = self.rejected_ticks.saturating_add(1);
         }
         is_plausible
     }

@@ -82,7 +82,7 @@ impl<const N: usize> State<N> {
             joint_holding: u32::from(joint_memory.holding),
             joint_reversed: joint_memory.reversed,
             refusal: refusal.code(),
-            doubt_ticks: plausible.doubt_ticks,
+            rejected_ticks: plausible.rejected_ticks,
             plausible: u32::from(plausible.known),
             reserved: 0,
             tau: padded(&sent.tau),
@@ -139,7 +139,7 @@ impl<const N: usize> State<N> {
             qdot_planned: joints(&from.qdot_planned),
             plausible: Plausible {
                 known: from.plausible != 0,
-                doubt_ticks: from.doubt_ticks,
+                rejected_ticks: from.rejected_ticks,
                 q: joints(&from.q_plausible),
                 qdot: joints(&from.qdot_plausible),
             },

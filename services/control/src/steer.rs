@@ -8,8 +8,8 @@ use crate::law::Torques;
 use crate::linear::{Lu, angular, linear, rotation_log, smoothstep, stack};
 use crate::plausibility::Bounds;
 use crate::servo::Reference;
+use crate::servo::anti_windup::Lead;
 use crate::servo::intake::{self, Wish};
-use crate::servo::leash::Pull;
 use crate::servo::limits::Fastest;
 use crate::servo::stops::{self, Limits, Parts};
 use crate::state::State;
@@ -30,8 +30,8 @@ const FULL: f64 = 0.95;
 const AT_REST: f64 = 0.01;
 /// |s|/η_out of the nearest singularity below which it is the reason for a slower clock.
 const NEAR: f64 = 2.0;
-/// Tension of the leash that counts as the boundary of reach.
-const TENSION: f64 = 0.02;
+/// Saturation of the lead that counts as the boundary of reach.
+const SATURATED: f64 = 0.02;
 /// Distance between a joint and that of the reference arm from which the two have parted, rad.
 const PARTED: f64 = 0.05;
 /// Distance of the hand from that of the reference arm from which it is held back; at which the reference goes no further; and at which the two have
@@ -61,7 +61,7 @@ impl<const N: usize> Controller<N> {
         let terms = self.model.evaluate(q, qdot);
         if !self.state.plausible.take(q, qdot, &Bounds::of(&self.model, &terms, self.scenario.dt_s())) {
             self.state.servo.parted = true;
-            let rest = self.doubt();
+            let rest = self.reject();
             let goes_on = goes_on(rest.refusal);
             return if goes_on { Command { phase: Phase::Running, refusal: Refusal::None, ..rest } } else { rest };
         }
@@ -75,7 +75,7 @@ impl<const N: usize> Controller<N> {
         // The rank is that of the arm.
         let listed = Report { rank: report.rank, ..steered.analyzer.listed(&q_r, &qdot_r, &reference).0 };
         self.state.servo.take((target, steered.dof), tick, session.duration_s, self.scenario.dt_s());
-        let (wish, pull, age_s) = self.state.intake(session, self.scenario.dt_s(), &reference, &listed, &behind);
+        let (wish, lead, age_s) = self.state.intake(session, self.scenario.dt_s(), &reference, &listed, &behind);
         let clock = self.state.governor.rate;
         // From here to the exchange back, the torque sent is that of the reference arm.
         std::mem::swap(&mut self.state.sent, &mut self.state.servo.sent);
@@ -100,7 +100,7 @@ impl<const N: usize> Controller<N> {
             command.phase = if settled { Phase::Done } else { Phase::Settling };
         }
         let is_held = behind.norm() > BEHIND_M.0;
-        self.explain(&wish, &pull, (age_s, clock, is_held), &listed, out);
+        self.explain(&wish, &lead, (age_s, clock, is_held), &listed, out);
         command
     }
 
@@ -214,7 +214,7 @@ impl<const N: usize> Controller<N> {
     }
 
     /// The state of the session, for people: what is asked, how much of it is done, and why not more.
-    fn explain(&self, wish: &Wish, pull: &Pull, (age_s, clock, is_held): (f64, f64, bool), report: &Report<N>, out: &mut ServoState) {
+    fn explain(&self, wish: &Wish, lead: &Lead, (age_s, clock, is_held): (f64, f64, bool), report: &Report<N>, out: &mut ServoState) {
         let servo = &self.state.servo;
         let nearest = intake::nearest(report);
         let speed_scale = self.speed_scale(&wish.asked, clock);
@@ -232,7 +232,7 @@ impl<const N: usize> Controller<N> {
             REASON_HELD
         } else if limit.is_some() {
             REASON_LIMIT
-        } else if !servo.is_posture() && (servo.clipped || pull.tension > TENSION) {
+        } else if !servo.is_posture() && (servo.clipped || lead.saturation > SATURATED) {
             REASON_REACH
         } else if clock < FULL {
             if is_near { REASON_SINGULARITY } else { REASON_EFFORT }
@@ -264,7 +264,7 @@ impl<const N: usize> Controller<N> {
 
 impl<const N: usize> State<N> {
     /// Makes the reference's motion of this tick of the target in force: the leg of constant twist that the law sees.
-    fn intake(&mut self, session: &Servo, dt: f64, reference: &Terms<N>, report: &Report<N>, behind: &Vector3<f64>) -> (Wish, Pull, f64) {
+    fn intake(&mut self, session: &Servo, dt: f64, reference: &Terms<N>, report: &Report<N>, behind: &Vector3<f64>) -> (Wish, Lead, f64) {
         let arm = &reference.X_BE;
         let State { servo, governor, refusal, loops, qdot_planned, progress, .. } = self;
         if servo.stopping && servo.qdot.amax() < AT_REST {
@@ -273,7 +273,7 @@ impl<const N: usize> State<N> {
             (*governor, *loops, *qdot_planned) = (Governor::default(), Default::default(), SVector::zeros());
         }
         let age_s = servo.tick.saturating_sub(servo.held.given_tick) as f64 * dt;
-        let pull = Pull::between(&servo.X, arm, report, loops);
+        let lead = Lead::between(&servo.X, arm, report, loops);
         let wish = match servo.over {
             Some(_) => Wish { V: Vector6::zeros(), asked: Vector6::zeros(), p: servo.X.p, stale: false },
             None => intake::wish(&servo.held, age_s, &servo.X, report, session),
@@ -284,17 +284,17 @@ impl<const N: usize> State<N> {
             (*governor, *loops, *qdot_planned) = (Governor::default(), Default::default(), servo.qdot);
         } else if !servo.stopping {
             let back;
-            (servo.X, back) = pull.hold(&servo.X, arm);
+            (servo.X, back) = lead.hold(&servo.X, arm);
             servo.behind_m += back;
-            if servo.clipped || pull.tension > TENSION {
-                servo.X = pull.relax(&servo.X, &wish.V, dt);
+            if servo.clipped || lead.saturation > SATURATED {
+                servo.X = lead.relax(&servo.X, &wish.V, dt);
             }
-            let V = pull.slacken(&wish.V);
+            let V = lead.without_increase(&wish.V);
             servo.accelerate(&stack(&yielding(linear(&V), behind), &angular(&V)), session, dt);
         }
         *progress =
             Progress { begun: true, by: linear(&servo.V) * HORIZON_S, turn: angular(&servo.V) * HORIZON_S, ..Progress::at(servo.X) };
-        (wish, pull, age_s)
+        (wish, lead, age_s)
     }
 }
 

@@ -115,7 +115,7 @@ coded! {
         /// A direction is lost that no listed singularity explains.
         Unlisted = REFUSAL_UNLISTED,
         /// The estimate moves as no arm can.
-        Doubt = REFUSAL_DOUBT,
+        Estimate = REFUSAL_ESTIMATE,
         /// The arm was held back or thrown: far from the reference arm.
         Parted = REFUSAL_PARTED,
     }
@@ -270,7 +270,7 @@ pub struct Command<const N: usize> {
     /// Bit i: torque i would have changed faster than its drive accepts.
     pub rate_mask: u32,
     /// Ticks in a row for which the estimate has been set aside.
-    pub doubt_ticks: u32,
+    pub rejected_ticks: u32,
     /// The goal was beyond reach and has been clipped to the boundary.
     pub clipped: bool,
     /// Why the phase is [`Phase::Refused`].

@@ -115,7 +115,7 @@ pub fn command_messages<const N: usize>(tick: u64, command: &Command<N>, state: 
         planned: command.plan.map_or(0, |plan| plan.place as u32 + 1),
         refusal: command.refusal.code(),
         rate_mask: command.rate_mask,
-        doubt_ticks: command.doubt_ticks,
+        rejected_ticks: command.rejected_ticks,
     };
     *torque = TorqueCommand { header, tau: padded(&command.tau), phase: command.phase.code(), saturation_mask: command.saturation_mask };
 }

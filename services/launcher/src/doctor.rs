@@ -157,7 +157,7 @@ pub fn checks(health: &Health) -> Vec<Check> {
             optional: true,
             good: used >= period,
             finding: if used >= period { "unlimited".to_owned() } else { format!("{used} of {period} µs") },
-            remedy: "only processes that spin under FIFO notice it; armplane's block instead",
+            remedy: "it affects only processes that spin under FIFO; those of armplane block instead",
         },
         Check {
             what: "kernel",

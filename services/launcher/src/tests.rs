@@ -135,7 +135,8 @@ fn recorder(run: &Path, file: &Path) -> Result<(), ProcessError> {
     }
     assert!(stamps_in_order, "a torque that was sent before its sample");
     let lost = sensors.lost() + torques.lost();
-    let text = format!("{:?} {:?} {lost}", sensor_hash.summary(), torque_hash.summary());
+    let (sensor, torque) = (sensor_hash.summary(), torque_hash.summary());
+    let text = format!("{} {} {} {} {lost}", sensor.count, sensor.hash, torque.count, torque.hash);
     // The run's directory is removed at the end: the test reads what was said on standard error.
     eprintln!("recorded {text}");
     std::fs::write(file, text).expect("the run's directory is writable");

@@ -53,7 +53,7 @@ impl Hand<'_> {
         self.take::<1>()[0]
     }
 
-    /// A number that makes trouble, or the old one moved, or any.
+    /// A number at the limits of its type, or the old one moved, or any.
     pub(super) fn number(&mut self, old: f64) -> f64 {
         const HARD: [f64; 16] = [
             0.0,

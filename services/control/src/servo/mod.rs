@@ -6,13 +6,13 @@
 //!
 //! The law acts on the *reference arm*: an ideal arm of the same model, without noise or friction, with nine tenths of the torques. Its accelerations
 //! keep the [`stops`] of its joints, and the real arm follows it joint by joint: Γ = A(q)(q̈_r + k_v(q̇_r − q̇) + k_p(q_r − q)) + bias. So reference and arm
-//! never part: whatever limit ends a motion ends it on the reference arm. Reach ends the motion by a [`leash`] between reference and reference arm, so that
+//! never part: whatever limit ends a motion ends it on the reference arm. Reach ends the motion by [anti-windup](anti_windup) between reference and reference arm, so that
 //! nothing winds up and a way back is free at once.
 //!
 //! Reduces to the paper's law: where the arm is its model and no stop is near, q̈ = q̈_r is the acceleration that the law demands.
 
+pub mod anti_windup;
 pub mod intake;
-pub mod leash;
 pub mod limits;
 pub mod reference;
 pub mod stops;

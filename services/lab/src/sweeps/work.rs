@@ -84,24 +84,24 @@ pub fn run(request: &Request<'_>, observer: Observer<'_>) -> Result<Done, Failur
     for made in [rows_folder(&folder), journals_folder(&folder)] {
         std::fs::create_dir_all(made).map_err(cannot)?;
     }
-    let board = Work::begin(&sweep, &folder)?;
-    let (runs, pending) = (board.runs, board.pending.len() as u64);
-    let cores = thread::available_parallelism().map_or(1, usize::from).min(board.pending.len());
+    let work = Work::begin(&sweep, &folder)?;
+    let (runs, pending) = (work.runs, work.pending.len() as u64);
+    let cores = thread::available_parallelism().map_or(1, usize::from).min(work.pending.len());
     let began = Instant::now();
     observer(Progress::Begin { title: &manifest.name, length: pending, unit: "runs" });
     thread::scope(|scope| {
-        let workers: Vec<_> = (0..cores).map(|_| scope.spawn(|| board.work(observer))).collect();
+        let workers: Vec<_> = (0..cores).map(|_| scope.spawn(|| work.work(observer))).collect();
         while workers.iter().any(|worker| !worker.is_finished()) {
             if let Some(signal) = signals.pending() {
                 let kept = "the runs finished so far are kept, the same command goes on";
-                board.stop(Failure::Work(format!("stopped by {signal}: {kept}")));
+                work.stop(Failure::Work(format!("stopped by {signal}: {kept}")));
             }
             thread::sleep(LOOK.min(Duration::from_millis(1 + began.elapsed().as_millis() as u64 / 20)));
         }
     });
     observer(Progress::End);
-    let simulated_s = board.simulated_ns.load(Ordering::Relaxed) as f64 * 1e-9;
-    board.failure.into_inner().unwrap_or_else(PoisonError::into_inner).map_or(Ok(()), Err)?;
+    let simulated_s = work.simulated_ns.load(Ordering::Relaxed) as f64 * 1e-9;
+    work.failure.into_inner().unwrap_or_else(PoisonError::into_inner).map_or(Ok(()), Err)?;
     std::fs::remove_dir(journals_folder(&folder)).map_err(cannot)?;
     let name = manifest.name.clone();
     Ok(Done { name, shard: request.shard, folder, runs, found: runs - pending, simulated_s, wall_s: began.elapsed().as_secs_f64(), cores })

@@ -120,7 +120,7 @@ impl JointMeter {
         joints.q_end.extend_from_slice(&tick.truth.q[..n]);
         joints.saturated_ticks += u64::from(tick.torque.saturation_mask != 0);
         joints.rate_limited_ticks += u64::from(tick.control.rate_mask != 0);
-        joints.doubted_ticks += u64::from(tick.control.doubt_ticks != 0);
+        joints.rejected_estimate_ticks += u64::from(tick.control.rejected_ticks != 0);
         let last = self.last_tau.get_or_insert_default();
         last.clear();
         last.extend_from_slice(tau);
@@ -166,12 +166,13 @@ impl JointMeter {
             let LimitSummary { first_tick, ticks, .. } = limit;
             format!("{} for {ticks} ticks from tick {first_tick} on", reached(limit))
         });
-        let JointSummary { rate_limited_ticks, doubted_ticks, .. } = self.summary;
+        let JointSummary { rate_limited_ticks, rejected_estimate_ticks, .. } = self.summary;
         let waits = (rate_limited_ticks > FREE_TICKS)
             .then(|| format!("torques waited for the rates that the drives accept, {rate_limited_ticks} ticks in all"));
-        let doubts = (doubted_ticks > 0)
-            .then(|| format!("the estimate was set aside for {doubted_ticks} ticks, because no torque within the limits moves the arm so"));
-        self.refused.clone().into_iter().chain(limits).chain(waits).chain(doubts)
+        let rejections = (rejected_estimate_ticks > 0).then(|| {
+            format!("the estimate was set aside for {rejected_estimate_ticks} ticks, because no torque within the limits moves the arm so")
+        });
+        self.refused.clone().into_iter().chain(limits).chain(waits).chain(rejections)
     }
 
     pub(super) fn finish(mut self) -> JointSummary {

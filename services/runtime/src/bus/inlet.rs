@@ -13,7 +13,7 @@ use crate::wait::Interrupted;
 /// The writers whose messages count.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Admission {
-    /// In real time those of the living: no process acts on the word of a dead one.
+    /// In real time those of the living: no process acts on messages of a dead one.
     OfTheLiving,
     /// All, as long as they come in order: what the dead have sent is part of the record.
     InOrder,

@@ -7,7 +7,7 @@ use crate::bus::format::header;
 use crate::context::Context;
 use crate::memory::HandedOver;
 
-/// One reader's view of the retainer of its topic, in lockstep; in real time no process acts on the word of a dead one.
+/// One reader's view of the retainer of its topic, in lockstep; in real time no process acts on messages of a dead one.
 pub(crate) struct Missed {
     writer: Option<usize>,
     topic: &'static str,

@@ -67,7 +67,7 @@ pub struct Request<'a> {
 pub struct Drilled {
     /// In the order in which they were tried.
     pub cells: Vec<Cell>,
-    /// Whether no cell broke an invariant.
+    /// Whether no cell broke a guarantee.
     pub passed: bool,
     /// All of it, for machines.
     pub json: Value,

@@ -7,7 +7,7 @@ use super::cell::Cell;
 /// Colour of a fault that cannot happen to a process.
 const NONE: Color = Color { 0: 222, 1: 224, 2: 229, 3: 1.0 };
 
-/// White to blue by the size of a value on a logarithmic scale; red where an invariant is broken.
+/// White to blue by the size of a value on a logarithmic scale; red where a guarantee is broken.
 fn shade(value: f64, range: std::ops::Range<f64>, is_broken: bool) -> Color {
     if is_broken {
         return RED;
@@ -54,7 +54,7 @@ pub(super) fn picture(cells: &[Cell]) -> Page {
     Page {
         title: "Effect of each fault".to_owned(),
         subtitle: format!(
-            "{}: {} cells, {broken} with a broken invariant (red); lockstep, each repeated from its saved plan",
+            "{}: {} cells, {broken} with a broken guarantee (red); lockstep, each repeated from its saved plan",
             scenarios.into_iter().collect::<Vec<_>>().join(", "),
             cells.len()
         ),

@@ -10,7 +10,7 @@ use super::matrix::Drilled;
 /// A row a cell, how many ended how, and whether a guarantee does not hold.
 impl fmt::Display for Drilled {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let headings = ["process", "fault", "detected", "stale", "torque", "step", "mrad", "mm", "recovered", "end", "again"];
+        let headings = ["process", "fault", "detected", "stale", "torque", "step", "mrad", "mm", "settled", "end", "again"];
         let mut rows = table(&headings);
         for cell in &self.cells {
             let name =
@@ -39,7 +39,7 @@ impl fmt::Display for Drilled {
         writeln!(
             f,
             "stale: ticks without a fresh torque; torque, step: largest share of a limit, of a change in a tick;\n\
-             mrad, mm: off the path, joints and hand; detected, recovered: after so many ms;\n\
+             mrad, mm: off the path, joints and hand; detected, settled: after so many ms;\n\
              again: whether a repetition has the same bytes; --json has more"
         )?;
         for cell in self.cells.iter().filter(|cell| !cell.invariants_broken.is_empty()) {
@@ -49,7 +49,7 @@ impl fmt::Display for Drilled {
         let goals = self.cells.iter().filter(|cell| cell.goal_reached).count();
         writeln!(
             f,
-            "{} cells: {goals} reached the goal, {} came to rest or ended cleanly, {broken} broke an invariant",
+            "{} cells: {goals} reached the goal, {} came to rest or ended cleanly, {broken} broke a guarantee",
             self.cells.len(),
             self.cells.len() - goals
         )?;

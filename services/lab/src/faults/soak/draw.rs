@@ -100,12 +100,12 @@ impl Act {
 }
 
 /// Random numbers one after the other.
-struct Dice {
+struct Draws {
     seed: u64,
     drawn: u64,
 }
 
-impl Dice {
+impl Draws {
     fn next(&mut self) -> u64 {
         self.drawn += 1;
         random(self.seed, self.drawn)
@@ -138,7 +138,7 @@ impl Dice {
 
 /// Deals what goes wrong, so that everything comes equally often over all rounds: a shuffled deck of every kind, process and way.
 pub(super) struct Dealer {
-    dice: Dice,
+    draws: Draws,
     graph: Graph,
     joints: u64,
     rate_hz: f64,
@@ -151,7 +151,7 @@ pub(super) struct Dealer {
 impl Dealer {
     pub(super) fn new(robot: &Robot, graph: Graph, rate_hz: u32, seed: u64) -> Self {
         Self {
-            dice: Dice { seed: seed ^ 0x50a4, drawn: 0 },
+            draws: Draws { seed: seed ^ 0x50a4, drawn: 0 },
             graph,
             joints: robot.dof() as u64,
             rate_hz: f64::from(rate_hz),
@@ -168,7 +168,7 @@ impl Dealer {
         let is_disk = |act: &Act| matches!(act, Act::Fault(fault) if fault.kind == Kind::DiskFull);
         let (mut planned, mut at_s) = (Vec::new(), from);
         loop {
-            at_s -= MEAN_GAP_S * (1.0 - self.dice.unit()).ln();
+            at_s -= MEAN_GAP_S * (1.0 - self.draws.unit()).ln();
             if at_s >= to {
                 break;
             }
@@ -184,7 +184,7 @@ impl Dealer {
                 planned.push(Planned { at_s, act, is_fatal: false });
             }
         }
-        if self.dice.below(FATAL_ONE_IN) == 0 {
+        if self.draws.below(FATAL_ONE_IN) == 0 {
             self.end(&mut planned, to + 0.2 * (seconds - to));
         }
         planned
@@ -192,7 +192,7 @@ impl Dealer {
 
     /// The end of a round: the plant's, or that of a budget.
     fn end(&mut self, planned: &mut Vec<Planned>, at_s: f64) {
-        if self.dice.next().is_multiple_of(2)
+        if self.draws.next().is_multiple_of(2)
             && let Some(act) = self.fatal.pop_front()
         {
             let act = self.detailed(act);
@@ -200,7 +200,7 @@ impl Dealer {
         }
         let is_mortal = |process: &&Process| process.role() != Role::World;
         let mortal: Vec<_> = self.graph.process.iter().filter(is_mortal).map(|process| process.name.clone()).collect();
-        let process = mortal[self.dice.below(mortal.len() as u64) as usize].clone();
+        let process = mortal[self.draws.below(mortal.len() as u64) as usize].clone();
         for k in 0..SPENT {
             // Its pause is over by then, and its replacement at work.
             let act = Act::Signal(process.clone(), Signal::Kill);
@@ -211,7 +211,7 @@ impl Dealer {
     fn next_act(&mut self) -> Option<Act> {
         if self.deck.is_empty() {
             let mut deck = every(&self.graph);
-            self.dice.shuffle(&mut deck);
+            self.draws.shuffle(&mut deck);
             self.deck = deck.into();
         }
         self.deck.pop_front()
@@ -221,11 +221,11 @@ impl Dealer {
     fn detailed(&mut self, act: Act) -> Act {
         match act {
             Act::Fault(fault) => Act::Fault(self.detailed_fault(fault)),
-            Act::Signal(process, Signal::KillTwice(_)) => Act::Signal(process, Signal::KillTwice(1 + self.dice.below(80) as u32)),
+            Act::Signal(process, Signal::KillTwice(_)) => Act::Signal(process, Signal::KillTwice(1 + self.draws.below(80) as u32)),
             Act::Signal(process, Signal::StopFor(_)) => {
                 // A process stopped for a tenth of a second is replaced; the plant has no replacement.
                 let most_ms = if is_world(&self.graph, &process) { 50 } else { 250 };
-                Act::Signal(process, Signal::StopFor(1 + self.dice.below(most_ms) as u32))
+                Act::Signal(process, Signal::StopFor(1 + self.draws.below(most_ms) as u32))
             }
             signal => signal,
         }
@@ -233,34 +233,34 @@ impl Dealer {
 
     fn detailed_fault(&mut self, fault: Fault) -> Fault {
         let (fields, reads) = self.graph.target(&fault.process).map(|target| (target.fields, target.reads)).unwrap_or_default();
-        let (kind, dice) = (fault.kind, &mut self.dice);
+        let (kind, draws) = (fault.kind, &mut self.draws);
         let usual_s = kind.usual_length_s();
         let ticks = |s: f64| (s * self.rate_hz).round().max(1.0) as u64;
-        let for_ticks = usual_s.is_finite().then(|| ticks(dice.scaled(usual_s, 5.0)));
+        let for_ticks = usual_s.is_finite().then(|| ticks(draws.scaled(usual_s, 5.0)));
         let usual = fault.way.map_or(0.0, |way| kind.usual_amount(way));
         let amount = match (kind, fault.way) {
-            _ if kind.usual_ms() > 0.0 => Some(dice.scaled(kind.usual_ms(), 3.0)),
-            (Kind::Clock, _) => Some(dice.scaled(usual, 10.0) * dice.sign()),
-            (_, Some(Way::Bias | Way::Drift)) => Some(dice.scaled(usual, 3.0) * dice.sign()),
-            _ if usual > 0.0 => Some(dice.scaled(usual, 3.0)),
+            _ if kind.usual_ms() > 0.0 => Some(draws.scaled(kind.usual_ms(), 3.0)),
+            (Kind::Clock, _) => Some(draws.scaled(usual, 10.0) * draws.sign()),
+            (_, Some(Way::Bias | Way::Drift)) => Some(draws.scaled(usual, 3.0) * draws.sign()),
+            _ if usual > 0.0 => Some(draws.scaled(usual, 3.0)),
             _ => None,
         };
-        let probability = (kind.has_probability() && dice.next().is_multiple_of(2)).then(|| 0.05 + 0.95 * dice.unit());
+        let probability = (kind.has_probability() && draws.next().is_multiple_of(2)).then(|| 0.05 + 0.95 * draws.unit());
         let field = (kind == Kind::Corrupt).then(|| {
             let fields: Vec<_> = fields.iter().filter(|field| field.is_number()).collect();
-            let field = fields[dice.below(fields.len() as u64) as usize];
-            format!("{}[{}]", field.name, dice.below((field.size / size_of::<f64>()) as u64))
+            let field = fields[draws.below(fields.len() as u64) as usize];
+            format!("{}[{}]", field.name, draws.below((field.size / size_of::<f64>()) as u64))
         });
-        let topic = (kind == Kind::Cut).then(|| reads[dice.below(reads.len() as u64) as usize].clone());
+        let topic = (kind == Kind::Cut).then(|| reads[draws.below(reads.len() as u64) as usize].clone());
         Fault {
             topic,
             for_ticks,
             amount,
             probability,
             field,
-            delay_ticks: (kind == Kind::Delay).then(|| 1 + dice.below(10)),
-            jitter_ticks: (kind == Kind::Delay).then(|| dice.below(6)),
-            joint: matches!(kind, Kind::Sensor | Kind::Drive).then(|| 1 + dice.below(self.joints) as u32),
+            delay_ticks: (kind == Kind::Delay).then(|| 1 + draws.below(10)),
+            jitter_ticks: (kind == Kind::Delay).then(|| draws.below(6)),
+            joint: matches!(kind, Kind::Sensor | Kind::Drive).then(|| 1 + draws.below(self.joints) as u32),
             ..fault
         }
     }

@@ -1,4 +1,4 @@
-//! The leash between the reference and the reference arm: what the arm cannot reach, the reference does not run away to.
+//! Anti-windup: the lead of the reference over the reference arm is bounded, so that it does not grow while the arm cannot follow.
 //!
 //! Along a singular direction inside its neighbourhood the reference leads: its lead is what a fold opens by, and what it slides along. Orthogonal to
 //! the singular directions it is never further away than the accuracy asked for.
@@ -14,20 +14,20 @@ const ACROSS_M: f64 = 0.0003;
 const ALONG_M: f64 = 0.003;
 /// Longest angle, rad.
 const ANGLE: f64 = 0.02;
-/// Rate at which the reference comes back to the arm once nothing pulls it away, 1/s.
+/// Rate at which the reference comes back to the arm once the twist no longer leads away from it, 1/s.
 const BACK: f64 = 10.0;
-/// Share of the leash from which a twist that would lengthen it is taken away.
-const TAUT: f64 = 0.5;
+/// Share of the longest lead from which a twist that would increase it is taken away.
+const SATURATING: f64 = 0.5;
 
-/// The pull of the leash at a tick: the error orthogonal to the singular directions, along them, and of orientation; each with its longest length.
+/// The lead at a tick: the error orthogonal to the singular directions, along them, and of orientation; each with its longest length.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pull {
+pub struct Lead {
     parts: [(Vector3<f64>, f64); 3],
-    /// How taut it is, 0 to 1.
-    pub tension: f64,
+    /// How near it is to its bound, 0 to 1: 1 at the bound.
+    pub saturation: f64,
 }
 
-impl Pull {
+impl Lead {
     /// Between the reference and the arm, whose singularities are those of `report` and whose law is in the state `loops`.
     #[must_use]
     pub fn between<const N: usize>(reference: &Pose, arm: &Pose, report: &Report<N>, loops: &[Loop]) -> Self {
@@ -44,10 +44,10 @@ impl Pull {
         }
         let turn = rotation_log(&(reference.R * arm.R.transpose()));
         let parts = [(across, ACROSS_M), (error - across, length), (turn, ANGLE)];
-        Self { parts, tension: parts.iter().fold(0.0, |tension, part| tension.max(taut(part))) }
+        Self { parts, saturation: parts.iter().fold(0.0, |most, part| most.max(saturation_of(part))) }
     }
 
-    /// The reference at the end of the leash, where it is further away; and how far it has been taken back, m.
+    /// The reference at the bound, where it is further away; and how far it has been taken back, m.
     #[must_use]
     pub fn hold(&self, reference: &Pose, arm: &Pose) -> (Pose, f64) {
         let held = self.parts.map(|(error, length)| error * (length / error.norm().max(length)));
@@ -74,21 +74,21 @@ impl Pull {
         relaxed
     }
 
-    /// A twist without what would pull the leash tighter.
+    /// A twist without the part that would increase a lead that is near its bound.
     #[must_use]
-    pub fn slacken(&self, V: &Vector6<f64>) -> Vector6<f64> {
+    pub fn without_increase(&self, V: &Vector6<f64>) -> Vector6<f64> {
         let without = |v: Vector3<f64>, part: &(Vector3<f64>, f64)| {
-            let (error, taut) = (&part.0, taut(part));
-            if taut > 0.0 { v - error * (v.dot(error).max(0.0) * taut / error.norm_squared()) } else { v }
+            let (error, saturation) = (&part.0, saturation_of(part));
+            if saturation > 0.0 { v - error * (v.dot(error).max(0.0) * saturation / error.norm_squared()) } else { v }
         };
         let [across, along, turn] = &self.parts;
         stack(&without(without(linear(V), across), along), &without(angular(V), turn))
     }
 }
 
-/// How taut one part is, 0 to 1.
-fn taut((error, length): &(Vector3<f64>, f64)) -> f64 {
-    smoothstep((error.norm() / length - TAUT) / (1.0 - TAUT))
+/// How near one part is to its bound, 0 to 1.
+fn saturation_of((error, length): &(Vector3<f64>, f64)) -> f64 {
+    smoothstep((error.norm() / length - SATURATING) / (1.0 - SATURATING))
 }
 
 #[cfg(test)]
@@ -96,22 +96,22 @@ mod tests {
     use super::*;
     use crate::testing::empty_report;
 
-    fn between(x: f64) -> Pull {
-        Pull::between(&Pose::translation(Vector3::new(x, 0.0, 0.0)), &Pose::identity(), &empty_report::<6>(), &[])
+    fn between(x: f64) -> Lead {
+        Lead::between(&Pose::translation(Vector3::new(x, 0.0, 0.0)), &Pose::identity(), &empty_report::<6>(), &[])
     }
 
     #[test]
-    fn the_reference_stays_within_the_leash_and_may_always_come_back() {
+    fn the_lead_stays_within_its_bound_and_the_reference_may_always_come_back() {
         let (arm, far) = (Pose::identity(), Pose::translation(Vector3::new(0.05, 0.0, 0.0)));
-        let pull = between(0.05);
-        let (held, back) = pull.hold(&far, &arm);
-        assert!((held.p.x - ACROSS_M).abs() < 1e-12 && (back - 0.05 + ACROSS_M).abs() < 1e-12 && pull.tension == 1.0);
+        let lead = between(0.05);
+        let (held, back) = lead.hold(&far, &arm);
+        assert!((held.p.x - ACROSS_M).abs() < 1e-12 && (back - 0.05 + ACROSS_M).abs() < 1e-12 && lead.saturation == 1.0);
         let V = Vector6::new(0.1, 0.2, 0.0, 0.0, 0.0, 0.3);
-        assert_eq!(pull.slacken(&V), Vector6::new(0.0, 0.2, 0.0, 0.0, 0.0, 0.3));
-        assert_eq!(pull.slacken(&-V), -V);
-        assert_eq!(between(0.0001).slacken(&V), V);
-        assert_eq!(pull.relax(&held, &V, 1e-3), held, "it is still pulled");
-        assert!((pull.relax(&far, &-V, 1e-3).p.x - 0.0495).abs() < 1e-12, "1 % of the way back in a tick");
+        assert_eq!(lead.without_increase(&V), Vector6::new(0.0, 0.2, 0.0, 0.0, 0.0, 0.3));
+        assert_eq!(lead.without_increase(&-V), -V);
+        assert_eq!(between(0.0001).without_increase(&V), V);
+        assert_eq!(lead.relax(&held, &V, 1e-3), held, "the twist leads away");
+        assert!((lead.relax(&far, &-V, 1e-3).p.x - 0.0495).abs() < 1e-12, "1 % of the way back in a tick");
     }
 
     #[test]
@@ -121,7 +121,7 @@ mod tests {
         report.singularities[0].zeta_B[0] = 1.0;
         (report.singularities[0].inside, report.singularities[0].eta_in, report.singularities[0].eta_out) = (true, 0.1, 0.2);
         let far = Pose::translation(Vector3::new(0.05, 0.05, 0.0));
-        let (held, _) = Pull::between(&far, &Pose::identity(), &report, &[Loop::default()]).hold(&far, &Pose::identity());
+        let (held, _) = Lead::between(&far, &Pose::identity(), &report, &[Loop::default()]).hold(&far, &Pose::identity());
         assert!((held.p - Vector3::new(ALONG_M, ACROSS_M, 0.0)).norm() < 1e-12, "{}", held.p);
     }
 }
