@@ -420,6 +420,6 @@ TOPICS = {
     "singularity": (SingularityReport, "armplane.SingularityReport.v4", 0x8844948f013a28ee),
     "target": (Target, "armplane.Target.v2", 0xf7a8d3c2246c9806),
     "servo_state": (ServoState, "armplane.ServoState.v1", 0xb214d5f1957726e4),
-    "control_state": (ControlState, "armplane.ControlState.v3", 0x1e5990b2609559a8),
+    "control_state": (ControlState, "armplane.ControlState.v4", 0x3d6226b63bfda497),
     "torque": (TorqueCommand, "armplane.TorqueCommand.v5", 0xf478adead3f15ea4),
 }

@@ -163,7 +163,7 @@ wire! {
 
 wire! {
     /// State of the controller after a tick.
-    ControllerCheckpoint checkpoint version 5 {
+    ControllerCheckpoint checkpoint version 6 {
         /// Index of the task segment; the number of segments once the path is finished.
         segment: u32,
         /// 1 once the segment's goal has been fixed.
@@ -245,7 +245,7 @@ mod tests {
         let known = [
             ("armplane.EstimatorCheckpoint.v2", 432, 0x0184_47d8_5cf1_979d),
             ("armplane.AnalyzerCheckpoint.v2", 1888, 0xd183_645a_d89c_2cda),
-            ("armplane.ControllerCheckpoint.v5", 3672, 0x1601_d08e_5eb6_d5a5),
+            ("armplane.ControllerCheckpoint.v6", 3672, 0x633e_d858_d535_155e),
         ];
         assert_eq!([of::<EstimatorCheckpoint>(), of::<AnalyzerCheckpoint>(), of::<ControllerCheckpoint>()], known);
     }

@@ -234,7 +234,7 @@ const _: () = assert!(size_of::<TorqueCommand>() <= 256, "what a drive needs, at
 
 wire! {
     /// The control law's intermediate results and its reference: controller → recorder, for judging and showing.
-    ControlState on "control_state" version 3 {
+    ControlState on "control_state" version 4 {
         /// Tick, incarnation, stamps.
         header: Header,
         /// The part of the torque that acts at the end-effector, J_rᵀF_r with compensation of gravity and Coriolis; N·m.
@@ -330,7 +330,7 @@ mod tests {
             ("armplane.SingularityReport.v4", 1384, 0x8844_948f_013a_28ee),
             ("armplane.Target.v2", 352, 0xf7a8_d3c2_246c_9806),
             ("armplane.ServoState.v1", 288, 0xb214_d5f1_9577_26e4),
-            ("armplane.ControlState.v3", 712, 0x98e4_d969_d5ba_0d02),
+            ("armplane.ControlState.v4", 712, 0x3d62_26b6_3bfd_a497),
             ("armplane.TorqueCommand.v5", 224, 0xf478_adea_d3f1_5ea4),
         ];
         assert_eq!(topics::each(&mut Name), known);
