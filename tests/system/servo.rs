@@ -37,7 +37,7 @@ fn a_file_steers_the_arm_and_its_saved_scenario_gives_the_same_bytes() {
     let said = desk.armplane(&["replay", "one", "--json"]);
     assert!(said.code == 0 && said.out.contains("servo_state"), "{}{}", said.out, said.err);
     let said = desk.armplane(&["servo", "two/scenario.toml", "--out", "three"]);
-    assert!(said.out.contains("2 targets refused"), "{}", said.out);
+    assert!(said.out.contains("targets refused: 2"), "{}", said.out);
 }
 
 /// A run that is steered by the lines of its standard input.

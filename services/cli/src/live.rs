@@ -1,7 +1,7 @@
 //! A session that is steered while it lasts: by keys of a terminal in raw mode or by a gamepad, with a line of help and a line of state; or by lines
 //! from standard input. Each of them is a target for the operator's socket.
 
-use std::io::{Read, Write};
+use std::io::{BufRead, Read, Write};
 use std::os::unix::net::UnixDatagram;
 use std::path::Path;
 use std::sync::Arc;
@@ -17,6 +17,8 @@ use shared_types::scenario::Servo;
 
 /// Pause between two lines of state.
 const EVERY: Duration = Duration::from_millis(100);
+/// More bytes than a line of targets has; a longer one is cut.
+const LONGEST_LINE: usize = 2048;
 /// Pause before a line that no process took is sent again.
 const AGAIN: Duration = Duration::from_millis(2);
 
@@ -81,12 +83,21 @@ fn print(text: std::fmt::Arguments<'_>) {
 pub(crate) fn send_lines(run: &RunDir) -> Result<(), Failure> {
     let (socket, path) = (UnixDatagram::unbound().map_err(Failure::work)?, run.path().join(Servo::SOCKET));
     std::thread::spawn(move || {
-        for line in std::io::stdin().lines().map_while(Result::ok).chain([Servo::CLOSE.to_owned()]) {
+        let send = |line: &[u8]| {
             // The operator makes its socket when it starts.
-            while socket.send_to(line.as_bytes(), &path).is_err() && path.parent().is_some_and(|run| run.exists()) {
+            while socket.send_to(line, &path).is_err() && path.parent().is_some_and(|run| run.exists()) {
                 std::thread::sleep(AGAIN);
             }
+        };
+        let mut input = std::io::stdin().lock();
+        let mut line = Vec::new();
+        while input.read_until(b'\n', &mut line).is_ok_and(|bytes| bytes > 0) {
+            // A line longer than any target, cut: the operator refuses it as it does every other that is none.
+            let end = line.trim_ascii_end().len().min(LONGEST_LINE);
+            send(String::from_utf8_lossy(&line[..end]).as_bytes());
+            line.clear();
         }
+        send(Servo::CLOSE.as_bytes());
     });
     Ok(())
 }

@@ -98,12 +98,13 @@ fn work(Command { part, run }: &Command) -> Result<(), ProcessError> {
         let command = load::command(&job.graph, name);
         return exchange::run(&shell, &job.graph, name, robot.dof(), job.scenario.planned_ticks(), command);
     };
-    match program {
+    let done = match program {
         Program::Plant => plant::run(&shell, &robot, &job.scenario),
         Program::Estimator => estimator::run(&shell, &robot, &job.scenario),
         Program::Analyzer => analyzer::run(&shell, &robot, &job.scenario),
         Program::Controller => controller::run(&shell, &robot, &job.scenario),
         Program::Recorder => recorder::run(&shell, &robot, &job, shell.run_dir()),
         Program::Operator => operator::run(&shell, &job.scenario),
-    }
+    };
+    done.inspect(|()| shell.pass_early_signal_on())
 }

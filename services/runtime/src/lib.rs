@@ -19,6 +19,7 @@ mod control_page;
 mod deadline;
 mod disturbance;
 mod doorbell;
+mod early_signal;
 mod environment;
 mod fault;
 mod lockstep;

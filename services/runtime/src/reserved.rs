@@ -9,7 +9,13 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// When the file system has no room.
 pub fn reserve(path: &Path, bytes: usize) -> io::Result<()> {
-    fs::write(room(path), vec![0; bytes])
+    let room = room(path);
+    // One that an earlier run or somebody else has left, a link or a pipe too: nothing is written through it.
+    match fs::remove_file(&room) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+        _ => {}
+    }
+    OpenOptions::new().write(true).create_new(true).open(room)?.write_all(&vec![0; bytes])
 }
 
 /// Makes the file `path` with `text`, in the memory that [`reserve`] took for it where there is some. The file appears whole or not at all.

@@ -13,12 +13,10 @@ use shared_types::{Checkpoint, Message};
 use crate::bus::collector::{Collector, ForeignCollector};
 use crate::bus::depth::{CHAIN_DEPTH, RECORDER_DEPTH, depth, least_depth};
 use crate::bus::error::TopicError;
-use crate::bus::format::Format;
-use crate::bus::node::join;
-use crate::bus::port::Receiver;
 use crate::bus::reader::Reader;
 use crate::bus::topic::Topic;
 use crate::bus::writer::{SendError, Writer};
+use crate::bus::{format::Format, node::join, port::Receiver};
 use crate::checkpoint::CheckpointSlots;
 use crate::clock::now_ns;
 use crate::context::{Attached, Connect, Context, FaultState, StopFlag};
@@ -206,6 +204,11 @@ impl Shell {
         shared.tick.set(shared.returns_at());
         let shared = Rc::new(shared);
         Ok(Self { shared, round: Cell::new(Round::Before), is_falling: Cell::new(false), _occupancy: occupancy })
+    }
+
+    /// Ends the process by the signal that it got before its first tick; does nothing without one.
+    pub fn pass_early_signal_on(&self) {
+        crate::early_signal::pass_on(&self.shared);
     }
 
     /// Reads a topic message by message: the next tick in lockstep, the newest in real time.

@@ -68,9 +68,25 @@ impl Results {
         };
         let folder = folder.canonicalize().map_err(|error| cannot(&folder, error))?;
         let results = Self { folder, made, _lock: lock };
+        if let Some(path) = results.irregular() {
+            let (path, remedy) = (path.display(), "remove it, or choose another folder with --out");
+            return Err(Failure::Input(format!("{path} has the name of a result and is not an ordinary file: {remedy}")));
+        }
         let probe = results.folder.join(PROBE);
         std::fs::write(&probe, b"").and_then(|()| std::fs::remove_file(&probe)).map_err(|error| cannot(&results.folder, error))?;
         Ok(results)
+    }
+
+    /// A link, pipe, device or folder in the folder that has the name of a result: what is written there would go elsewhere, or wait for a reader.
+    fn irregular(&self) -> Option<PathBuf> {
+        let is_ours = |name: &str| KEPT.contains(&name) || [".rrd", ".log", ".reserved", ".tmp"].iter().any(|end| name.ends_with(end));
+        let here = [self.folder.clone(), self.folder.join(recorder::MESSAGES)];
+        let mut entries = here.iter().filter_map(|folder| std::fs::read_dir(folder).ok()).flatten().flatten();
+        let found = entries.find(|entry| {
+            is_ours(&entry.file_name().to_string_lossy()) && entry.file_type().is_ok_and(|kind| !kind.is_file())
+                || entry.file_name() == recorder::MESSAGES && entry.file_type().is_ok_and(|kind| !kind.is_dir())
+        });
+        found.map(|entry| entry.path())
     }
 
     /// Writes a JSON file into the folder.

@@ -299,7 +299,7 @@ impl fmt::Display for Account {
         if self.last.refused > 0 {
             writeln!(
                 f,
-                "           {} targets refused, the last because {}",
+                "           targets refused: {}, the last because {}",
                 self.last.refused,
                 name_of(TARGET_REFUSALS, self.last.refusal)
             )?;
