@@ -106,7 +106,7 @@ impl FaultTable {
 
     fn write(&self, scheduled: &ScheduledFault, origin: Origin, standing: u32) -> Option<usize> {
         let most = if origin == Origin::Live { MOST_WHEN_REQUESTED } else { MOST_FAULTS };
-        let next = |taken: u32| ((taken as usize) < most).then_some(taken + 1);
+        let next = |taken: u32| ((taken as usize) < most).then(|| taken + 1);
         let place = self.taken.fetch_update(Ordering::AcqRel, Ordering::Acquire, next).ok()? as usize;
         let entry = self.entries.get(place)?;
         entry.put(scheduled);
