@@ -95,9 +95,6 @@ pub fn parse(text: &str, rate_hz: u32) -> Result<Vec<Row>, InvalidRow> {
         if rows.last().is_some_and(|last| row.tick < last.tick) {
             return Err(invalid(number, format!("the target at {} s comes after a later one: sort the lines by time", time.trim())));
         }
-        if rows.last().is_some_and(|last| last.target.kind == TARGET_END) {
-            return Err(invalid(number, "a target comes after `end`, which ends the session: remove one of the two".to_owned()));
-        }
         if rows.len() == MOST {
             return Err(invalid(number, format!("more than {MOST} targets: leave out lines, or steer from standard input (`--from -`)")));
         }
