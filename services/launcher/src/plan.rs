@@ -127,7 +127,7 @@ pub enum Event<'a> {
     Line {
         /// Which.
         process: &'a str,
-        /// Its kind.
+        /// The line.
         line: &'a str,
     },
     /// A process did nothing more and has been killed for it.

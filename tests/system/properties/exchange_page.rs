@@ -21,7 +21,7 @@ thread_local! {
     static TOPICS: Vec<(MessageLayout, u32)> = topics();
 }
 
-/// What a program of many topics has: two that it reads, three that it writes.
+/// The topics of a program that has many: two that it reads, three that it writes.
 fn topics() -> Vec<(MessageLayout, u32)> {
     let graph = Graph::parse("graph.toml", BUILT_IN).expect("the built-in graph");
     let named = [
@@ -141,7 +141,7 @@ fn scribble(run: &RunDir, topics: &[(MessageLayout, u32)], hand: &mut Hand<'_>) 
                 Err(failure) => is_refusal(&failure),
             },
             9 => {
-                // What leaves is what was checked, whatever is written after the check.
+                // The content checked is the content sent, also where the page is written after the check.
                 let mut sent = |number: u8| {
                     let refused = match number % 3 {
                         0 => drafts.0.not_finite(&page),
