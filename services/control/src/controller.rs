@@ -12,7 +12,7 @@ use crate::continuous::blended;
 use crate::continuous::foresight::Foreseen;
 use crate::continuous::governor::Load;
 use crate::continuous::guide::{Guide, WAIT};
-use crate::continuous::saturation::{Limited, compensated, limit};
+use crate::continuous::saturation::{compensated, limit};
 use crate::continuous::speed_limit;
 use crate::continuous::turn_plan;
 use crate::demand_ahead::demand_ahead;
@@ -28,11 +28,11 @@ use crate::setup::SetupError;
 use crate::state::State;
 use crate::steered::{self, Steered};
 use crate::telemetry::Telemetry;
-use crate::tick::{Auxiliary, Inputs, Motion};
+use crate::tick::{Auxiliary, Inputs, Kept, Motion};
 use crate::trajectory::Path;
 use crate::types::{Class, Command, Kind, Mode, Phase, Refusal, Report, Singularity};
 use model::{Model, Robot, Terms};
-use nalgebra::SVector;
+use nalgebra::{SVector, Vector6};
 use shared_types::scenario::{Control, Scenario, Strategy};
 use shared_types::{ControllerCheckpoint, MAX_SINGULARITIES};
 
@@ -207,20 +207,18 @@ impl<const N: usize> Controller<N> {
 
     /// The five steps of the table in the crate's documentation.
     fn tick(&self, state: &mut State<N>, now: &Inputs<'_, N>) -> Result<Command<N>, LawError> {
-        self.check_rank(now.report)?;
-        let followed = Followed { path: &self.path, guide: &self.guide, task: self.task, control: &self.scenario.control };
-        let mut motion = desired_motion(&followed, state, now);
+        let motion = desired_motion(&self.followed(), state, now);
         let auxiliary = self.auxiliary_coordinates(state, now, &motion)?;
-        self.bound_return(now.report, &auxiliary.telemetry.mode, &mut motion);
-        let torques = self.torques(state, now, &motion, &auxiliary.actives)?;
-        let torques = if self.governs() { speed_limit::held(&torques, &now.terms.A, now.qdot, self.model.velocity())? } else { torques };
-        let limited = self.limits(now, &motion, &torques)?;
-        state.qdot_planned = torques.qdot_nominal * motion.clock;
-        let rate_mask;
-        (state.sent, rate_mask) = state.sent.next(&limited, &(torques.path * limited.task_scale), &self.torque_step(), self.model.effort());
-        let command = Command { rate_mask, ..command::running(state, now, &motion, &auxiliary, &limited, self.scenario.settle_s) };
+        let torques = self.torques(state, now, &motion, &auxiliary)?;
+        let kept = self.limits(state, now, &motion, &torques)?;
+        let command = command::running(state, now, &motion, &auxiliary, &kept, self.scenario.settle_s);
         self.clock(state, now, &motion, &torques, auxiliary.load);
         Ok(command)
+    }
+
+    /// The path, and the terms on which it is followed.
+    fn followed(&self) -> Followed<'_, N> {
+        Followed { path: &self.path, guide: &self.guide, task: self.task, control: &self.scenario.control }
     }
 
     /// Whether the listed singularities explain the rank: each takes one direction.
@@ -230,24 +228,15 @@ impl<const N: usize> Controller<N> {
     fn check_rank(&self, report: &Report<N>) -> Result<(), LawError> {
         let full = self.task.iter().filter(|counts| **counts).count().min(N);
         let listed = report.meant().iter().filter(|s| s.inside).count();
-        if self.is_ours() && report.rank as usize + listed < full {
+        if self.scenario.control.strategy.is_ours() && report.rank as usize + listed < full {
             return Err(LawError::Unlisted { rank: report.rank, listed });
         }
         Ok(())
     }
 
-    /// Feedback along a lost direction asks no auxiliary coordinate for more than its largest rate: a hold is left without a leap.
-    fn bound_return(&self, report: &Report<N>, modes: &[Mode; MAX_SINGULARITIES], motion: &mut Motion<N>) {
-        let k_v = self.scenario.control.k_v;
-        let Some(first) = self.family.get().goes_around() else { return };
-        for (place, s) in report.meant().iter().enumerate().skip(first).filter(|(place, _)| modes[*place] != Mode::Regular) {
-            let (along, most) = (s.zeta_B.dot(&motion.feedback), k_v * s.gain.abs() * self.rate_max(place, s));
-            motion.a -= s.zeta_B * (along - along.clamp(-most, most));
-        }
-    }
-
     /// Step 2: for each singularity, the target by its type, the mode by the transition table, and the auxiliary loop's demand.
     fn auxiliary_coordinates(&self, state: &mut State<N>, now: &Inputs<'_, N>, motion: &Motion<N>) -> Result<Auxiliary<N>, LawError> {
+        self.check_rank(now.report)?;
         let control = &self.scenario.control;
         let ahead = self.path.ahead(&state.progress, *now.p_EC);
         let planned = state.qdot_planned;
@@ -291,7 +280,7 @@ impl<const N: usize> Controller<N> {
                 Strategy::ChangKhatib => one.step_switched(singularity, &target, &gains, motion.clock, self.scenario.dt_s()),
                 _ => one.step(singularity, &target, &gains, motion.clock, self.scenario.dt_s()),
             };
-            if self.is_ours() {
+            if self.scenario.control.strategy.is_ours() {
                 out.load = out.load.max(demand.load);
                 if motion.planned.is_some() {
                     out.load = out.load.max(Guide::<N>::waiting(target.error, demand.beta));
@@ -359,16 +348,24 @@ impl<const N: usize> Controller<N> {
     }
 
     /// Step 3: torques by the scenario's law.
-    fn torques(&self, state: &mut State<N>, now: &Inputs<'_, N>, motion: &Motion<N>, actives: &Actives<N>) -> Result<Torques<N>, LawError> {
+    fn torques(
+        &self,
+        state: &mut State<N>,
+        now: &Inputs<'_, N>,
+        motion: &Motion<N>,
+        auxiliary: &Auxiliary<N>,
+    ) -> Result<Torques<N>, LawError> {
+        let actives = &auxiliary.actives;
+        let a = self.bounded_return(now.report, &auxiliary.telemetry.mode, motion);
         let Control { k_p, k_v, baseline: tuned, .. } = &self.scenario.control;
-        let around = (self.family.get().goes_around().filter(|_| self.is_ours()), &self.task);
+        let around = (self.family.get().goes_around().filter(|_| self.scenario.control.strategy.is_ours()), &self.task);
         let wanted = &Wanted {
             A: &now.terms.A,
             at: now.at,
             task: self.task,
-            a: motion.a,
+            a,
             p_EC: now.p_EC,
-            a_path: motion.along_path(self.length_m),
+            a_path: motion.along_path(&a, self.length_m),
             V: motion.V_nominal,
             a_feed: motion.a_feed,
             posture: self.postures.acceleration(&self.scenario.control, (&self.path, &state.progress), now, motion, around),
@@ -401,20 +398,32 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// Step 4: gravity, Coriolis and the disturbance compensated; the null-space torque is scaled down first where a limit is met.
+    /// a* whose feedback along a lost direction asks no auxiliary coordinate for more than its largest rate: a hold is left without a leap.
+    fn bounded_return(&self, report: &Report<N>, modes: &[Mode; MAX_SINGULARITIES], motion: &Motion<N>) -> Vector6<f64> {
+        let (mut a, k_v) = (motion.a, self.scenario.control.k_v);
+        let Some(first) = self.family.get().goes_around() else { return a };
+        for (place, s) in report.meant().iter().enumerate().skip(first).filter(|(place, _)| modes[*place] != Mode::Regular) {
+            let (along, most) = (s.zeta_B.dot(&motion.feedback), k_v * s.gain.abs() * self.rate_max(place, s));
+            a -= s.zeta_B * (along - along.clamp(-most, most));
+        }
+        a
+    }
+
+    /// Step 4: speeds kept, gravity, Coriolis and the disturbance compensated, the null-space torque scaled down first where a limit is met, every
+    /// torque within its rate of the tick before.
     ///
     /// # Errors
-    /// [`LawError::Speed`] where no clock is slow enough for the joint speeds.
-    fn limits(&self, now: &Inputs<'_, N>, motion: &Motion<N>, torques: &Torques<N>) -> Result<Limited<N>, LawError> {
+    /// [`LawError::Speed`] where no clock is slow enough for the joint speeds, [`LawError::Limit`] where a joint is about to reach its limit.
+    fn limits(&self, state: &mut State<N>, now: &Inputs<'_, N>, motion: &Motion<N>, torques: &Torques<N>) -> Result<Kept<N>, LawError> {
         let share = torques.speed_share(self.model.velocity());
         let has_floor = motion.planned.is_none() && self.scenario.servo.is_none();
-        if self.governs() && has_floor && share > HOPELESS {
+        if self.scenario.control.governs() && has_floor && share > HOPELESS {
             return Err(LawError::Speed { share });
         }
         let range = (self.model.lower(), self.model.upper());
         let nearing = || Guide::nears_limit(motion.planned.as_ref(), (now.q, now.qdot), range);
         // A steered arm has its stops.
-        let plans = self.is_ours() && self.scenario.servo.is_none();
+        let plans = self.scenario.control.strategy.is_ours() && self.scenario.servo.is_none();
         if let Some(joint) = plans.then(nearing).flatten() {
             return Err(LawError::Limit { joint });
         }
@@ -422,12 +431,21 @@ impl<const N: usize> Controller<N> {
         if self.scenario.control.compensate_disturbance {
             bias -= compensated(now.tau_disturbance, self.model.effort());
         }
-        Ok(limit(&bias, torques, self.model.effort()))
+        let torques = if self.scenario.control.governs() {
+            speed_limit::held(torques, &now.terms.A, now.qdot, self.model.velocity())?
+        } else {
+            *torques
+        };
+        let limited = limit(&bias, &torques, self.model.effort());
+        let rate_mask;
+        (state.sent, rate_mask) = state.sent.next(&limited, &(torques.path * limited.task_scale), &self.torque_step(), self.model.effort());
+        Ok(Kept { limited, rate_mask })
     }
 
     /// Step 5: the path's clock moves on, at the speed that the governor gives it for the next tick.
     fn clock(&self, state: &mut State<N>, now: &Inputs<'_, N>, motion: &Motion<N>, torques: &Torques<N>, auxiliary_load: f64) {
         let clock = motion.clock;
+        state.qdot_planned = torques.qdot_nominal * clock;
         if self.scenario.servo.is_some() {
             let range = (self.model.lower(), self.model.upper());
             state.servo.fastest = limits::fastest(now.q, &torques.qdot_nominal, range, self.model.velocity());
@@ -441,7 +459,7 @@ impl<const N: usize> Controller<N> {
                 holding: now.terms.gravity,
                 following: (A * torques.qddot_path + now.terms.coriolis) / (clock * clock),
                 braking: A * torques.qdot_nominal,
-                foreseen: if motion.planned.is_none() && self.is_ours() {
+                foreseen: if motion.planned.is_none() && self.scenario.control.strategy.is_ours() {
                     demand_ahead(&self.family, (&self.path, state), now, self.model.velocity(), &self.scenario)
                 } else {
                     Foreseen::default()
@@ -455,17 +473,6 @@ impl<const N: usize> Controller<N> {
         state.route_time_s += step;
         state.progress.time_s += on_path;
         state.path_time_s += on_path;
-    }
-
-    /// Whether the auxiliary coordinates drive the arm: their demand slows the clock, and foresight comes from their formulas. Not so under the laws
-    /// of others.
-    fn is_ours(&self) -> bool {
-        matches!(self.scenario.control.strategy, Strategy::Blended | Strategy::ChangKhatib)
-    }
-
-    /// Whether one of our laws runs with its governor.
-    fn governs(&self) -> bool {
-        self.is_ours() && self.scenario.control.governor
     }
 
     /// The arm brought to rest, within the limits and the torque rates.

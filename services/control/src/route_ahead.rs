@@ -6,7 +6,7 @@ use crate::continuous::turn_plan::{self, Room};
 use crate::trajectory::Path;
 use model::{JointKind, Model, Robot};
 use nalgebra::SVector;
-use shared_types::scenario::{Goal, Scenario, Strategy};
+use shared_types::scenario::{Goal, Scenario};
 
 /// The plan of the whole path, where the law uses one: under our own laws with the governor on.
 ///
@@ -22,7 +22,7 @@ pub(crate) fn route_ahead<const N: usize>(
     postures: &[SVector<f64, N>],
 ) -> Result<Option<PathPlan<N>>, String> {
     let control = &scenario.control;
-    let ours = matches!(control.strategy, Strategy::Blended | Strategy::ChangKhatib);
+    let ours = control.strategy.is_ours();
     if !ours || !control.governor || robot.task.count() > N || scenario.servo.is_some() {
         return Ok(None);
     }

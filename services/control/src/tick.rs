@@ -2,6 +2,7 @@
 
 use crate::centre::{AtCentre, PoseMotion};
 use crate::continuous::path_plan::Sample;
+use crate::continuous::saturation::Limited;
 use crate::law::Actives;
 use crate::linear::{angular, linear};
 use crate::telemetry::Telemetry;
@@ -58,10 +59,19 @@ pub(crate) struct Auxiliary<const N: usize> {
     pub(crate) load: f64,
 }
 
+/// Step 4's result: the torque within its limits, and where it met its rate.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Kept<const N: usize> {
+    /// Before the torque rates.
+    pub(crate) limited: Limited<N>,
+    /// Bit i where joint i met its rate.
+    pub(crate) rate_mask: u32,
+}
+
 impl<const N: usize> Motion<N> {
-    /// The share of a* along the path's twist, metres made radians by the arm's length.
-    pub(crate) fn along_path(&self, length_m: f64) -> Vector6<f64> {
-        let (V, a, L2) = (&self.V_nominal, &self.a, length_m * length_m);
+    /// The share of a* = `a` along the path's twist, metres made radians by the arm's length.
+    pub(crate) fn along_path(&self, a: &Vector6<f64>, length_m: f64) -> Vector6<f64> {
+        let (V, L2) = (&self.V_nominal, length_m * length_m);
         let dot = |x: &Vector6<f64>, y: &Vector6<f64>| linear(x).dot(&linear(y)) / L2 + angular(x).dot(&angular(y));
         let size = dot(V, V);
         if size < 1e-8 { Vector6::zeros() } else { V * (dot(V, a) / size) }

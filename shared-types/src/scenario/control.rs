@@ -143,6 +143,13 @@ impl Strategy {
         Self::DynamicallyConsistent,
     ];
 
+    /// Whether it is the paper's law, in either form: its auxiliary coordinates drive the arm, their demand slows the clock, and foresight comes from
+    /// their formulas. Not so under the laws of others.
+    #[must_use]
+    pub fn is_ours(self) -> bool {
+        matches!(self, Self::Blended | Self::ChangKhatib)
+    }
+
     /// Its name in scenario files.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -161,6 +168,12 @@ impl Strategy {
 }
 
 impl Control {
+    /// Whether one of our laws runs with its governor.
+    #[must_use]
+    pub fn governs(&self) -> bool {
+        self.strategy.is_ours() && self.governor
+    }
+
     pub(super) fn check(&self) -> Result<(), Complaint> {
         positive("control.k_p", self.k_p)?;
         positive("control.k_v", self.k_v)?;

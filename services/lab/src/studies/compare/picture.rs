@@ -1,6 +1,6 @@
 //! The tables as pictures: small bars, one row a law.
 
-use shared_types::scenario::{Scenario, Strategy};
+use shared_types::scenario::Scenario;
 use viz::plot::{Axis, BLUE, Color, GREY, Page, Panel, RED, Row, digits, numbered};
 
 use super::law::name_of;
@@ -93,7 +93,7 @@ pub(super) fn sweep(sweep: &Sweep) -> Page {
         let mut panel = Panel::new(&title, Axis::named("% of the lines").within(0.0..118.0), y);
         let pale = |color: Color| Color { 3: 0.35, ..color };
         for (row, (law, scores)) in sweep.laws.iter().enumerate() {
-            let color = numbered(usize::from(!matches!(law, Strategy::Blended | Strategy::ChangKhatib)));
+            let color = numbered(usize::from(!law.is_ours()));
             let share = |so: fn(&Score) -> bool| {
                 let (yes, all) = sweep.count(scores, near, so);
                 100.0 * yes as f64 / all.max(1) as f64
