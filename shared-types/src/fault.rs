@@ -144,7 +144,7 @@ impl ScheduledFault {
             jitter_ticks: (kind == Kind::Delay && self.jitter > 0).then_some(self.jitter),
             field: field.filter(|_| kind == Kind::Corrupt),
             topic: on.reads.get(at).filter(|_| kind == Kind::Cut).cloned(),
-            joint: matches!(kind, Kind::Sensor | Kind::Drive).then_some(self.target + 1),
+            joint: kind.concerns_joint().then_some(self.target + 1),
             amount: (!matches!(kind, Kind::Delay) && self.amount != 0.0).then_some(self.amount),
             after_outputs: (self.after_outputs() > 0).then_some(self.after_outputs()),
             seed: (rule.has_probability || matches!(kind, Kind::Delay | Kind::Sensor)).then_some(self.seed),
@@ -207,7 +207,7 @@ impl Fault {
             let message = format!("`{kind}` cannot happen to {}: its program writes its files itself", self.process);
             return Err(Complaint::new("kind", message, "plan it for the recorder, or let the program write to a volume of limited size"));
         }
-        if on.is_exchanged && matches!(kind, Kind::Sensor | Kind::Drive) {
+        if on.is_exchanged && kind.concerns_joint() {
             let message =
                 format!("the {}'s sensors and drives are not armplane's own: a `{kind}` fault would not take effect there", self.process);
             return Err(Complaint::new("kind", message, "simulate the arm by armplane, or corrupt its messages: kind = \"corrupt\""));
@@ -289,7 +289,7 @@ impl Fault {
         if self.topic.is_some() && kind != Kind::Cut {
             return stray("topic");
         }
-        if self.joint.is_some() && !matches!(kind, Kind::Sensor | Kind::Drive) {
+        if self.joint.is_some() && !kind.concerns_joint() {
             return stray("joint");
         }
         if self.delay_ticks.is_some() && kind != Kind::Delay {

@@ -2,8 +2,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::topics::ALWAYS;
-
 /// Most processes a run may have.
 pub const MAX_PROCESSES: usize = 16;
 
@@ -189,37 +187,5 @@ impl Program {
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().chain([Self::Operator]).find(|program| program.name() == name)
-    }
-
-    /// Topics that it reads at the tick it works on.
-    #[must_use]
-    pub const fn reads(self) -> &'static [&'static str] {
-        match self {
-            Self::Plant => &[],
-            Self::Estimator => &["sensor"],
-            Self::Analyzer => &["estimate"],
-            Self::Controller => &["estimate", "singularity"],
-            Self::Recorder => &ALWAYS,
-            Self::Operator => &["sensor"],
-        }
-    }
-
-    /// Topics that it reads to get to the next tick.
-    #[must_use]
-    pub const fn feedback(self) -> &'static [&'static str] {
-        if matches!(self, Self::Plant) { &["torque"] } else { &[] }
-    }
-
-    /// Topics that it writes; the last of them closes the tick.
-    #[must_use]
-    pub const fn writes(self) -> &'static [&'static str] {
-        match self {
-            Self::Plant => &["sensor", "plant_state"],
-            Self::Estimator => &["estimate"],
-            Self::Analyzer => &["singularity"],
-            Self::Controller => &["control_state", "torque"],
-            Self::Recorder => &[],
-            Self::Operator => &["target"],
-        }
     }
 }

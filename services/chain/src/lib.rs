@@ -4,7 +4,7 @@
 
 use model::{Refused, Robot};
 use shared_types::codes::{PHASE_REFUSED, REFUSALS, name_of};
-use shared_types::fault::{Kind, ScheduledFault};
+use shared_types::fault::ScheduledFault;
 use shared_types::graph::{BUILT_IN, Graph};
 use shared_types::scenario::Scenario;
 use shared_types::topics::{self, ByTopic, Each, Topic, Whole};
@@ -96,7 +96,7 @@ pub fn hardware_faults(scenario: &Scenario) -> Result<Vec<ScheduledFault>, Refus
     if scenario.fault.is_empty() {
         return Ok(Vec::new());
     }
-    if let Some(fault) = scenario.fault.iter().find(|fault| !matches!(fault.kind, Kind::Sensor | Kind::Drive)) {
+    if let Some(fault) = scenario.fault.iter().find(|fault| !fault.kind.concerns_joint()) {
         let (name, kind, process) = (&scenario.name, fault.kind.name(), &fault.process);
         let what = format_args!("{name} plans faults, and they happen to processes: one thread cannot compute the `{kind}` of `{process}`");
         return Err(Refused::because(what));

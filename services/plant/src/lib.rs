@@ -6,7 +6,7 @@ mod hardware_faults;
 
 use model::{Refused, Robot, with_dof};
 use runtime::{MOST_FAULTS, ProcessError, Shell};
-use shared_types::fault::{Kind, ScheduledFault};
+use shared_types::fault::ScheduledFault;
 use shared_types::scenario::Scenario;
 use shared_types::{PlantState, SensorSample, TorqueCommand};
 
@@ -63,7 +63,7 @@ pub fn run(shell: &Shell, robot: &Robot, scenario: &Scenario) -> Result<(), Proc
         let had_faults = !scheduled_faults.is_empty();
         scheduled_faults.clear();
         shell.faults_at(tick, |place, scheduled, kind| {
-            if matches!(kind, Kind::Sensor | Kind::Drive) {
+            if kind.concerns_joint() {
                 shell.mark_injected(place);
                 scheduled_faults.push(*scheduled);
             }

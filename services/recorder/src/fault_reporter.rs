@@ -44,10 +44,7 @@ impl FaultReporter {
             let Some(fault) = graph.target(process).and_then(|target| scheduled.fault(process, &target)) else { continue };
             let since_ms = |ns: u64| ns.saturating_sub(injected_ns) as f64 * 1e-6;
             // A process that is gone has recovered when it sends again; a fault of messages, sensors or drives ends with its ticks.
-            let is_over = match fault.kind {
-                Kind::Kill | Kind::Crash | Kind::Hang => recovered_ns != 0,
-                _ => tape.next_tick() >= scheduled.until,
-            };
+            let is_over = if fault.kind.takes_down() { recovered_ns != 0 } else { tape.next_tick() >= scheduled.until };
             if injected_ns != 0 && *reported & INJECTED == 0 {
                 *reported |= INJECTED;
                 let sentence = exit.map_or_else(|| fault.to_string(), |exit| format!("the {process} ended with {exit}"));

@@ -258,6 +258,12 @@ impl Kind {
         self.roles().contains(&process.role()) && !(self.needs_own_files() && process.is_exchanged())
     }
 
+    /// Whether it concerns a joint of the arm itself, its encoder or its drive, and no message or process: it takes effect in the simulated arm alone.
+    #[must_use]
+    pub fn concerns_joint(self) -> bool {
+        matches!(self, Self::Sensor | Self::Drive)
+    }
+
     /// Whether the process is dead or stands still meanwhile.
     #[must_use]
     pub fn takes_down(self) -> bool {

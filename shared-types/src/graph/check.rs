@@ -1,6 +1,7 @@
 //! The checks of a graph before anything starts.
 
 use super::topology::Graph;
+use super::{BUILT_IN, STEERED};
 use crate::file::Complaint;
 use crate::process::{MAX_PROCESSES, Process, Program, Role};
 use crate::topics::{MAX_TOPICS, TOPICS};
@@ -240,17 +241,27 @@ fn check_program(process: &Process) -> Result<(), Complaint> {
         let message = format!("armplane's {} does not write `{foreign}`", program.name());
         return Err(Complaint::new("writes", message, "take it out, or give the process that writes it a `command`"));
     }
-    for (key, topics, needed) in [
-        ("reads", &process.reads, program.reads()),
-        ("feedback", &process.feedback, program.feedback()),
-        ("writes", &process.writes, program.writes()),
-    ] {
+    let own = built_in(program);
+    for (key, topics, needed) in
+        [("reads", &process.reads, &own.reads), ("feedback", &process.feedback, &own.feedback), ("writes", &process.writes, &own.writes)]
+    {
         if let Some(missing) = needed.iter().find(|topic| !topics.iter().any(|name| name == *topic)) {
             let all = needed.iter().map(|topic| format!("{topic:?}")).collect::<Vec<_>>().join(", ");
             return Err(Complaint::new("name", format!("`{name}` needs `{missing}` in its `{key}`"), format!("{key} = [{all}]")));
         }
     }
     Ok(())
+}
+
+/// The process of a built-in graph that runs a program of ours: the topics that it has there are those that the program needs.
+fn built_in(program: Program) -> Process {
+    let mut graphs = [BUILT_IN, STEERED].into_iter().filter_map(|text| crate::file::parse::<Graph>("graph.toml", text, &[]).ok());
+    graphs
+        .find_map(|mut graph| {
+            graph.read_everything();
+            graph.process.into_iter().find(|process| process.name == program.name())
+        })
+        .unwrap_or_default()
 }
 
 /// Whether a process can stand for a robot: it has the topics of the simulated plant, and nothing else is to run as it.
@@ -260,11 +271,11 @@ fn check_robot(process: &Process) -> Result<(), Complaint> {
         let message = format!("`{name}` is a robot and a program");
         return Err(Complaint::new("robot", message, "take out `command`, `program`, `exchange` and `external`, or `robot`"));
     }
-    let plant = Program::Plant;
+    let plant = built_in(Program::Plant);
     for (key, topics, needed) in [
-        ("reads", &process.reads, plant.reads()),
-        ("feedback", &process.feedback, plant.feedback()),
-        ("writes", &process.writes, plant.writes()),
+        ("reads", &process.reads, &plant.reads),
+        ("feedback", &process.feedback, &plant.feedback),
+        ("writes", &process.writes, &plant.writes),
     ] {
         if topics.len() != needed.len() || needed.iter().any(|topic| !topics.iter().any(|name| name == topic)) {
             let all = needed.iter().map(|topic| format!("{topic:?}")).collect::<Vec<_>>().join(", ");
@@ -280,7 +291,6 @@ fn check_robot(process: &Process) -> Result<(), Complaint> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::BUILT_IN;
     use super::*;
 
     #[test]

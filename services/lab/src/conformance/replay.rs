@@ -278,7 +278,7 @@ impl Tape<'_> {
     fn plant(&self, robot: &Robot, scenario: &Scenario) -> Result<Replayed, Failure> {
         let (mut samples, mut truths, mut commands) = (self.in_order::<SensorSample>()?, self.open()?, self.open::<TorqueCommand>()?);
         let mut cycle = plant::cycle(robot, scenario).map_err(Failure::input)?;
-        let of_physics = |scheduled: &&ScheduledFault| matches!(scheduled.kind(), Some(Kind::Sensor | Kind::Drive));
+        let of_physics = |scheduled: &&ScheduledFault| scheduled.kind().is_some_and(Kind::concerns_joint);
         let faults: Vec<ScheduledFault> = self.scheduled_faults.iter().filter(of_physics).copied().collect();
         let (mut sensor, mut state) = (Comparison::<SensorSample>::default(), Comparison::<PlantState>::default());
         let (mut sampled, mut moved) = <(SensorSample, PlantState)>::default();

@@ -66,7 +66,7 @@ pub(super) fn plans(terms: &Terms<'_>, only: Option<&Only>, pairs: u32) -> Vec<P
     let placed = |fault: &Fault, index: u64, what: u64| {
         // In the middle of the motion, each at another place.
         let at = span / 4 + draw(index, what) % (span / 2).max(1);
-        let needs_joint = matches!(fault.kind, Kind::Sensor | Kind::Drive);
+        let needs_joint = fault.kind.concerns_joint();
         let joint = needs_joint.then(|| 1 + (draw(index, what + 1) % terms.dof as u64) as u32);
         Fault { at_tick: Some(at), joint, ..fault.clone() }
     };

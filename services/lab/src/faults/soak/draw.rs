@@ -260,7 +260,7 @@ impl Dealer {
             field,
             delay_ticks: (kind == Kind::Delay).then(|| 1 + draws.below(10)),
             jitter_ticks: (kind == Kind::Delay).then(|| draws.below(6)),
-            joint: matches!(kind, Kind::Sensor | Kind::Drive).then(|| 1 + draws.below(self.joints) as u32),
+            joint: kind.concerns_joint().then(|| 1 + draws.below(self.joints) as u32),
             ..fault
         }
     }
