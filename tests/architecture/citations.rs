@@ -1,8 +1,8 @@
 //! Each equation of the paper is computed where it is cited and checked where it is computed.
 //!
-//! The documentation of a function or a type cites: `[CK95 Eq. 4]`. A comment above a test ties the citation to a numeric check:
-//! `// covers: CK95 Eq. 4 (new)` names the cited functions, and the test calls each of them, at most four calls down, and
-//! asserts. A figure is cited by the scenario that
+//! The documentation of a function cites: `[CK95 Eq. 4]`, and the function computes something. A comment above a test ties the citation to a numeric
+//! check: `// covers: CK95 Eq. 4 (operational_space::new)` names the cited functions by file and name, and the test calls each of them, at most four
+//! calls down, and asserts a number. A figure is cited by the scenario that
 //! reproduces it (`Chang & Khatib 1995, Figure 5.`) and covered by a test that names this scenario: `// covers: CK95 Figure 5`.
 
 use std::collections::BTreeSet;
@@ -16,7 +16,7 @@ use crate::source::{self, File, Function, documentation, functions, is, is_path_
 const EQUATIONS: [&str; 5] = ["Eq. 1", "Eq. 2", "Eq. 3", "Eq. 4", "Eq. 5"];
 const FIGURES: [&str; 4] = ["Figure 1", "Figure 2", "Figure 4", "Figure 5"];
 
-/// An item of the paper and the name of the function, type or scenario that stands for it.
+/// An item of the paper and the function (`file::name`) or scenario that stands for it.
 type Tie = (String, String);
 
 /// The equations in `[CK95 Eq. 3, Eq. 5]` and `[CK95 Eq. 3 to 5]`; sections (`[CK95 §4]`) are no equations.
@@ -37,12 +37,75 @@ fn equations(text: &str) -> BTreeSet<String> {
     found
 }
 
+/// How a covering test names a function of a file.
+fn tie(file: &File, name: &str) -> String {
+    format!("{}::{name}", file.path.file_stem().unwrap_or_default().to_string_lossy())
+}
+
+/// Whether a function of a file does arithmetic or compares, itself or through functions of the same file that it calls.
+fn computes(name: &str, all: &[Function]) -> bool {
+    let (mut seen, mut waiting) = (BTreeSet::new(), vec![name.to_owned()]);
+    while let Some(name) = waiting.pop() {
+        for function in all.iter().filter(|function| function.name == name && !function.is_test()) {
+            let mut found = false;
+            walk(&function.body, &mut |tokens| found |= has_arithmetic(tokens));
+            if found {
+                return true;
+            }
+            waiting
+                .extend(paths(&function.body).into_iter().filter_map(|path| path.last().cloned()).filter(|word| seen.insert(word.clone())));
+        }
+    }
+    false
+}
+
+/// A product, quotient, sum, difference or comparison of two values: an operator between two operands (no reference, arrow or generic argument).
+fn has_arithmetic(tokens: &[TokenTree]) -> bool {
+    let is_operand = |token: &TokenTree| !matches!(token, TokenTree::Punct(_));
+    tokens.windows(3).any(|window| {
+        let [left, operator, right] = window else { return false };
+        let spaced = matches!(operator, TokenTree::Punct(sign) if "*/+-".contains(sign.as_char()));
+        let compares = is(operator, "<") && matches!(left, TokenTree::Group(_));
+        (spaced || compares) && is_operand(left) && (is_operand(right) || is(right, "-") || is(right, "=") || is(right, "&"))
+    })
+}
+
+/// Whether a body asserts a number: an assertion that has a number in its condition, itself or in a function of its target that it calls.
+fn asserts_number(body: &[TokenTree], all: &[Function]) -> bool {
+    let (mut seen, mut waiting) = (BTreeSet::new(), vec![body.to_vec()]);
+    while let Some(body) = waiting.pop() {
+        let mut found = false;
+        walk(&body, &mut |tokens| {
+            for (at, _) in
+                tokens.iter().enumerate().filter(|(_, token)| ["assert", "prop_assert", "assert_eq"].iter().any(|name| is(token, name)))
+            {
+                let Some(TokenTree::Group(arguments)) = tokens.get(at + 2) else { continue };
+                let arguments: Vec<TokenTree> = arguments.stream().into_iter().collect();
+                walk(&arguments, &mut |tokens| found |= tokens.iter().any(is_number));
+            }
+        });
+        if found {
+            return true;
+        }
+        for word in paths(&body).into_iter().filter_map(|path| path.last().cloned()).filter(|word| seen.insert(word.clone())) {
+            waiting
+                .extend(all.iter().filter(|function| function.name == word && !function.is_test()).map(|function| function.body.clone()));
+        }
+    }
+    false
+}
+
+fn is_number(token: &TokenTree) -> bool {
+    matches!(token, TokenTree::Literal(value) if value.to_string().starts_with(|first: char| first.is_ascii_digit()))
+}
+
 /// The citations of a file, tied to the item that each documents; an error for each at a place that computes nothing.
 fn citations(file: &File, tokens: &[TokenTree], found: &mut BTreeSet<Tie>, wrong: &mut Vec<String>) {
     for item in items(tokens) {
         for equation in equations(&documentation(&item.attributes)) {
             match name_of(&item).filter(|_| !item.inner) {
-                Some(name) => drop(found.insert((equation, name))),
+                Some(name) if computes(&name, &functions(&file.tokens)) => drop(found.insert((equation, tie(file, &name)))),
+                Some(name) => wrong.push(format!("{}: {name} cites [CK95 {equation}] and computes nothing", file.path.display())),
                 None => wrong.push(format!(
                     "{}: [CK95 {equation}] stands at a whole file, not at the function that computes it",
                     file.path.display()
@@ -119,11 +182,11 @@ fn coverage(file: &File, target: &[Function], scenarios: &BTreeSet<Tie>, found: 
             wrong.push(format!("{place}: no test follows"));
             continue;
         };
-        if !claims::asserts(&test.body, target) {
-            wrong.push(format!("{place}: {} asserts nothing", test.name));
+        if !claims::asserts(&test.body, target) || !asserts_number(&test.body, target) {
+            wrong.push(format!("{place}: {} asserts no number", test.name));
         }
         for (item, name) in ties {
-            if mentions(&test.body, target, &name) {
+            if mentions(&test.body, target, name.rsplit("::").next().unwrap_or_default()) {
                 found.insert((item, name));
             } else {
                 wrong.push(format!("{place}: {} does not use {name}", test.name));
@@ -184,24 +247,33 @@ fn the_check_sees_what_is_missing() {
         coverage(file, &functions(&file.tokens), &BTreeSet::new(), &mut covered, &mut wrong);
         wrong.len() + cited.symmetric_difference(&covered).count()
     };
-    let code = "/// x = y [CK95 Eq. 4]\nfn inverse() {}\n";
-    assert_eq!(wrong_in(&format!("{code}// covers: CK95 Eq. 4 (inverse)\n#[test]\nfn t() {{ assert!(inverse() == ()); }}")), 0);
+    let code = "/// x = 2y [CK95 Eq. 4]\nfn inverse(y: f64) -> f64 { y * 2.0 }\n";
+    assert_eq!(wrong_in(&format!("{code}// covers: CK95 Eq. 4 (lib::inverse)\n#[test]\nfn t() {{ assert!(inverse(1.0) == 2.0); }}")), 0);
     assert_eq!(wrong_in(code), 1, "no test");
-    assert_eq!(wrong_in(&format!("{code}// covers: CK95 Eq. 4 (inverse)\nfn t() {{ assert!(inverse() == ()); }}")), 2, "not a test");
     assert_eq!(
-        wrong_in(&format!("{code}// covers: CK95 Eq. 4 (inverse)\n#[test]\nfn t() {{ let x = other(); assert!(x == 1); }}")),
+        wrong_in(&format!("{code}// covers: CK95 Eq. 4 (lib::inverse)\nfn t() {{ assert!(inverse(1.0) == 2.0); }}")),
+        2,
+        "not a test"
+    );
+    assert_eq!(
+        wrong_in(&format!("{code}// covers: CK95 Eq. 4 (lib::inverse)\n#[test]\nfn t() {{ let x = other(); assert!(x == 1); }}")),
         2,
         "not called"
     );
     assert_eq!(
-        wrong_in(&format!("{code}// covers: CK95 Eq. 4 (inverse)\n#[test]\nfn t() {{ let inverse = 1; assert!(inverse > 0); }}")),
+        wrong_in(&format!("{code}// covers: CK95 Eq. 4 (lib::inverse)\n#[test]\nfn t() {{ let inverse = 1; assert!(inverse > 0); }}")),
         2,
         "a variable of that name"
     );
     assert_eq!(
-        wrong_in(&format!("{code}// covers: CK95 Eq. 3 (inverse)\n#[test]\nfn t() {{ assert!(inverse() == ()); }}")),
+        wrong_in(&format!("{code}// covers: CK95 Eq. 3 (lib::inverse)\n#[test]\nfn t() {{ assert!(inverse(1.0) == 2.0); }}")),
         2,
         "another equation"
     );
+    let nothing = "/// x = 2y [CK95 Eq. 4]\nfn inverse(y: f64) -> f64 { y }\n";
+    let test = "// covers: CK95 Eq. 4 (lib::inverse)\n#[test]\nfn t() { assert!(inverse(1.0) == 2.0); }";
+    assert_eq!(wrong_in(&format!("{nothing}{test}")), 2, "nothing is computed");
+    assert_eq!(wrong_in(&format!("{code}{}", test.replace("lib::", "other::"))), 2, "a function of that name elsewhere");
+    assert_eq!(wrong_in(&format!("{code}{}", test.replace("inverse(1.0) == 2.0", "inverse(y).is_finite()"))), 1, "no number");
     assert_eq!(wrong_in("//! x = y [CK95 Eq. 4]\n"), 1, "at a file");
 }

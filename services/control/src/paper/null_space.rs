@@ -14,7 +14,9 @@ pub enum Projector {
     DynamicallyConsistent,
 }
 
-/// Γ = JᵀF + [1 − Jᵀ(·)ᵀ]Γ₀, Γ₀ = −A[∇V₀ + k_vq q̇] towards the posture     [CK95 Eq. 3]
+/// Γ = JᵀF + [1 − JᵀJ̄ᵀ]Γ₀, Γ₀ = −A[∇V₀ + k_vq q̇] towards the posture     [CK95 Eq. 3]
+///
+/// With [`Projector::PseudoInverse`] J⁺ stands in the place of J̄: no equation of the paper, but the law that its Figure 1 shows to fail.
 ///
 /// Shapes J m×N, m the number of task axes, matched by the type · Units N·m · Frame base axes at C · Requires a J of full row rank · Ensures for
 /// [`Projector::DynamicallyConsistent`] that Γ₀ does not accelerate the task · Cost O(N³), no allocation

@@ -107,7 +107,7 @@ fn figure_5_by_the_papers_own_form_and_at_the_flange() {
     }
 }
 
-// covers: CK95 Eq. 3 (torques)
+// covers: CK95 Eq. 3 (null_space::torques)
 // covers: CK95 Figures 1 and 2
 #[test]
 fn figures_1_and_2_hold_the_tip_only_with_the_dynamically_consistent_inverse() {

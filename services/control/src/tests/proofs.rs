@@ -67,8 +67,8 @@ fn wanted<'a>(terms: &'a Terms<6>, at: &'a AtCentre<6>, p_EC: &'a Vector3<f64>) 
 }
 
 proptest! {
-    // covers: CK95 Eq. 1 (conditioning)
-    // covers: CK95 Eq. 1 (measure)
+    // covers: CK95 Eq. 1 (analyzer::conditioning)
+    // covers: CK95 Eq. 1 (puma::measure)
     #[test]
     fn the_determinant_is_the_product_of_the_three_factors(q in posture(puma())) {
         let (report, _) = analysed(puma(), "puma560", &q, &Vector6::zeros());
@@ -152,7 +152,7 @@ fn the_augmented_matrix_is_regular_everywhere() {
     assert!(smallest > 0.03 && of_J < 1e-6, "{smallest} {of_J}");
 }
 
-// covers: CK95 Eq. 3 (torques)
+// covers: CK95 Eq. 3 (chang_khatib::torques)
 #[test]
 fn one_solve_gives_the_papers_torque() {
     let mut random = Uniform(3);
@@ -238,7 +238,7 @@ fn still(s: f64, inside: bool, aux_rate: f64) -> Singularity<6> {
     Singularity { s, inside, eta_in: 0.1, eta_out: 0.2, aux_rate, ..Singularity::none() }
 }
 
-// covers: CK95 Eq. 5 (null_torque)
+// covers: CK95 Eq. 5 (operational_space::null_torque)
 #[test]
 fn inside_a_neighbourhood_the_loop_is_a_damped_potential() {
     let gains = Gains { k: 12.0, k_v: 40.0, rate_max: 3.0, slew: 50.0 };
