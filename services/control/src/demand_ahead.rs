@@ -1,4 +1,4 @@
-//! The rates that the path ahead demands, from the closed forms of the arm's family, for the governor.
+//! The rates that the path ahead demands, from the closed forms of the arm's family, for the governor (+).
 
 use crate::arm_family::choice::Family;
 use crate::continuous::foresight::{FORESEEN_STEP_S, Foreseen, Foresight};

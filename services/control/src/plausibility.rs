@@ -1,4 +1,4 @@
-//! Estimates that no arm can have moved to: beyond what its speed and torque limits allow.
+//! Estimates that no arm can have moved to: beyond what its speed and torque limits allow (+).
 
 use crate::linear::Lu;
 use model::{Model, Terms};

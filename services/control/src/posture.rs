@@ -1,4 +1,4 @@
-//! The posture that the null space of a redundant arm is driven to.
+//! The posture that the null space of a redundant arm is driven to (+).
 
 use crate::continuous::avoidance;
 use crate::setup::{SetupError, posture_goals};

@@ -1,4 +1,4 @@
-//! The path plan of a scenario: made when a controller is, put into words where there is none.
+//! The path plan of a scenario: made when a controller is, put into words where there is none (+).
 
 use crate::analyzer::Analyzer;
 use crate::continuous::path_plan::{Infeasible, Obstacle, PathPlan, Remedy, Request, plan, remedy};

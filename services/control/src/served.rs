@@ -1,4 +1,4 @@
-//! Orientation of an arm that serves two rotations of three: five joints, of which one turns the hand only as the position demands.
+//! Orientation of an arm that serves two rotations of three: five joints, of which one turns the hand only as the position demands (+).
 //!
 //! The third rotation, about the base axis k, is as the arm has it. A desired rotation R_d is met up to it: R_d' = exp(−α k)·R_d with α the twist of
 //! R_d·Rᵀ about k, so that the error log(R_d'·Rᵀ) has no share about k, and none of what is served depends on α.

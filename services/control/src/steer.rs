@@ -1,4 +1,4 @@
-//! The controller of a steered run: the target becomes the reference, and the law of a path follows it.
+//! The controller of a steered run: the target becomes the reference, and the law of a path follows it (+).
 
 use crate::command;
 use crate::continuous::governor::Governor;

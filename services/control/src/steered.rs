@@ -1,4 +1,4 @@
-//! The reference arm's own parts of a steered run: its analysis, and the drives of the arm that follows it.
+//! The reference arm's own parts of a steered run: its analysis, and the drives of the arm that follows it (+).
 
 use crate::analyzer::Analyzer;
 use model::{Model, Robot};

@@ -1,4 +1,4 @@
-//! Inverse kinematics by Newton steps, in units in which a metre and a radian compare.
+//! Inverse kinematics by Newton steps, in units in which a metre and a radian compare (+).
 
 use crate::linear::{angular, linear, stack, symmetric_eigen};
 use crate::served::{free_axis, rotation_error};

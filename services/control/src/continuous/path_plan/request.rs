@@ -1,4 +1,4 @@
-//! The task of a plan.
+//! The task of a plan (+).
 
 use crate::analyzer::Analyzer;
 use crate::trajectory::Path;

@@ -1,4 +1,4 @@
-//! The search: layers along the path, postures that continue one another, the cheapest chain through them.
+//! The search: layers along the path, postures that continue one another, the cheapest chain through them (+).
 //!
 //! Every posture is reached from the start posture by continuous motion, so that no jump between branches can hide in a route. A layer's postures are
 //! followed to the next layer by Newton steps of adaptive length; where the arm is singular there are more ways on: past the lock with ζ off the

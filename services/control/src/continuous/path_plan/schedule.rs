@@ -1,4 +1,4 @@
-//! A route with its own clock: when the path waits, and how fast it may go.
+//! A route with its own clock: when the path waits, and how fast it may go (+).
 
 use super::inverse::{Kinematics, SOLVED};
 use super::request::{Request, analyse, centre};
