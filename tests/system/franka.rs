@@ -8,7 +8,7 @@ use std::process::{Child, Command, Stdio};
 
 use serde_json::Value;
 
-use crate::command::{Desk, Said, assert_nothing_left, finish, run_of, skipped, until};
+use crate::command::{Desk, Said, assert_nothing_left, finish, skipped, until};
 
 /// A second up and a second down, from the posture that the simulator starts in.
 const LINE: &str = "name = \"line\"\nrobot = \"fr3\"\nsettle_s = 0.3\n[start]\nq_deg = [2, 0, 0, -90, 0, 90, 45]\n[estimator]\n\
@@ -97,11 +97,7 @@ fn a_robot_that_is_lost_ends_the_run_in_words() {
     let mut simulator = Simulator::start(&desk);
     desk.file("line.toml", &LINE.replace("duration_s = 2.0", "duration_s = 60.0"));
     let run = desk.start(&["run", "line.toml", "--plant", &simulator.address, "--out", "out", "--json"]);
-    let launcher = run.id();
-    until("the run's directory", || run_of(launcher).is_some());
-    // The launcher marks the first tick on no file: the recording grows from then on.
-    let recording = desk.path().join("out/run.rrd");
-    until("a recording that grows", || recording.metadata().is_ok_and(|file| file.len() > 100_000));
+    until("a hundred ticks", || crate::patience::ticks(&run) > 100);
     simulator.process.kill().expect("the simulator can be ended");
     let said = finish(run);
     assert_nothing_left(said.launcher);
