@@ -115,7 +115,8 @@ pub(super) struct LostDirections<const N: usize> {
 /// The singular posture that a direction leads to.
 #[derive(Clone, Copy, Debug)]
 struct Lock {
-    kind: Kind,
+    /// Its name, and the one that a second direction has there.
+    names: [Kind; 2],
     verdict: Verdict,
     /// The strongest curvature moves the end-effector along u, not against it.
     folds_along: bool,
@@ -173,8 +174,8 @@ impl<const N: usize> LostDirections<N> {
             let known = |place: usize| types[place].iter().sum::<u32>() >= SAMPLES.1 || places[place].0 == Kind::Numeric;
             if !(0..place_count).all(known) {
                 for i in 0..out.count {
-                    let Lock { kind, verdict, .. } = out.classify(&moved, &(p + by), one, i);
-                    for place in (0..place_count).filter(|place| verdict.class != Class::Unknown && places[*place].0 == kind) {
+                    let Lock { names, verdict, .. } = out.classify(&moved, &(p + by), one, i);
+                    for place in (0..place_count).filter(|place| verdict.class != Class::Unknown && places[*place].0 == names[0]) {
                         types[place][verdict.class.code() as usize & 3] += 1;
                     }
                 }
@@ -230,7 +231,7 @@ impl<const N: usize> LostDirections<N> {
         }
         let distance = moved.norm();
         if !within(left, zero) {
-            return Lock { kind: Kind::Numeric, verdict: Verdict { distance, ..Verdict::default() }, folds_along: false };
+            return Lock { names: [Kind::Numeric; 2], verdict: Verdict { distance, ..Verdict::default() }, folds_along: false };
         }
         let (curvatures, _) = symmetric_eigen(&Matrix3::from_fn(|a, b| 0.5 * (free[a].dot(&(Q * free[b])) + free[b].dot(&(Q * free[a])))));
         let (highest, lowest) = (curvatures.max().max(0.0), curvatures.min().min(0.0));
@@ -245,7 +246,7 @@ impl<const N: usize> LostDirections<N> {
             Class::Mixed
         };
         let verdict = Verdict { class, kappa_1, kappa_2, distance };
-        Lock { kind: self.geometry.name(&screws, &p), verdict, folds_along: highest > -lowest }
+        Lock { names: self.geometry.names(&screws, &p), verdict, folds_along: highest > -lowest }
     }
 
     /// One tick: fills the places of `out`, and returns how many there are.
@@ -261,10 +262,10 @@ impl<const N: usize> LostDirections<N> {
             let eta_out = self.eta[1].of(self.places[place].0.code());
             let size = self.s(index).abs();
             if begins || !latched && size <= LATCH.0 * eta_out {
-                let Lock { kind, verdict, folds_along } = self.classify(&screws, &p, self.block, index);
+                let Lock { names, verdict, folds_along } = self.classify(&screws, &p, self.block, index);
                 self.entries[k].verdict = verdict;
                 self.entries[k].flipped = verdict.class == Class::Type1 && folds_along;
-                self.assign(k, kind);
+                self.assign(k, names);
             }
             let newly = !latched && size <= LATCH.0 * eta_out;
             self.entries[k].latched = if latched { size <= LATCH.1 * eta_out } else { newly };
@@ -305,15 +306,15 @@ impl<const N: usize> LostDirections<N> {
         }
     }
 
-    /// Reports entry `k` where its kind belongs; whatever was there, if it is not latched, goes to where `k` was.
-    fn assign(&mut self, k: usize, kind: Kind) {
+    /// Reports entry `k` where its name belongs, or the second one where a latched direction has that; whatever was there goes to where `k` was.
+    fn assign(&mut self, k: usize, names: [Kind; 2]) {
         let taken = |place: usize, entries: &[Entry<N>]| entries.iter().position(|entry| entry.place == place);
         let entries = &self.entries[..self.count];
         let fits = |place: &usize| taken(*place, entries).is_none_or(|other| other == k || !entries[other].latched);
-        if kind == Kind::Numeric && self.places[entries[k].place].0 == Kind::Numeric {
+        if names[0] == Kind::Numeric && self.places[entries[k].place].0 == Kind::Numeric {
             return;
         }
-        let wanted = (0..self.place_count).filter(|place| self.places[*place].0 == kind).find(fits);
+        let wanted = names.iter().find_map(|name| (0..self.place_count).filter(|place| self.places[*place].0 == *name).find(fits));
         let spare = || (0..self.place_count).filter(|place| self.places[*place].0 == Kind::Numeric).find(fits);
         let Some(place) = wanted.or_else(spare) else { return };
         let before = self.entries[k].place;

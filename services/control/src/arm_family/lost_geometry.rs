@@ -57,23 +57,24 @@ impl Geometry {
         u.dot(&rate) * (v[3] - along.dot(&moved)) - u.dot(&along) * rate.dot(&moved)
     }
 
-    /// The name of the singular set in which a posture lies.
+    /// The name of the singular set in which a posture lies, and the one for a second direction that is lost there.
     ///
     /// Elbow: joint 4 does not change the distance from S to where axes 5 and 6 meet. Shoulder: axes 1 and 3 are parallel. Else the wrist.
-    pub(super) fn name<const N: usize>(&self, screws: &Screws<N>, p: &Vector3<f64>) -> Kind {
+    pub(super) fn names<const N: usize>(&self, screws: &Screws<N>, p: &Vector3<f64>) -> [Kind; 2] {
         if self.S.is_none() || N != 7 {
-            return Kind::Numeric;
+            return [Kind::Numeric; 2];
         }
         let z = |i: usize| screws.column(i).1;
         let point = |i: usize| screws.column(i).1.cross(&screws.column(i).0);
         let normal = z(4).cross(&z(5));
         let W = point(4) + z(4) * ((point(5) - point(4)).cross(&z(5)).dot(&normal) / normal.norm_squared().max(1e-12));
         let (reach, forearm) = (W + p, W - point(3));
-        if !self.elbow_apart && reach.dot(&z(3).cross(&forearm)).abs() < HOLDS * reach.norm() * forearm.norm() {
-            return Kind::Elbow;
-        }
         let parallel = |i: usize, j: usize| z(i).cross(&z(j)).norm() < HOLDS;
-        if parallel(0, 2) && !parallel(4, 6) { Kind::Shoulder } else { Kind::Wrist }
+        let other = if parallel(0, 2) { Kind::Shoulder } else { Kind::Wrist };
+        if !self.elbow_apart && reach.dot(&z(3).cross(&forearm)).abs() < HOLDS * reach.norm() * forearm.norm() {
+            return [Kind::Elbow, other];
+        }
+        if parallel(4, 6) { [Kind::Wrist, other] } else { [other, Kind::Wrist] }
     }
 }
 

@@ -7,20 +7,23 @@
 //! the boundary (an elbow's, a sphere, is started from or ended at).
 
 use control::continuous::path_plan::inverse::{Kinematics, SOLVED};
-use control::linear::rotation_exp;
+use control::linear::{rotation_exp, symmetric_eigen};
 use control::{Analyzer, Class, Kind, Singularity};
 use model::{Model, Pose, Refused, Robot, with_dof};
-use nalgebra::{Matrix2, SVector, Vector2, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix2, SVector, Vector2, Vector3};
+use session::{Observer, Progress};
 use shared_types::random::Uniform;
 use shared_types::scenario::{Scenario, Segment, Start};
 use std::f64::consts::PI;
 
 /// Unit-scaled singular value, and |s|, that count as zero.
 const LOCKED: (f64, f64) = (1e-9, 1e-8);
-/// Most steps onto a singularity, and the largest of one joint, rad.
+/// Most steps onto a singularity, and the largest of one joint, rad; most onto two: where both can hold, Gauss and Newton need 5 to 10.
 const STEPS: (u32, f64) = (120, 0.3);
-/// Draws of a posture for one line.
+const STEPS_ONTO_TWO: u32 = 16;
+/// Draws of a posture for one line; and so many of which none can be moved onto a pair of formulas: they do not both hold within the limits.
 const DRAWS: u32 = 4000;
+const HOPELESS: u32 = 300;
 /// Draws of a line through one posture.
 const LINES: u32 = 20;
 /// Poses of a line that must have a posture.
@@ -78,8 +81,10 @@ pub(crate) fn singular_lines(
     template: &Scenario,
     through: Through,
     (seed, count, speed): (u64, u32, f64),
+    observer: Observer<'_>,
 ) -> Result<Vec<SingularLine>, Refused> {
-    with_dof!(robot.dof(), N => sized::<N>(robot, template, through, (seed, count, speed))).unwrap_or_else(|| Err(Refused::size(robot)))
+    with_dof!(robot.dof(), N => sized::<N>(robot, template, through, (seed, count, speed), observer))
+        .unwrap_or_else(|| Err(Refused::size(robot)))
 }
 
 fn sized<const N: usize>(
@@ -87,6 +92,7 @@ fn sized<const N: usize>(
     template: &Scenario,
     through: Through,
     (seed, count, speed): (u64, u32, f64),
+    observer: Observer<'_>,
 ) -> Result<Vec<SingularLine>, Refused> {
     let model = Model::<N>::new(robot, None).map_err(Refused::because)?;
     let arm = Kinematics { model: &model, p_EC: Vector3::zeros(), task: robot.task.0, length_m: robot.length_m };
@@ -97,7 +103,9 @@ fn sized<const N: usize>(
             kinds.push(kind);
         }
     }
-    let pairs = || kinds.iter().enumerate().flat_map(|(i, a)| kinds[i + 1..].iter().map(|b| vec![*a, *b])).collect::<Vec<_>>();
+    // A direction that no name explains is none of a pair: nothing tells one such direction from another.
+    let named: Vec<Kind> = kinds.iter().copied().filter(|kind| *kind != Kind::Numeric).collect();
+    let pairs = || named.iter().enumerate().flat_map(|(i, a)| named[i + 1..].iter().map(|b| vec![*a, *b])).collect::<Vec<_>>();
     let wanted: Vec<Vec<Kind>> = match through {
         Through::One => kinds.iter().map(|kind| vec![*kind]).collect(),
         Through::Two => pairs(),
@@ -106,8 +114,11 @@ fn sized<const N: usize>(
     let mut lines = vec![];
     // Each in turn, so that a smaller number of lines is the beginning of a larger one.
     let mut given_up = vec![false; wanted.len()];
+    let title = format!("drawing lines of {}", robot.name);
+    observer(Progress::Begin { title: &title, length: u64::from(count) * wanted.len() as u64, unit: "lines" });
     for number in 0..count {
         for (kinds, given_up) in wanted.iter().zip(&mut given_up) {
+            observer(Progress::Step);
             if *given_up {
                 continue;
             }
@@ -117,6 +128,7 @@ fn sized<const N: usize>(
             }
         }
     }
+    observer(Progress::End);
     Ok(lines)
 }
 
@@ -194,7 +206,7 @@ impl<const N: usize> Draw<'_, N> {
             let of_kind = all.iter().filter(|one| one.0 == kind).map(|one| one.1);
             of_kind.min_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(1.0)
         };
-        for _ in 0..STEPS.0 {
+        for _ in 0..STEPS_ONTO_TWO {
             let here = Vector2::new(s(&q, kinds[0]), s(&q, kinds[1]));
             if here.amax() < LOCKED.1 {
                 return Some(q);
@@ -209,16 +221,57 @@ impl<const N: usize> Draw<'_, N> {
         None
     }
 
+    /// Onto a posture that loses two directions u_1, u_2, any two: with spare joints most |s_i| are distances from sets of a higher codimension, which
+    /// have no gradient there. u_aᵀJ v_b = 0 for the motions v_b that the other directions leave free is smooth, by Newton steps with u and v held.
+    fn onto_rank_loss_of_two(&self, mut q: SVector<f64, N>) -> Option<SVector<f64, N>> {
+        let dof = self.robot.dof();
+        for _ in 0..STEPS.0 {
+            let spectrum = self.arm.spectrum(&q);
+            let free = spectrum.free + 2;
+            if spectrum.sigma[free - 1] < LOCKED.0 {
+                return Some(q);
+            }
+            let (values, u) = symmetric_eigen(&(spectrum.J * spectrum.J.transpose()));
+            let mut order: Vec<usize> = (0..6).filter(|k| self.arm.task[*k] || values[*k] > 1e-12).collect();
+            order.sort_by(|a, b| values[*a].total_cmp(&values[*b]));
+            let residual = |q: &SVector<f64, N>| {
+                let J = self.arm.spectrum(q).J;
+                DVector::from_fn(2 * free, |k, _| u.column(order[k / free]).dot(&(J * spectrum.v[k % free])))
+            };
+            let mut slope = DMatrix::zeros(2 * free, dof);
+            for i in 0..dof {
+                let by = SVector::from_fn(|k, _| if k == i { 1e-6 } else { 0.0 });
+                slope.set_column(i, &((residual(&(q + by)) - residual(&(q - by))) / 2e-6));
+            }
+            let step = slope.svd(true, true).solve(&residual(&q), 1e-6).ok()?;
+            q -= SVector::from_fn(|i, _| if i < dof { step[i] } else { 0.0 }) * (STEPS.1 / step.amax().max(STEPS.1));
+        }
+        None
+    }
+
+    fn has_spare_joints(&self) -> bool {
+        self.robot.dof() > self.arm.task.iter().filter(|counts| **counts).count()
+    }
+
     fn line(&self, kinds: &[Kind], number: u32, index: usize, random: &mut Uniform) -> Option<SingularLine> {
-        for _ in 0..DRAWS {
+        let mut is_hopeless = true;
+        for draw in 0..DRAWS {
+            if draw == HOPELESS && is_hopeless && !self.has_spare_joints() {
+                return None;
+            }
             let q = self.posture(random);
-            let found = if kinds.len() == 1 { self.onto_one(q) } else { self.onto_two(q, kinds) };
+            let found = match (kinds, self.has_spare_joints()) {
+                ([_], _) => self.onto_one(q),
+                (_, false) => self.onto_two(q, kinds),
+                (_, true) => self.onto_rank_loss_of_two(q),
+            };
             let Some(q) = found.filter(|q| self.is_inside(q)) else { continue };
             let report = self.report(&q);
             let lost: Vec<_> = report.iter().filter(|one| one.1.abs() < 1e-6).collect();
             if kinds.iter().any(|kind| !lost.iter().any(|one| one.0 == *kind)) || kinds.len() == 1 && lost.len() != 1 {
                 continue;
             }
+            is_hopeless = false;
             // A fold is the boundary of what can be reached: a line starts or ends there.
             let fold = lost.iter().any(|one| one.2 == Class::Type1);
             let boundary = lost.iter().find_map(|one| one.3);
@@ -260,9 +313,8 @@ impl<const N: usize> Draw<'_, N> {
         let pose = |x: f64| Pose { R: rotation_exp(&(turn * (x - share))) * at.R, p: at.p + along * (x - share) };
         let mut end = |x: f64| if x == share { Some(*q) } else { self.end(&pose(x), q, random) };
         let (q_start, q_end) = (end(0.0)?, end(1.0)?);
-        let spare = self.robot.dof() > self.arm.task.iter().filter(|counts| **counts).count();
         let has_ends = self.leads(&pose, &q_start, 0.0, share) && self.leads(&pose, &q_end, 1.0, share);
-        if !(spare || has_ends) {
+        if !(self.has_spare_joints() || has_ends) {
             return None;
         }
         let mut last = q_start;
@@ -345,7 +397,7 @@ mod tests {
     #[test]
     fn lines_are_exactly_singular_where_they_say_and_the_same_for_a_seed() {
         let robot = Robot::builtin("ur5").unwrap();
-        let draw = |through, count| singular_lines(&robot, &template("ur5"), through, (5, count, 0.28)).unwrap();
+        let draw = |through, count| singular_lines(&robot, &template("ur5"), through, (5, count, 0.28), &|_| ()).unwrap();
         let lines = draw(Through::One, 2);
         assert_eq!(lines.len(), 6);
         assert_eq!(lines[..3], draw(Through::One, 1)[..], "fewer lines are the beginning of more");

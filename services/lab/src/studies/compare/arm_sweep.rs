@@ -135,7 +135,7 @@ impl ArmSweep<'_> {
         template.seed = self.seed;
         template.plant.floor_m = None;
         let through = if self.pairs { Through::Two } else { Through::One };
-        let lines = singular_lines(&robot, &template, through, (self.seed, self.count, self.speed)).map_err(Failure::input)?;
+        let lines = singular_lines(&robot, &template, through, (self.seed, self.count, self.speed), observer).map_err(Failure::input)?;
         if lines.is_empty() {
             let what = if self.pairs { "two singularities at once" } else { "a singularity" };
             return Err(Failure::Input(format!("{} has no posture with {what} within its limits from which a line leads on", robot.name)));
