@@ -30,6 +30,7 @@
 
 mod analyzer;
 pub mod arm_family;
+mod auxiliary_coordinates;
 pub mod baselines;
 pub mod centre;
 mod command;

@@ -1,12 +1,16 @@
 //! The path plan of a scenario: made when a controller is, put into words where there is none (+).
 
 use crate::analyzer::Analyzer;
+use crate::continuous::path_plan::inverse::Kinematics;
 use crate::continuous::path_plan::{Infeasible, Obstacle, PathPlan, Remedy, Request, plan, remedy};
 use crate::continuous::turn_plan::{self, Room};
 use crate::trajectory::Path;
 use model::{JointKind, Model, Robot};
-use nalgebra::SVector;
+use nalgebra::{SVector, Vector3};
 use shared_types::scenario::{Goal, Scenario};
+
+/// Unit-scaled singular value below which a direction is lost.
+const LOCKED: f64 = 2e-3;
 
 /// The plan of the whole path, where the law uses one: under our own laws with the governor on.
 ///
@@ -56,11 +60,18 @@ pub(crate) fn route_ahead<const N: usize>(
             let heavy = plan.postures().find_map(|(t, q)| too_heavy(model, robot, q, &format!("at {t:.2} s of its path")));
             heavy.map_or(Ok(Some(plan)), |why| Err(why + ": lead the path nearer to the base, or start in another posture"))
         }
-        // The poses are within reach: the law decides as it goes.
-        Err(Infeasible { obstacle: Obstacle::Undecided, .. }) => Ok(None),
-        Err(Infeasible { obstacle: Obstacle::Discontinuous, .. }) if redundant => Ok(None),
+        // The poses are within reach: the law decides as it goes. Not so from where two directions are lost: out of such a start it leads the arm far off.
+        Err(Infeasible { obstacle: Obstacle::Undecided, .. }) if !(redundant && loses_two(&request)) => Ok(None),
+        Err(Infeasible { obstacle: Obstacle::Discontinuous, .. }) if redundant && !loses_two(&request) => Ok(None),
         Err(infeasible) => Err(words(robot, &infeasible) + &help(robot, scenario, remedy(&request))),
     }
+}
+
+/// Whether two directions are lost in the start posture.
+fn loses_two<const N: usize>(request: &Request<'_, N>) -> bool {
+    let arm = Kinematics { model: request.model, p_EC: Vector3::zeros(), task: request.task, length_m: request.length_m };
+    let spectrum = arm.spectrum(&request.q_start);
+    spectrum.sigma.get(spectrum.free + 1).is_some_and(|second| *second < LOCKED)
 }
 
 /// A joint whose torque limit does not hold the arm against gravity, in words.

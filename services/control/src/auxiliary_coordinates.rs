@@ -1,0 +1,156 @@
+//! Step 2 of a tick: for each singularity the target by its type, the mode by the transition table, and the auxiliary loop's demand.
+
+use crate::arm_family::family::Situation;
+use crate::continuous::auxiliary::Gains;
+use crate::continuous::guide::{Guide, WAIT};
+use crate::continuous::turn_plan;
+use crate::controller::Controller;
+use crate::law::{Active, Actives, LawError};
+use crate::paper::reference::{Memory, Target};
+use crate::paper::{type_1, type_2};
+use crate::state::State;
+use crate::telemetry::Telemetry;
+use crate::tick::{Auxiliary, Inputs, Motion};
+use crate::types::{Class, Kind, Mode, Report, Singularity};
+use shared_types::scenario::Strategy;
+
+/// Share of a joint's speed that the self-motion at a singularity may take.
+const JOINT_SHARE: f64 = 0.5;
+
+impl<const N: usize> Controller<N> {
+    /// Step 2: for each singularity, the target by its type, the mode by the transition table, and the auxiliary loop's demand.
+    pub(crate) fn auxiliary_coordinates(
+        &self,
+        state: &mut State<N>,
+        now: &Inputs<'_, N>,
+        motion: &Motion<N>,
+    ) -> Result<Auxiliary<N>, LawError> {
+        self.check_rank(now.report)?;
+        let control = &self.scenario.control;
+        let ahead = self.path.ahead(&state.progress, *now.p_EC);
+        let planned = state.qdot_planned;
+        let mut out = Auxiliary { actives: Actives::none(), telemetry: Telemetry::default(), load: 0.0 };
+        for (i, singularity) in now.report.meant().iter().enumerate() {
+            let kind = singularity.kind.code();
+            let rate_max = self.rate_max(i, singularity);
+            let situation = Situation {
+                q: now.q,
+                qdot_planned: &planned,
+                terms: now.terms,
+                at: now.at,
+                desired: &motion.desired,
+                V_nominal: &motion.V_nominal,
+                ahead: &ahead,
+                error: &motion.error,
+                lower: self.model.lower(),
+                upper: self.model.upper(),
+                rate_max,
+                governed: control.governor,
+            };
+            let branch = motion.leg.map_or(0, |leg| leg.branch) + state.servo.branch();
+            let by_type = match &motion.planned {
+                // A fold with a formula keeps it; the plan decides its side.
+                Some(_) if singularity.class == Class::Type1 && self.has_formula(i, singularity) => {
+                    let memory = &mut state.loops[i].memory;
+                    memory.side = self.guide.side(singularity, now.q, state.route_time_s).unwrap_or(memory.side);
+                    self.target(singularity, &situation, 0, memory)
+                }
+                Some(planned) => self.guide.target(singularity, planned, now.q, motion.clock),
+                None => self.target(singularity, &situation, branch, &mut state.loops[i].memory),
+            };
+            let target = match motion.leg.and_then(|leg| leg.reorient.map(|(place, angle)| (place, angle, leg.duration_s))) {
+                Some((place, angle, duration_s)) if place == i => self.reorient(state, now, singularity, angle, duration_s)?,
+                // A planned leg lies within reach: what the formula of a fold misses there is tracking error.
+                _ => Target { clipped: by_type.clipped && motion.planned.is_none(), ..by_type },
+            };
+            let gains = Gains { k: control.k_aux, k_v: control.k_v, rate_max, slew: control.aux_slew.of(kind) };
+            let one = &mut state.loops[i];
+            let demand = match control.strategy {
+                Strategy::ChangKhatib => one.step_switched(singularity, &target, &gains, motion.clock, self.scenario.dt_s()),
+                _ => one.step(singularity, &target, &gains, motion.clock, self.scenario.dt_s()),
+            };
+            if self.scenario.control.strategy.is_ours() {
+                out.load = out.load.max(demand.load);
+                if motion.planned.is_some() {
+                    out.load = out.load.max(Guide::<N>::waiting(target.error, demand.beta));
+                }
+                // While a neighbourhood is left along the self-motion, or ζ turned out of the way, the path waits.
+                if one.mode == Mode::Pass && self.family.get().goes_around().is_some_and(|first| i >= first) {
+                    out.load = out.load.max(WAIT * (1.0 - demand.beta));
+                }
+            }
+            out.telemetry.note(i, one, singularity, &target, &demand);
+            if one.engaged() {
+                out.actives.push(Active {
+                    zeta_B: singularity.zeta_B,
+                    gain: singularity.gain,
+                    beta: demand.beta,
+                    aux_row: singularity.aux_row,
+                    aux_acceleration: demand.acceleration - singularity.aux_bias,
+                    aux_rate: demand.nominal,
+                });
+            }
+        }
+        Ok(out)
+    }
+
+    /// Whether a formula of the arm's family gives the singularity at a place of the report.
+    fn has_formula(&self, place: usize, s: &Singularity<N>) -> bool {
+        s.kind != Kind::Numeric && self.family.get().goes_around().is_none_or(|first| place < first)
+    }
+
+    /// Largest auxiliary rate, rad/s: the scenario's, and for the self-motion of an arm with spare joints a share of what the joints have.
+    pub(crate) fn rate_max(&self, place: usize, s: &Singularity<N>) -> f64 {
+        let stated = self.scenario.control.aux_rate_max.of(s.kind.code());
+        if self.family.get().goes_around().is_none_or(|first| place < first) {
+            return stated;
+        }
+        // As fast as a joint may be where only it moves.
+        let size = s.aux_row.norm_squared().max(1e-12);
+        (0..N).fold(stated, |rate, i| rate.min(JOINT_SHARE * self.model.velocity()[i] * size / s.aux_row[i].abs().max(1e-9)))
+    }
+
+    /// The target of one auxiliary coordinate: the computed type decides the strategy, for every arm.
+    fn target(&self, s: &Singularity<N>, at: &Situation<'_, N>, branch: i32, memory: &mut Memory) -> Target {
+        if memory.side == 0.0 {
+            memory.side = if s.s < 0.0 { -1.0 } else { 1.0 };
+        }
+        let family = self.family.get();
+        match s.class {
+            Class::Type1 => family.fold(s, at).map_or_else(|| type_2::target(None), |fold| type_1::target(&fold, branch, memory)),
+            Class::Type2 | Class::Mixed => type_2::target(family.direction(s, at, memory)),
+            Class::Unknown => type_2::target(None),
+        }
+    }
+
+    /// ζ turned by a commanded profile; the joint motion is predicted and published before the arm moves.
+    fn reorient(
+        &self,
+        state: &mut State<N>,
+        now: &Inputs<'_, N>,
+        s: &Singularity<N>,
+        angle: f64,
+        duration_s: f64,
+    ) -> Result<Target, LawError> {
+        if state.turn.duration_s == 0.0 {
+            let motion = |angle: f64| self.family.get().turning(s, now.terms, &now.report.p_BC, angle);
+            let room = turn_plan::Room { q: now.q, model: &self.model, control: &self.scenario.control };
+            state.turn = turn_plan::plan(s, angle, duration_s, &room, motion)?;
+        }
+        let [share, share_rate, _] = self.path.fraction(&state.progress);
+        Ok(state.turn.target(s, share, share_rate, state.governor.rate))
+    }
+
+    /// Whether the listed singularities explain the rank: each takes one direction.
+    ///
+    /// # Errors
+    /// [`LawError::Unlisted`] where more directions are lost than singularities are inside their neighbourhoods.
+    fn check_rank(&self, report: &Report<N>) -> Result<(), LawError> {
+        let full = self.task.iter().filter(|counts| **counts).count().min(N);
+        let listed = report.meant().iter().filter(|s| s.inside).count();
+        if self.scenario.control.strategy.is_ours() && report.rank as usize + listed < full {
+            return Err(LawError::Unlisted { rank: report.rank, listed });
+        }
+        Ok(())
+    }
+}
