@@ -3,7 +3,7 @@
 use crate::error::PlantError;
 use crate::hybrid::{Hybrid, Touch};
 use crate::smooth::{Smooth, State};
-use model::{Model, Robot};
+use model::{ArmMotion, Model, Robot};
 use nalgebra::SVector;
 use shared_types::scenario::{self, PlantModel};
 
@@ -123,9 +123,14 @@ impl<const N: usize> Plant<N> {
         &self.smooth.model
     }
 
+    /// The end-effector's motion and the arm's energy.
+    pub fn motion(&self) -> ArmMotion {
+        self.smooth.model.motion(&self.state.q, &self.state.qdot)
+    }
+
     /// Kinetic and potential energy; J.
     pub fn energy(&self) -> f64 {
-        self.smooth.energy(&self.state)
+        self.motion().energy
     }
 
     #[cfg(test)]

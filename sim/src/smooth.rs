@@ -58,9 +58,4 @@ impl<const N: usize> Smooth<N> {
         let a_4 = self.qddot(&(x.q + v_3 * h), &v_4, tau);
         State { q: x.q + (v_1 + (v_2 + v_3) * 2.0 + v_4) * (h / 6.0), qdot: x.qdot + (a_1 + (a_2 + a_3) * 2.0 + a_4) * (h / 6.0) }
     }
-
-    /// Kinetic and potential energy; J.
-    pub(crate) fn energy(&self, x: &State<N>) -> f64 {
-        self.model.kinetic_energy(&x.q, &x.qdot) + self.model.potential_energy(&x.q)
-    }
 }

@@ -11,6 +11,17 @@ use crate::spatial::{ArticulatedInertia, Force, Motion, RigidInertia, times};
 use crate::terms::Terms;
 use nalgebra::{SMatrix, SVector, Vector3, Vector6};
 
+/// The end-effector's motion and the arm's energy in one state.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ArmMotion {
+    /// Pose of E in the base.
+    pub X_BE: Pose,
+    /// Twist of E, [v; ω], base axes; m/s, rad/s.
+    pub V_BE: Vector6<f64>,
+    /// Kinetic and potential energy; J.
+    pub energy: f64,
+}
+
 impl<const N: usize> Model<N> {
     /// All terms of the equation of motion and of the end-effector's kinematics, in one pass.
     ///
@@ -109,6 +120,12 @@ impl<const N: usize> Model<N> {
             S[i] = S_i;
             I[i] = body.inertia_at(X);
         });
+        self.composite(&S, &I)
+    }
+
+    /// A(q) of links with the joint axes `S` and the inertias `I`.
+    #[inline(always)]
+    fn composite(&self, S: &[Motion; N], I: &[RigidInertia; N]) -> SMatrix<f64, N, N> {
         let mut A = SMatrix::<f64, N, N>::zeros();
         let mut I_c = RigidInertia::ZERO;
         for i in (0..N).rev() {
@@ -122,6 +139,24 @@ impl<const N: usize> Model<N> {
             A[(i, i)] += self.armature[i];
         }
         A
+    }
+
+    /// Pose and twist of the end-effector and mechanical energy, in one pass: those of [`forward_kinematics`](Self::forward_kinematics),
+    /// [`jacobian`](Self::jacobian), [`kinetic_energy`](Self::kinetic_energy) and [`potential_energy`](Self::potential_energy), to the last bit.
+    pub fn motion(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> ArmMotion {
+        let mut S = [Motion::ZERO; N];
+        let mut I = [RigidInertia::ZERO; N];
+        let (mut X_BE, mut V) = (self.X_LE, 0.0);
+        self.outwards(q, |i, body, X, S_i| {
+            S[i] = S_i;
+            I[i] = body.inertia_at(X);
+            V -= body.mass * self.gravity.dot(&X.transform_point(&body.com));
+            if self.ee_body == Some(i) {
+                X_BE = *X * self.X_LE;
+            }
+        });
+        let kinetic = 0.5 * qdot.dot(&(self.composite(&S, &I) * qdot));
+        ArmMotion { X_BE, V_BE: self.jacobian_at(&S, &X_BE.p) * qdot, energy: kinetic + V }
     }
 
     /// Inverse dynamics τ = A·q̈ + C·q̇ + g, armature included: recursive Newton–Euler algorithm [RBDA Ch. 5].
@@ -197,8 +232,11 @@ impl<const N: usize> Model<N> {
             U[i] = I_A.times(&S[i]);
             D[i] = S[i].dot(&U[i]) + self.armature[i];
             u[i] = tau[i] - S[i].dot(&p_A);
-            I_A = I_A.without(&U[i], D[i]);
-            p_A += I_A.times(&c[i]) + U[i] * (u[i] / D[i]);
+            // Nothing is handed on to the base, which does not move.
+            if i > 0 {
+                I_A = I_A.without(&U[i], D[i]);
+                p_A += I_A.times(&c[i]) + U[i] * (u[i] / D[i]);
+            }
         }
 
         let mut qddot = SVector::<f64, N>::zeros();

@@ -53,6 +53,7 @@ mod urdf;
 pub use arm::{Model, ModelError};
 pub use arrays::{joints, padded};
 pub use dispatch::{Refused, SIZES, embedded};
+pub use dynamics::ArmMotion;
 pub use error::{DescriptionError, PostureError, RobotError};
 pub use factors::Factors;
 pub use joint::{Frame, Joint, JointKind};

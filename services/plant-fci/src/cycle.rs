@@ -1,6 +1,6 @@
 //! The pure step of the plant: the robot's state to messages, and the commanded torque to the torque sent.
 
-use model::{Model, padded};
+use model::{ArmMotion, Model, padded};
 use nalgebra::SVector;
 use shared_types::codes::DRIVE_RATE;
 use shared_types::task_end::TaskEnd;
@@ -77,7 +77,7 @@ impl Cycle {
             drive: applied.drive,
             stale_ticks: applied.stale_ticks,
         };
-        let X_BE = self.model.forward_kinematics(&now.q);
+        let ArmMotion { X_BE, V_BE, energy } = self.model.motion(&now.q, &now.qdot);
         let mut R_BE = [0.0; 9];
         R_BE.copy_from_slice(X_BE.R.as_slice());
         *truth = PlantState {
@@ -87,8 +87,8 @@ impl Cycle {
             tau: padded(&self.acted),
             p_BE: X_BE.p.into(),
             R_BE,
-            V_BE: (self.model.jacobian(&now.q) * now.qdot).into(),
-            energy_j: self.model.kinetic_energy(&now.q, &now.qdot) + self.model.potential_energy(&now.q),
+            V_BE: V_BE.into(),
+            energy_j: energy,
             limit_mask: self.beyond_limits(&now.q),
             saturation_mask: self.saturation_mask,
             drive: applied.drive,

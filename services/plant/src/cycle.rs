@@ -1,6 +1,6 @@
 //! The plant's pure step: applied torque to motion, motion to sensor readings.
 
-use model::{Model, ModelError, Robot, StartError, embedded, padded};
+use model::{ArmMotion, Model, ModelError, Robot, StartError, embedded, padded};
 use nalgebra::SVector;
 use shared_types::codes::DRIVE_DIVERGED;
 use shared_types::fault::ScheduledFault;
@@ -81,7 +81,7 @@ impl<const N: usize> Cycle<N> {
             drive: applied.drive,
             stale_ticks: applied.stale_ticks,
         };
-        let X_BE = self.plant.model().forward_kinematics(&x.q);
+        let ArmMotion { X_BE, V_BE, energy } = self.plant.motion();
         let mut R_BE = [0.0; 9];
         R_BE.copy_from_slice(X_BE.R.as_slice());
         *truth = PlantState {
@@ -91,9 +91,9 @@ impl<const N: usize> Cycle<N> {
             tau: padded(&self.acted),
             p_BE: X_BE.p.into(),
             R_BE,
-            V_BE: (self.plant.model().jacobian(&x.q) * x.qdot).into(),
+            V_BE: V_BE.into(),
             contact_force_n: touch.force.into(),
-            energy_j: self.plant.energy(),
+            energy_j: energy,
             contacts: touch.contacts,
             limit_mask: touch.limits,
             saturation_mask: applied.saturation_mask,

@@ -95,6 +95,12 @@ fn identities<const N: usize>(robot: &Robot, frame: Option<&str>, state: &[f64])
     let kinetic = model.kinetic_energy(&q, &qdot);
     prop_assert!((kinetic - 0.5 * qdot.dot(&(A * qdot))).abs() <= EXACT * kinetic.max(1.0));
 
+    // One pass or several: the same bits.
+    let motion = model.motion(&q, &qdot);
+    prop_assert_eq!(motion.X_BE, model.forward_kinematics(&q));
+    prop_assert_eq!(motion.V_BE, model.jacobian(&q) * qdot);
+    prop_assert_eq!(motion.energy, kinetic + model.potential_energy(&q));
+
     // Kinematics of the end-effector frame.
     let X = model.forward_kinematics(&q);
     close("X_BE.p", EXACT, terms.X_BE.p, X.p)?;
