@@ -48,14 +48,16 @@ impl<const N: usize> Screws<N> {
     #[must_use]
     pub fn hessian(&self, a: &SVector<f64, 6>) -> SMatrix<f64, N, N> {
         let (force, torque) = (linear(a), angular(a));
+        let mut axes = [Vector3::zeros(); N];
         let mut inward = [Vector3::zeros(); N];
         let mut turning = [Vector3::zeros(); N];
         for j in 0..N {
             let (v, w) = self.column(j);
+            axes[j] = w;
             inward[j] = v.cross(&force);
-            turning[j] = w.cross(&torque);
+            turning[j] = inward[j] + w.cross(&torque);
         }
-        SMatrix::from_fn(|j, k| if k <= j { self.column(k).1.dot(&(inward[j] + turning[j])) } else { self.column(j).1.dot(&inward[k]) })
+        SMatrix::from_fn(|j, k| if k <= j { axes[k].dot(&turning[j]) } else { axes[j].dot(&inward[k]) })
     }
 
     /// J̇ along the joint motion `qdot`.

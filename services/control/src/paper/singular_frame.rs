@@ -10,6 +10,13 @@ pub struct Kept {
     count: usize,
 }
 
+impl Kept {
+    fn push(&mut self, row: Vector6<f64>) {
+        self.rows[self.count] = row;
+        self.count += 1;
+    }
+}
+
 impl std::ops::Deref for Kept {
     type Target = [Vector6<f64>];
     fn deref(&self) -> &[Vector6<f64>] {
@@ -30,6 +37,7 @@ impl std::ops::Deref for Kept {
 pub fn kept_rows<const N: usize>(task: &[bool; 6], actives: &[Active<N>]) -> Result<Kept, LawError> {
     let mut kept = Kept { rows: [Vector6::zeros(); 6], count: 0 };
     for half in [0..3, 3..6] {
+        let axes = || half.clone().filter(|k| task[*k]).map(|k| Vector6::from_fn(|i, _| if i == k { 1.0 } else { 0.0 }));
         // Orthonormal directions so far: singular ones first, then the kept.
         let mut basis = Basis::<6>::empty();
         for active in actives {
@@ -38,14 +46,19 @@ pub fn kept_rows<const N: usize>(task: &[bool; 6], actives: &[Active<N>]) -> Res
                 basis.add(within);
             }
         }
-        let axes = half.clone().filter(|k| task[*k]).count();
-        while basis.count() < axes {
-            let candidates = half.clone().filter(|k| task[*k]).map(|k| Vector6::from_fn(|i, _| if i == k { 1.0 } else { 0.0 }));
-            if !basis.add_best(candidates) {
+        if basis.count() == 0 {
+            // Nothing is dropped here: the axes of the task themselves.
+            for axis in axes() {
+                kept.push(axis);
+            }
+            continue;
+        }
+        let count = axes().count();
+        while basis.count() < count {
+            if !basis.add_best(axes()) {
                 break;
             }
-            kept.rows[kept.count] = basis.last();
-            kept.count += 1;
+            kept.push(basis.last());
         }
     }
     let rows = kept.count + actives.len();
