@@ -28,6 +28,9 @@ const HEAD: &str = "# armplane targets 1, length ";
 /// Most targets in a file.
 const MOST: usize = 1_000_000;
 
+/// Largest error of a quaternion's squared norm.
+pub const NORM: f64 = 1e-3;
+
 /// Latest time in a file, s.
 const LATEST_S: f64 = 36_000.0;
 
@@ -76,6 +79,36 @@ impl InvalidRow {
 /// # Errors
 /// [`InvalidRow`]: the first line that is no target, or is earlier than the one before.
 pub fn parse(text: &str, rate_hz: u32) -> Result<Vec<Row>, InvalidRow> {
+    Ok(numbered(text, rate_hz)?.into_iter().map(|(_, row)| row).collect())
+}
+
+/// Checks a text that somebody wrote for an arm of `dof` joints: beyond [`parse`], the slips of the pen that the controller would refuse in the run. A NaN
+/// or the number of a frame is none: it stands for what another program may send.
+///
+/// # Errors
+/// [`InvalidRow`]: the first line that cannot be followed.
+pub fn check(text: &str, rate_hz: u32, dof: usize) -> Result<(), InvalidRow> {
+    for (line, Row { target, .. }) in numbered(text, rate_hz)? {
+        let norm = target.quaternion.iter().map(|x| x * x).sum::<f64>();
+        let message = match target.kind {
+            TARGET_POSTURE if target.joints as usize != dof => {
+                format!("the posture has {} values, and the arm has {dof} joints", target.joints)
+            }
+            TARGET_POSE if FRAMES.iter().any(|(code, _)| *code == target.frame) && target.frame != FRAME_BASE => {
+                format!("a pose is in the frame base, not {}", name_of(FRAMES, target.frame))
+            }
+            TARGET_POSE if (norm - 1.0).abs() > NORM => {
+                format!("the quaternion qw qx qy qz has the norm {:.3}: it must be 1", norm.sqrt())
+            }
+            _ => continue,
+        };
+        return Err(InvalidRow { line, message });
+    }
+    Ok(())
+}
+
+/// The targets of a text, each with its line.
+fn numbered(text: &str, rate_hz: u32) -> Result<Vec<(usize, Row)>, InvalidRow> {
     // Some editors begin a file with a mark of its encoding.
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut lines = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
@@ -87,18 +120,18 @@ pub fn parse(text: &str, rate_hz: u32) -> Result<Vec<Row>, InvalidRow> {
         Some("mm") => 1e3,
         _ => return Err(invalid(1, format!("the first line must be `{HEAD}m`, or `mm`"))),
     };
-    let mut rows: Vec<Row> = Vec::new();
+    let mut rows: Vec<(usize, Row)> = Vec::new();
     for (number, line) in lines.filter(|(_, line)| !line.is_empty() && !line.starts_with('#')) {
         let (time, rest) = line.split_once(',').unwrap_or((line, ""));
         let row = ticks(time, rate_hz).and_then(|tick| content(rest, per_metre, tick, rate_hz).map(|target| Row { tick, target }));
         let row = row.map_err(|message| invalid(number, message))?;
-        if rows.last().is_some_and(|last| row.tick < last.tick) {
+        if rows.last().is_some_and(|(_, last)| row.tick < last.tick) {
             return Err(invalid(number, format!("the target at {} s comes after a later one: sort the lines by time", time.trim())));
         }
         if rows.len() == MOST {
             return Err(invalid(number, format!("more than {MOST} targets: leave out lines, or steer from standard input (`--from -`)")));
         }
-        rows.push(row);
+        rows.push((number, row));
     }
     match rows.is_empty() {
         true => Err(invalid(1, "there is no target: add a line such as `0, twist, base, 1, 0.01 0 0 0 0 0`".to_owned())),
@@ -239,5 +272,26 @@ mod tests {
             assert!(error.line == line && error.message.contains(words), "{error}");
         }
         assert!(parse("time_s,vx\n", 1000).unwrap_err().message.contains("the first line must be"));
+    }
+
+    #[test]
+    fn a_line_that_this_arm_cannot_follow_is_named() {
+        let cases = [
+            ("0, posture, joints, 1, 0 0 0 0 0 0 0", Some("7 values, and the arm has 6 joints")),
+            ("0, pose, hand, 1, 0 0 0 1 0 0 0", Some("in the frame base, not hand")),
+            ("0, pose, base, 1, 0 0 0 1 1 0 0", Some("the norm 1.414")),
+            ("0, pose, base, 1, 0 0 0 1 0 0 0", None),
+            ("0, pose, 7, 1, 0 0 0 1 0 0 0", None),
+            ("0, twist, base, 1, NaN 0 0 0 0 0", None),
+        ];
+        for (line, words) in cases {
+            let checked = check(&format!("{HEAD}m\n0, twist, hand, 1, 0 0 0 0 0 0\n{line}\n"), 1000, 6);
+            match words {
+                Some(words) => {
+                    assert!(checked.as_ref().is_err_and(|error| error.line == 3 && error.message.contains(words)), "{line}: {checked:?}")
+                }
+                None => assert_eq!(checked, Ok(()), "{line}"),
+            }
+        }
     }
 }

@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use model::Robot;
 use shared_types::process::{Process, Program};
-use shared_types::target_file;
+use shared_types::scenario::Start;
+use shared_types::target_file::{self, InvalidRow};
 use sim::scenarios;
 
 use crate::failure::Failure;
@@ -61,6 +62,11 @@ impl Steering {
         let mut scenario = source.parse(&self.settings)?;
         scenario.seed = self.seed.unwrap_or(scenario.seed);
         let was_steered = scenario.servo.is_some() && is_scenario;
+        if is_scenario && !was_steered {
+            // Its words are those of its path.
+            scenario.name = format!("servo-{}", scenario.name);
+            (scenario.title, scenario.about) = (format!("{}, steered", self.subject), String::new());
+        }
         let session = scenario.servo.get_or_insert_default();
         scenario.segment.clear();
         let targets = match &self.targets {
@@ -95,6 +101,10 @@ impl Steering {
             ));
         }
         source.check(&scenario, &robot, &graph)?;
+        if let (Targets::File(file), Some(session)) = (&self.targets, &scenario.servo) {
+            let located = |error: InvalidRow| Failure::File(error.in_file(&file.display().to_string(), &session.targets).into());
+            target_file::check(&session.targets, scenario.rate_hz, robot.dof()).map_err(located)?;
+        }
         Ok(Loaded { scenario, robot, graph })
     }
 
@@ -107,9 +117,15 @@ impl Steering {
                 let number =
                     |part: &str| part.trim().parse::<f64>().map_err(|_| Failure::Input(format!("--start: `{part}` is not a number")));
                 let q = text.split(',').map(number).collect::<Result<Vec<_>, _>>()?;
+                let given = Start { q_deg: Some(q.clone()), ..Start::default() };
+                robot.start_posture(&given).map_err(|error| Failure::Input(format!("--start: {error}")))?;
                 start.insert("q_deg".to_owned(), q.into());
             }
-            Some(name) => drop(start.insert("posture".to_owned(), name.clone().into())),
+            Some(name) => {
+                let named = Start { posture: Some(name.clone()), ..Start::default() };
+                robot.start_posture(&named).map_err(|error| Failure::Input(format!("--start: {error}")))?;
+                start.insert("posture".to_owned(), name.clone().into());
+            }
             None => drop(start.insert("posture".to_owned(), default_start(&robot)?.into())),
         }
         let mut table = toml::Table::new();

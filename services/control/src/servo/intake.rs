@@ -11,12 +11,11 @@ use shared_types::codes::{
     TARGET_TWIST, TARGET_UNREADABLE,
 };
 use shared_types::scenario::Servo;
+use shared_types::target_file::NORM;
 use shared_types::wire::Part;
 
 /// Largest number in a target.
 const LARGEST: f64 = 1000.0;
-/// Largest error of a quaternion's squared norm.
-const NORM: f64 = 1e-3;
 /// Gain from a pose error to a twist, 1/s.
 const GAIN: f64 = 5.0;
 /// Share of the acceleration with which the reference is planned to stop at a pose.
