@@ -156,6 +156,16 @@ wire! {
         clipped: u32,
         /// 1 where the reference arm begins anew at the arm.
         parted: u32,
+        /// Ticks in a row in which nothing was asked for, and the reference stood.
+        idle_ticks: u32,
+        /// Twist that a joint limit has ended, its linear part over the arm's length; rad/s.
+        ended: [f64; 6],
+        /// 1 + index of that joint, 0 where none has.
+        ended_joint: u32,
+        /// 1 where it is at its upper limit, 0 at its lower one.
+        ended_upper: u32,
+        /// Ticks in a row in which a joint limit kept the hand from the motion asked for.
+        held_ticks: u32,
         /// Zero in this version.
         reserved: u32,
     }
@@ -163,7 +173,7 @@ wire! {
 
 wire! {
     /// State of the controller after a tick.
-    ControllerCheckpoint checkpoint version 6 {
+    ControllerCheckpoint checkpoint version 7 {
         /// Index of the task segment; the number of segments once the path is finished.
         segment: u32,
         /// 1 once the segment's goal has been fixed.
@@ -245,7 +255,7 @@ mod tests {
         let known = [
             ("armplane.EstimatorCheckpoint.v2", 432, 0x0184_47d8_5cf1_979d),
             ("armplane.AnalyzerCheckpoint.v2", 1888, 0xd183_645a_d89c_2cda),
-            ("armplane.ControllerCheckpoint.v6", 3672, 0x633e_d858_d535_155e),
+            ("armplane.ControllerCheckpoint.v7", 3736, 0x8514_6635_3162_42a8),
         ];
         assert_eq!([of::<EstimatorCheckpoint>(), of::<AnalyzerCheckpoint>(), of::<ControllerCheckpoint>()], known);
     }

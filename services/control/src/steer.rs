@@ -1,6 +1,7 @@
 //! The controller of a steered run: the target becomes the reference, and the law of a path follows it (+).
 
 use crate::command;
+use crate::continuous::auxiliary::Loop;
 use crate::continuous::governor::Governor;
 use crate::continuous::saturation::{compensated, limit};
 use crate::controller::Controller;
@@ -11,11 +12,12 @@ use crate::servo::Reference;
 use crate::servo::anti_windup::Lead;
 use crate::servo::intake::{self, Wish};
 use crate::servo::limits::Fastest;
+use crate::servo::rest;
 use crate::servo::stops::{self, Limits, Parts};
 use crate::state::State;
 use crate::trajectory::{HORIZON_S, Progress};
 use crate::types::{Command, Phase, Refusal, Report};
-use model::{Pose, Terms};
+use model::{Model, Pose, Terms};
 use nalgebra::{SVector, Vector3, Vector6};
 use shared_types::codes::{
     REASON_EFFORT, REASON_FAST, REASON_FOLLOWING, REASON_HELD, REASON_LIMIT, REASON_OVER, REASON_REACH, REASON_RESTING, REASON_SINGULARITY,
@@ -28,6 +30,8 @@ use shared_types::{ServoState, TargetContent};
 const FULL: f64 = 0.95;
 /// Joint speed below which an arm that was stopped goes on, rad/s.
 const AT_REST: f64 = 0.01;
+/// Distance of a joint from a posture at which it has arrived there, rad.
+const ARRIVED: f64 = 0.02;
 /// |s|/η_out of the nearest singularity below which it is the reason for a slower clock.
 const NEAR: f64 = 2.0;
 /// Saturation of the lead that counts as the boundary of reach.
@@ -75,12 +79,13 @@ impl<const N: usize> Controller<N> {
         // The rank is that of the arm.
         let listed = Report { rank: report.rank, ..steered.analyzer.listed(&q_r, &qdot_r, &reference).0 };
         self.state.servo.take((target, steered.dof), tick, session.duration_s, self.scenario.dt_s());
-        let (wish, lead, age_s) = self.state.intake(session, self.scenario.dt_s(), &reference, &listed, &behind);
+        let (wish, lead, age_s) =
+            self.state.intake((session, self.scenario.dt_s()), (&self.model, self.length_m), &reference, &listed, &behind);
         let clock = self.state.governor.rate;
         // From here to the exchange back, the torque sent is that of the reference arm.
         std::mem::swap(&mut self.state.sent, &mut self.state.servo.sent);
-        let mut command = match self.state.servo.is_posture() && !self.state.servo.stopping {
-            true => self.assume_posture(&wish, &reference),
+        let mut command = match self.state.servo.goes_by_joints() {
+            true => self.move_joints(&wish, &reference),
             false => self.act((&q_r, &qdot_r), &SVector::zeros(), &listed, &reference),
         };
         std::mem::swap(&mut self.state.sent, &mut self.state.servo.sent);
@@ -90,6 +95,9 @@ impl<const N: usize> Controller<N> {
         let qddot_r = self.accelerate(&reference);
         self.follow((q, qdot), (&q_r, &qdot_r, &qddot_r), (&terms, tau_disturbance), &mut command);
         self.proceed(clock, command.clipped);
+        let (limits, dt) = (limits(&self.model), self.scenario.dt_s());
+        let V = reference.J * qdot_r;
+        self.state.servo.count_rest(&rest::Motion { asked: &wish.V, V: &V, limits: &limits, length_m: self.length_m, dt });
         if self.state.servo.stopping {
             (command.phase, command.refusal) = (Phase::Running, Refusal::None);
         }
@@ -117,15 +125,21 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// The torque of the reference arm towards a posture, joint by joint: no direction of the hand counts, so none can be lost.
-    fn assume_posture(&mut self, wish: &Wish, reference: &Terms<N>) -> Command<N> {
+    /// The torque of the reference arm towards a posture or to rest, joint by joint: no direction of the hand counts, so none can be lost.
+    fn move_joints(&mut self, wish: &Wish, reference: &Terms<N>) -> Command<N> {
         let servo = &mut self.state.servo;
-        servo.fastest = Fastest::default();
+        let (goal, beyond) = servo.goal(self.model.lower(), self.model.upper());
         let is_held = wish.stale || servo.over.is_some();
-        let asked = model::joints::<N>(&servo.held.q);
-        let (lower, upper) = (self.model.lower(), self.model.upper());
-        let goal = if is_held { servo.q } else { SVector::from_fn(|i, _| asked[i].clamp(lower[i], upper[i])) };
-        let path = reference.A * servo.towards(&goal, self.model.velocity());
+        let (qddot, joint) = match servo.resting {
+            true => (servo.braking(), servo.ended.map(|ended| ended.joint)),
+            false if is_held => (servo.towards(&servo.q, self.model.velocity()), None),
+            false => {
+                let arrived = beyond.filter(|(i, _)| (servo.q[*i] - goal[*i]).abs() < ARRIVED);
+                (servo.towards(&goal, self.model.velocity()), arrived)
+            }
+        };
+        servo.fastest = Fastest { clock: if joint.is_some() { 0.0 } else { 1.0 }, joint };
+        let path = reference.A * qddot;
         let torques =
             Torques { path, rest: SVector::zeros(), null: SVector::zeros(), qdot_nominal: servo.qdot, qddot_path: SVector::zeros() };
         let limited = limit(&reference.bias(), &torques, self.model.effort());
@@ -141,9 +155,7 @@ impl<const N: usize> Controller<N> {
         let servo = &mut self.state.servo;
         let Ok(lu) = Lu::new(reference.A) else { return SVector::zeros() };
         let [whole, path, null] = [&(servo.sent.tau - reference.bias()), &servo.sent.path, &servo.sent.null].map(|torque| lu.solve(torque));
-        let (lower, upper) = (self.model.lower(), self.model.upper());
-        let limits = Limits { lower, upper, velocity: self.model.velocity(), effort: self.model.effort() };
-        let kept = stops::keep((&servo.q, &servo.qdot), &Parts { whole, path, null }, &reference.A.diagonal(), &limits);
+        let kept = stops::keep((&servo.q, &servo.qdot), &Parts { whole, path, null }, &reference.A.diagonal(), &limits(&self.model));
         servo.accelerate_arm(&kept.qddot, self.scenario.dt_s());
         if kept.joint.is_some() {
             servo.fastest = Fastest { clock: 0.0, joint: kept.joint };
@@ -192,7 +204,7 @@ impl<const N: usize> Controller<N> {
         let servo = &mut self.state.servo;
         servo.clipped = clipped;
         if refusal == Refusal::None {
-            if !servo.is_posture() {
+            if !servo.goes_by_joints() {
                 servo.advance(clock, dt);
             }
             return;
@@ -264,7 +276,14 @@ impl<const N: usize> Controller<N> {
 
 impl<const N: usize> State<N> {
     /// Makes the reference's motion of this tick of the target in force: the leg of constant twist that the law sees.
-    fn intake(&mut self, session: &Servo, dt: f64, reference: &Terms<N>, report: &Report<N>, behind: &Vector3<f64>) -> (Wish, Lead, f64) {
+    fn intake(
+        &mut self,
+        (session, dt): (&Servo, f64),
+        (model, length_m): (&Model<N>, f64),
+        reference: &Terms<N>,
+        report: &Report<N>,
+        behind: &Vector3<f64>,
+    ) -> (Wish, Lead, f64) {
         let arm = &reference.X_BE;
         let State { servo, governor, refusal, loops, qdot_planned, progress, .. } = self;
         if servo.stopping && servo.qdot.amax() < AT_REST {
@@ -278,10 +297,14 @@ impl<const N: usize> State<N> {
             Some(_) => Wish { V: Vector6::zeros(), asked: Vector6::zeros(), p: servo.X.p, stale: false },
             None => intake::wish(&servo.held, age_s, &servo.X, report, session),
         };
-        if servo.is_posture() && !servo.stopping {
+        let V_arm = reference.J * servo.qdot;
+        servo.decide_rest(&rest::Motion { asked: &wish.V, V: &V_arm, limits: &limits(model), length_m, dt });
+        if servo.goes_by_joints() {
             // The pose that the reference arm passes, and from which the law would go on.
-            (servo.X, servo.V, servo.a) = (*arm, reference.J * servo.qdot, Vector6::zeros());
-            (*governor, *loops, *qdot_planned) = (Governor::default(), Default::default(), servo.qdot);
+            (servo.X, servo.V, servo.a) = (*arm, V_arm, Vector6::zeros());
+            (*governor, *qdot_planned) = (Governor::default(), servo.qdot);
+            // At rest the strategies keep their memory: the side of a fold above all.
+            *loops = if servo.resting { loops.map(|one| Loop { rate: 0.0, feed_forward: 0.0, ..one }) } else { Default::default() };
         } else if !servo.stopping {
             let back;
             (servo.X, back) = lead.hold(&servo.X, arm);
@@ -308,6 +331,9 @@ impl<const N: usize> Reference<N> {
                     if target.twist != self.held.twist || target.kind != self.held.kind {
                         self.behind_m = 0.0;
                     }
+                    if target.kind != self.held.kind || target.side != self.held.side {
+                        self.ended = None;
+                    }
                     self.held = *target;
                 }
                 Err(refusal) if self.refused_tick != Some(target.given_tick) => {
@@ -320,6 +346,11 @@ impl<const N: usize> Reference<N> {
         let is_over = self.held.kind == TARGET_END || tick as f64 * dt >= duration_s;
         self.over = self.over.or(is_over.then_some(tick));
     }
+}
+
+/// The limits of an arm's joints.
+fn limits<const N: usize>(model: &Model<N>) -> Limits<'_, N> {
+    Limits { lower: model.lower(), upper: model.upper(), velocity: model.velocity(), effort: model.effort() }
 }
 
 /// A velocity without what would press the arm further against what holds it back: `behind` is how far the hand is behind that of the reference arm, m.

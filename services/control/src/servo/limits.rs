@@ -5,7 +5,7 @@ use nalgebra::SVector;
 /// Speed towards a limit per distance to it, 1/s: slower than the governor's clock changes.
 const APPROACH: f64 = 4.0;
 /// Distance from a limit at which the joint stands, rad (m for prismatic joints).
-const MARGIN: f64 = 0.005;
+pub const MARGIN: f64 = 0.005;
 /// Joint speed at full clock speed below which a joint is not on its way anywhere, rad/s.
 const RESTING: f64 = 1e-4;
 /// Share of a joint's speed that the reference may take.

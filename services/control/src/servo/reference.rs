@@ -1,6 +1,6 @@
 //! The reference from tick to tick.
 
-use super::limits::Fastest;
+use super::limits::{Fastest, MARGIN};
 use crate::continuous::torque_rate::Sent;
 use crate::linear::{angular, clamp_norm, linear, rotation_exp, stack};
 use crate::types::Refusal;
@@ -20,7 +20,16 @@ const POSTURE_GAIN: f64 = 5.0;
 const POSTURE_SPEED: f64 = 0.4;
 const POSTURE_RISE_S: f64 = 0.3;
 
-/// The state of a steered run's reference; all of it but `fastest`, which each tick makes anew, survives a restart.
+/// A motion that a joint limit has ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ended {
+    /// The twist asked for, its linear part over the arm's length; rad/s.
+    pub asked: Vector6<f64>,
+    /// Index of the joint, and whether it is at its upper limit.
+    pub joint: (usize, bool),
+}
+
+/// The state of a steered run's reference; all of it but `fastest` and `resting`, which each tick makes anew, survives a restart.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reference<const N: usize> {
     /// The target in force.
@@ -59,6 +68,14 @@ pub struct Reference<const N: usize> {
     pub clipped: bool,
     /// The reference arm begins anew at the arm, from which it has parted.
     pub parted: bool,
+    /// Ticks in a row in which nothing was asked for, and the reference stood.
+    pub idle_ticks: u32,
+    /// Ticks in a row in which a joint limit kept the hand from the motion asked for.
+    pub held_ticks: u32,
+    /// The motion that a joint limit has ended.
+    pub ended: Option<Ended>,
+    /// The reference arm rests at this tick.
+    pub resting: bool,
     /// The clock that the joint limits allow at this tick.
     pub fastest: Fastest,
 }
@@ -97,6 +114,10 @@ impl<const N: usize> Reference<N> {
             stopping: false,
             clipped: false,
             parted: false,
+            idle_ticks: 0,
+            held_ticks: 0,
+            ended: None,
+            resting: false,
             fastest: Fastest::default(),
         }
     }
@@ -105,6 +126,21 @@ impl<const N: usize> Reference<N> {
     #[must_use]
     pub fn is_posture(&self) -> bool {
         self.held.kind == TARGET_POSTURE
+    }
+
+    /// Whether the reference arm moves joint by joint at this tick, and the law has no part in it.
+    #[must_use]
+    pub fn goes_by_joints(&self) -> bool {
+        !self.stopping && (self.resting || self.is_posture())
+    }
+
+    /// The posture nearest to the one asked for in which every joint can stand, rad; and the first joint whose range it exceeds, and whether upwards.
+    #[must_use]
+    pub fn goal(&self, lower: &SVector<f64, N>, upper: &SVector<f64, N>) -> (SVector<f64, N>, Option<(usize, bool)>) {
+        let asked = joints::<N>(&self.held.q);
+        let goal = SVector::from_fn(|i, _| asked[i].clamp(lower[i] + MARGIN, (upper[i] - MARGIN).max(lower[i] + MARGIN)));
+        let beyond = (0..N).find(|i| goal[*i] != asked[*i]);
+        (goal, beyond.map(|i| (i, asked[i] > goal[i])))
     }
 
     /// The side in which a fold is to be left: −1, +1, or 0 to keep.
@@ -183,6 +219,11 @@ impl<const N: usize> Reference<N> {
             stopping: u32::from(self.stopping),
             clipped: u32::from(self.clipped),
             parted: u32::from(self.parted),
+            idle_ticks: self.idle_ticks,
+            held_ticks: self.held_ticks,
+            ended: self.ended.map_or([0.0; 6], |ended| ended.asked.into()),
+            ended_joint: self.ended.map_or(0, |ended| ended.joint.0 as u32 + 1),
+            ended_upper: self.ended.map_or(0, |ended| u32::from(ended.joint.1)),
             reserved: 0,
         }
     }
@@ -209,6 +250,13 @@ impl<const N: usize> Reference<N> {
             stopping: from.stopping != 0,
             clipped: from.clipped != 0,
             parted: from.parted != 0,
+            idle_ticks: from.idle_ticks,
+            held_ticks: from.held_ticks,
+            ended: (from.ended_joint as usize)
+                .checked_sub(1)
+                .filter(|joint| *joint < N)
+                .map(|joint| Ended { asked: from.ended.into(), joint: (joint, from.ended_upper != 0) }),
+            resting: false,
             fastest: Fastest::default(),
         }
     }

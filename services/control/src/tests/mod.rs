@@ -4,6 +4,7 @@ mod closed_loop;
 mod controller;
 mod lost;
 mod proofs;
+mod steered;
 
 #[path = "../../../lab/src/studies/lines.rs"]
 mod lines;
