@@ -50,6 +50,9 @@ pub struct Summary {
     pub turns: Vec<TurnSummary>,
     /// Mode changes, in order.
     pub modes: Vec<ModeChange>,
+    /// How the arm followed its targets, of a steered run.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub servo: Option<ServoSummary>,
     /// Faults and refusals, in order.
     pub faults: Vec<FaultSummary>,
     /// Deadlines (real time only).
@@ -212,6 +215,19 @@ pub struct TurnSummary {
     pub moved_deg: Vec<f64>,
     /// How long it took; ticks.
     pub took_ticks: u64,
+}
+
+/// A steered session.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ServoSummary {
+    /// Seconds for each reason that the controller stated, in its words; of a joint limit, for each joint and side.
+    pub seconds: BTreeMap<String, f64>,
+    /// Targets refused, for each reason.
+    pub refused: BTreeMap<String, u64>,
+    /// How often the law stopped the arm for a moment, by reason.
+    pub stops: BTreeMap<String, u64>,
+    /// Targets of the file that follow its `end`: they have no effect.
+    pub after_end: u64,
 }
 
 /// A change of the reported mode.

@@ -11,7 +11,8 @@ use crate::command::{Desk, Said, assert_nothing_left, finish, until};
 use crate::patience::ticks;
 
 const TARGETS: &str = "# armplane targets 1, length mm\n0, twist, base, 0.3, 100 0 0 0 0 0.2\n0.2, twist, 7, 1, 0 0 0 0 0 0\n0.3, twist, hand, 0.3, \
-                       NaN 0 0 0 0 0\n0.4, pose, base, 1, 450 -150 100 0 1 0 0\n0.9, end\n";
+                       NaN 0 0 0 0 0\n0.4, pose, base, 1, 450 -150 100 0 1 0 0\n0.9, end\n1, end\n1.1, twist, base, 1, 0 0 0 0 0 0\n1.2, \
+                       twist, base, 1, 9 0 0 0 0 0\n";
 
 fn summary(said: &Said) -> Value {
     assert_nothing_left(said.launcher);
@@ -30,6 +31,10 @@ fn a_file_steers_the_arm_and_its_saved_scenario_gives_the_same_bytes() {
     let desk = Desk::new();
     desk.file("targets.csv", TARGETS);
     let first = summary(&desk.armplane(&["servo", "puma560", "--from", "targets.csv", "--out", "one", "--json"]));
+    let session = &first["servo"];
+    assert_eq!((session["refused"].as_object().map(serde_json::Map::len), &session["after_end"]), (Some(2), &2.into()), "{session}");
+    let stated: f64 = session["seconds"].as_object().into_iter().flatten().filter_map(|(_, seconds)| seconds.as_f64()).sum();
+    assert!((stated - first["ticks"].as_f64().unwrap_or_default() * 1e-3).abs() < 1e-9, "each tick has its reason: {session}");
     assert_eq!((&first["completed"], &first["processes"].as_array().map(Vec::len)), (&true.into(), &Some(6)), "{}", first["reason"]);
     same_bytes(&first, &desk.run(&["one/scenario.toml", "--out", "two"]));
     let said = desk.armplane(&["verify", "one/scenario.toml", "--runs", "2", "--json"]);
@@ -37,7 +42,30 @@ fn a_file_steers_the_arm_and_its_saved_scenario_gives_the_same_bytes() {
     let said = desk.armplane(&["replay", "one", "--json"]);
     assert!(said.code == 0 && said.out.contains("servo_state"), "{}{}", said.out, said.err);
     let said = desk.armplane(&["servo", "two/scenario.toml", "--out", "three"]);
-    assert!(said.out.contains("targets refused: 2"), "{}", said.out);
+    assert!(said.out.contains("refused    1 × it holds a NaN or an infinity"), "{}", said.out);
+}
+
+/// A hand turned until joint 7 of a Panda is at its limit, and on.
+fn turned_for(seconds: u32) -> String {
+    format!("# armplane targets 1, length mm\n0, twist, hand, 60, 0 0 0 0.5 0.5 1\n{seconds}, end\n")
+}
+
+#[test]
+fn at_a_limit_and_after_the_end_the_arm_rests() {
+    let desk = Desk::new();
+    let posture_after = |name: &str, seconds: u32, settle: &str| -> Vec<f64> {
+        let file = format!("{name}.csv");
+        desk.file(&file, &turned_for(seconds));
+        let summary = summary(&desk.armplane(&["servo", "panda", "--from", &file, "--set", settle, "--out", name, "--json"]));
+        let limit = summary["servo"]["seconds"]["slowed before a joint limit: joint 7 at its upper limit"].as_f64();
+        assert!(limit.is_some_and(|seconds| seconds > 1.0), "{}", summary["servo"]);
+        summary["joints"]["q_end"].as_array().into_iter().flatten().filter_map(serde_json::Value::as_f64).collect()
+    };
+    let rested = posture_after("rested", 6, "settle_s=0.5");
+    for (name, later) in [("longer", posture_after("longer", 9, "settle_s=0.5")), ("over", posture_after("over", 6, "settle_s=3"))] {
+        let moved = rested.iter().zip(&later).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(later.len() == 7 && moved < 1e-3, "{name}: a joint moved by {moved} rad: {rested:?}, {later:?}");
+    }
 }
 
 /// A run that is steered by the lines of its standard input.
@@ -123,6 +151,7 @@ fn the_last_target_before_the_end_of_input_is_followed_to_its_end() {
 fn what_cannot_be_steered_says_why() {
     let desk = Desk::new();
     desk.file("wrong.csv", "# armplane targets 1, length mm\n0, twist, tool, 1, 0 0 0 0 0 0\n");
+    desk.file("joints.csv", "# armplane targets 1, length mm\n0, posture, joints, 1, 0 0 0 -1 0 1\n");
     desk.file("headless.csv", "0, twist, base, 1, 0 0 0 0 0 0\n");
     for (args, expected) in [
         (&["servo", "panda"][..], "is not steered: it has no [servo]"),
@@ -130,7 +159,8 @@ fn what_cannot_be_steered_says_why() {
         (&["servo", "panda", "--from", "wrong.csv"], "wrong.csv:2: there is no frame `tool`"),
         (&["servo", "panda", "--from", "headless.csv"], "the first line must be"),
         (&["servo", "pandas", "--random", "1"], "pandas"),
-        (&["servo", "panda", "--random", "1", "--start", "lying"], "no posture `lying`"),
+        (&["servo", "panda", "--random", "1", "--start", "lying"], "--start: "),
+        (&["servo", "panda", "--from", "joints.csv"], "joints.csv:2: the posture has 6 values, and the arm has 7 joints"),
         (&["servo", "panda", "ur5", "--random", "1"], "one robot or scenario at a time"),
         (&["servo", "fig5-wrist-rotation"], "is not steered"),
         (&["servo", "panda", "--from", "keyboard"], "standard input is no terminal"),

@@ -55,7 +55,9 @@ impl Panel {
         std::thread::spawn(move || {
             while !over.load(Ordering::Relaxed) {
                 // To the beginning of the line, and clear it.
-                print(format_args!("\r\x1b[K{}", steered::describe(&page.live_state().servo)));
+                let state = page.live_state();
+                let kind = |place: usize| state.singularities.get(place).map(|one| one.kind);
+                print(format_args!("\r\x1b[K{}", steered::describe(&state.servo, kind)));
                 std::thread::sleep(EVERY);
             }
         });

@@ -142,9 +142,6 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
         true => say!("{}", serde_json::to_string_pretty(&finished.summary).map_err(Failure::work)?),
         false => {
             show(&RunText { summary: &finished.summary, folder: &finished.folder });
-            if let Ok(account) = steered::read(&finished.folder) {
-                show(&account);
-            }
             say!("  scenario.toml, targets.csv  run it again with: armplane run {}/scenario.toml", finished.folder.display());
         }
     }

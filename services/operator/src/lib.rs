@@ -35,6 +35,10 @@ const BEHIND: Duration = Duration::from_millis(20);
 /// [`ProcessError`] where the socket cannot be made or the graph breaks.
 pub fn run(shell: &Shell, scenario: &Scenario) -> Result<(), ProcessError> {
     let session = scenario.servo.clone().unwrap_or_default();
+    let after_end = session.after_end(scenario.rate_hz);
+    if after_end > 0 && shell.incarnation() == 1 {
+        tracing::warn!("targets that follow the `end` of the session have no effect: {after_end}");
+    }
     let mut cycle = Cycle::new(&session, scenario.rate_hz);
     let mut live = if session.live { Some(Live::open(shell, scenario.rate_hz)?) } else { None };
     let mut sensors = shell.reader::<SensorSample>()?;

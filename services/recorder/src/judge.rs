@@ -4,6 +4,7 @@ mod histogram;
 mod joints;
 mod latency;
 mod singularities;
+mod steered;
 mod task;
 #[cfg(test)]
 mod tests;
@@ -18,11 +19,12 @@ use shared_types::bounds::within;
 use shared_types::codes;
 use shared_types::graph::Graph;
 use shared_types::scenario::Goal;
-use shared_types::summary::{JointSummary, Latency, ModeChange, SingularitySummary, TaskSummary, TurnSummary};
+use shared_types::summary::{JointSummary, Latency, ModeChange, ServoSummary, SingularitySummary, TaskSummary, TurnSummary};
 
 use joints::JointMeter;
 use latency::{Chain, LatencyMeter};
 use singularities::SingularityMeter;
+use steered::SteeredMeter;
 use task::TaskMeter;
 use turns::TurnMeter;
 
@@ -38,11 +40,13 @@ const MOST_EVENTS: usize = 64;
 pub struct Judge {
     goal: Goal,
     planned_ticks: f64,
+    rate_hz: f64,
     ticks: u64,
     task: TaskMeter,
     joints: JointMeter,
     singularities: SingularityMeter,
     turns: TurnMeter,
+    steered: SteeredMeter,
     latency: LatencyMeter,
     events: Vec<(u64, String)>,
     clipped: bool,
@@ -73,22 +77,26 @@ pub struct Verdict {
     pub turns: Vec<TurnSummary>,
     /// Mode changes.
     pub modes: Vec<ModeChange>,
+    /// How the arm followed its targets, of a steered run.
+    pub servo: Option<ServoSummary>,
     /// Per hop and end to end.
     pub latency_us: BTreeMap<String, Latency>,
 }
 
 impl Judge {
-    /// A judge for an arm with these limits and a task planned to take `planned_ticks`.
+    /// A judge for an arm with these limits and a task planned to take `planned_ticks`, at 1000 ticks per second.
     #[must_use]
     pub fn new(limits: Limits, goal: Goal, planned_ticks: f64) -> Self {
         Self {
             goal,
             planned_ticks,
+            rate_hz: 1000.0,
             ticks: 0,
             task: TaskMeter::default(),
             joints: JointMeter::new(limits),
             singularities: SingularityMeter::default(),
             turns: TurnMeter::default(),
+            steered: SteeredMeter::default(),
             latency: LatencyMeter::new(Chain::default()),
             events: Vec::new(),
             clipped: false,
@@ -101,6 +109,12 @@ impl Judge {
     #[must_use]
     pub fn in_processes(self, graph: &Graph) -> Self {
         Self { latency: LatencyMeter::new(Chain::of(graph)), ..self }
+    }
+
+    /// The same at another control rate, 1/s.
+    #[must_use]
+    pub fn at_rate(self, rate_hz: u32) -> Self {
+        Self { rate_hz: f64::from(rate_hz), ..self }
     }
 
     /// The same for a run on a grid in time: a grid point at which no tick began, because the one before took too long, is a sample too.
@@ -120,6 +134,7 @@ impl Judge {
         let error = TaskError::on(&tick, self.joints.served());
         let switches = self.singularities.tick(&tick, &error, &self.goal, &mut event);
         self.turns.tick(&tick, self.joints.count());
+        tick.servo.into_iter().for_each(|state| self.steered.tick(state));
         self.task.tick(&error);
         self.joints.tick(&tick, switches, &mut event);
         self.latency.measure_hops(tick.torque);
@@ -167,6 +182,7 @@ impl Judge {
             singularities,
             turns: self.turns.finish(),
             modes,
+            servo: self.steered.finish(self.rate_hz),
             latency_us: self.latency.summary(),
         }
     }

@@ -98,7 +98,7 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
     let past = if shell.incarnation() > 1 { memory.last() } else { None };
     let mut assembler = Assembler::new(Set::of(|topic| shell.reads(topic)), PATIENCE, HORIZON);
     let mut judge = Judge::new(limits(robot), job.scenario.goal.clone(), job.scenario.duration_s() * f64::from(job.scenario.rate_hz));
-    judge = judge.in_processes(&job.graph);
+    judge = judge.in_processes(&job.graph).at_rate(job.scenario.rate_hz);
     if shell.mode() == Mode::Realtime {
         judge = judge.on_grid(shell.manifest().period_ns());
     }
@@ -407,6 +407,7 @@ fn summary(robot: &Robot, job: &Job, mode: Mode, verdict: Verdict, account: &[(&
         singularities: verdict.singularities,
         turns: verdict.turns,
         modes: verdict.modes,
+        servo: verdict.servo,
         faults: Vec::new(),
         deadlines: Default::default(),
         latency_us: verdict.latency_us,

@@ -56,6 +56,9 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
             summary.reason = first;
         }
     }
+    if let (Some(servo), Some(session)) = (&mut summary.servo, &job.scenario.servo) {
+        servo.after_end = session.after_end(job.scenario.rate_hz) as u64;
+    }
     summary.machine = machine();
     let mut faults: Vec<_> = outcome.faults.iter().map(|account| fault_summary(job, account)).collect();
     for (fault, account) in faults.iter_mut().zip(&outcome.faults).filter(|(_, account)| account.exit.is_some()) {

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::Path;
 
-use shared_types::summary::Summary;
+use shared_types::summary::{ServoSummary, Summary};
 use viz::plot::digits;
 
 use crate::results::SUMMARY;
@@ -86,6 +86,9 @@ fn tables(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
     if joints.switches > 0 {
         writeln!(f, "switches   {} changes of mode; mode switches injected {} mJ", joints.switches, digits(joints.switch_energy_j * 1e3))?;
     }
+    if let Some(servo) = &summary.servo {
+        steered(f, servo)?;
+    }
     let simulated_s = summary.ticks as f64 / f64::from(summary.rate_hz.max(1));
     writeln!(
         f,
@@ -118,6 +121,24 @@ fn tables(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
             ", did not take effect".into()
         };
         writeln!(f, "fault      {} ({}){course}", fault.detail, fault.origin)?;
+    }
+    Ok(())
+}
+
+/// The longest of the stated reasons first.
+fn steered(f: &mut fmt::Formatter<'_>, servo: &ServoSummary) -> fmt::Result {
+    let mut seconds: Vec<_> = servo.seconds.iter().collect();
+    seconds.sort_by(|a, b| b.1.total_cmp(a.1));
+    for (i, (reason, seconds)) in seconds.into_iter().enumerate() {
+        writeln!(f, "{}{seconds:7.2} s  {reason}", if i == 0 { "session    " } else { "           " })?;
+    }
+    let counts = servo.refused.iter().map(|(reason, count)| ("refused", count, reason));
+    let stops = servo.stops.iter().map(|(reason, count)| ("stopped", count, reason));
+    for (event, count, reason) in counts.chain(stops) {
+        writeln!(f, "{event}    {count} × {reason}")?;
+    }
+    if servo.after_end > 0 {
+        writeln!(f, "ignored    {} × a target that follows the `end` of the session", servo.after_end)?;
     }
     Ok(())
 }

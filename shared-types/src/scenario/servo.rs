@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::codes::TARGET_END;
 use crate::file::{Complaint, positive};
 use crate::target_file::{self, Row};
 
@@ -75,6 +76,13 @@ impl Servo {
     pub fn rows(&self, rate_hz: u32) -> Vec<Row> {
         // The text has been checked with the scenario.
         target_file::parse(&self.targets, rate_hz).unwrap_or_default()
+    }
+
+    /// How many targets of the text follow its first `end`: they have no effect.
+    #[must_use]
+    pub fn after_end(&self, rate_hz: u32) -> usize {
+        let after = self.rows(rate_hz).into_iter().skip_while(|row| row.target.kind != TARGET_END);
+        after.filter(|row| row.target.kind != TARGET_END).count()
     }
 
     /// How long the arm is steered; s.

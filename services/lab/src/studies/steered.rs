@@ -1,11 +1,8 @@
 //! Steered runs judged: random twists on many arms, and the reasons in the kept messages of a session.
 
-use std::collections::BTreeMap;
 use std::fmt;
-use std::path::Path;
 
 use chain::{Chain, Tick};
-use message_log::LogReader;
 use model::Robot;
 use recorder::{Judge, TaskError};
 use serde::Serialize;
@@ -14,8 +11,8 @@ use session::table::{number, table};
 use session::{Failure, Observer, Steering};
 use shared_types::bounds::{larger, share};
 use shared_types::codes::{
-    REASON_EFFORT, REASON_HELD, REASON_LIMIT, REASON_OVER, REASON_REACH, REASON_RESTING, REASON_SINGULARITY, REASON_STALE, REASONS,
-    REFUSALS, TARGET_REFUSALS, name_of, reason_text,
+    REASON_EFFORT, REASON_HELD, REASON_LIMIT, REASON_OVER, REASON_REACH, REASON_RESTING, REASON_SINGULARITY, REASON_STALE, REFUSALS,
+    name_of, reason_text, singularity_name,
 };
 use shared_types::random::Uniform;
 use shared_types::{MAX_DOF, ServoState};
@@ -30,6 +27,8 @@ pub const ROBOTS: [&str; 4] = ["puma560", "ur5", "iiwa14", "panda"];
 const STILL: (f64, f64) = (0.02, 0.5);
 /// Largest error orthogonal to the singular directions, mm.
 const ORTHOGONAL_MM: f64 = 0.5;
+/// The same of orientation, degrees: the bound on the reference's lead, 0.02 rad, and what the position has beyond its own.
+const ORTHOGONAL_DEG: f64 = 1.5;
 /// Twist that asks for motion; m/s, rad/s.
 const MOVES: f64 = 1e-3;
 
@@ -79,7 +78,7 @@ pub struct Event {
 const EVENTS: usize = 10;
 
 impl Score {
-    /// Whether the bars are kept: no limit exceeded, no torque step beyond the rate, 0.5 mm, no stall without a reason.
+    /// Whether the bars are kept: no limit exceeded, no torque step beyond the rate, 0.5 mm, 1.5°, no stall without a reason.
     #[must_use]
     pub fn is_kept(&self) -> bool {
         self.speed <= 1.0
@@ -87,6 +86,7 @@ impl Score {
             && self.step <= 1.0 + 1e-6
             && self.limits == 0
             && self.orthogonal_mm <= ORTHOGONAL_MM
+            && self.orthogonal_deg <= ORTHOGONAL_DEG
             && self.stalled_s <= 0.0
     }
 
@@ -168,7 +168,7 @@ fn score(Loaded { scenario, robot, .. }: &Loaded, seed: u64) -> Result<Score, Fa
     let mut judge = Judge::new(recorder::limits(robot), scenario.goal.clone(), scenario.duration_s() * f64::from(scenario.rate_hz));
     let (mut tick, dt) = (Tick::default(), scenario.dt_s());
     let (mut score, mut before, mut still) = (Score { seconds: scenario.duration_s(), ..Score::default() }, None::<[f64; MAX_DOF]>, 0.0);
-    let mut worst: [Option<Event>; 4] = Default::default();
+    let mut worst: [Option<Event>; 5] = Default::default();
     while !chain.is_over() {
         chain.step(&mut tick);
         let messages = recorder::Tick::of(&tick.lent()).ok_or_else(|| Failure::Work("a tick without a message".to_owned()))?;
@@ -179,6 +179,7 @@ fn score(Loaded { scenario, robot, .. }: &Loaded, seed: u64) -> Result<Score, Fa
         let stands = !stated && state.V_target.iter().any(|x| x.abs() > MOVES) && state.speed_scale < STILL.0;
         still = if stands { still + dt } else { 0.0 };
         let seconds = tick.torque.header.tick as f64 * dt;
+        let kind = |place: usize| tick.singularity.singularities.get(place).map(|one| one.kind);
         if still > STILL.1 {
             score.stalled_s += dt;
         }
@@ -187,13 +188,14 @@ fn score(Loaded { scenario, robot, .. }: &Loaded, seed: u64) -> Result<Score, Fa
         // Beyond a range by so much is no worse than twice the bar of a degree.
         let excesses = [
             (error.position[1] / ORTHOGONAL_MM, format!("{:.3} mm orthogonal to ζ", error.position[1])),
+            (error.orientation[1] / ORTHOGONAL_DEG, format!("{:.3}° orthogonal to ζ", error.orientation[1])),
             (if beyond > 0.0 { 1.0 + beyond } else { 0.0 }, format!("a joint {:.4} rad beyond its range", beyond)),
             (speed, format!("a joint at {speed:.3} of its speed")),
             (if still > STILL.1 { 1.0 + still } else { 0.0 }, format!("stalled for {still:.2} s")),
         ];
         for (worst, (times, what)) in worst.iter_mut().zip(excesses) {
             if times > 1.0 && worst.as_ref().is_none_or(|worst| times > worst.times) {
-                *worst = Some(Event { times, text: format!("seed {seed}, {seconds:.2} s: {what}; {}", describe(state)) });
+                *worst = Some(Event { times, text: format!("seed {seed}, {seconds:.2} s: {what}; {}", describe(state, kind)) });
             }
         }
     }
@@ -230,14 +232,18 @@ impl Score {
     }
 }
 
-/// The state of a session as one line.
+/// The state of a session as one line; `kind` gives the kind of the singularity in a place, by which it is called.
 #[must_use]
-pub fn describe(state: &ServoState) -> String {
+pub fn describe(state: &ServoState, kind: impl Fn(usize) -> Option<u32>) -> String {
     let mut text = reason_text(state.reason, state.joint, state.upper);
-    if state.singularity > 0 && state.nearest < 1e8 {
-        text += &format!("; nearest singularity s{} at {:.2} of its neighbourhood", state.singularity, state.nearest);
+    if ![REASON_RESTING, REASON_STALE, REASON_OVER].contains(&state.reason) {
+        text += &format!("; hand at {:.0} % of the speed asked for", state.speed_scale * 100.0);
     }
-    text += &format!("; {:.0} % of the speed", state.speed_scale * 100.0);
+    let place = (state.singularity as usize).checked_sub(1);
+    if let Some((place, kind)) = place.and_then(|place| Some((place, kind(place)?))).filter(|_| state.nearest < 1e8) {
+        let near = if state.nearest < 1.0 { "inside the neighbourhood of" } else { "nearest singularity:" };
+        text += &format!("; {near} {} (|s| {:.2} of its bound)", singularity_name(kind, place), state.nearest);
+    }
     if state.stops > 0 {
         text += &format!("; stopped {} ×: {}", state.stops, name_of(REFUSALS, state.stop));
     }
@@ -250,7 +256,7 @@ pub struct ScoresText<'a>(pub &'a [Score]);
 
 impl fmt::Display for ScoresText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let heads = ["robot", "s", "speed", "torque", "step", "limits", "⊥ ζ, mm", "°", "stalled", "limit", "reach", "stop"];
+        let heads = ["robot", "s", "speed", "torque", "step", "limits", "⊥ ζ, mm", "⊥ ζ, °", "stalled", "limit", "reach", "stop"];
         let mut rows = table(&heads);
         for score in self.0 {
             rows.add_row([
@@ -272,7 +278,8 @@ impl fmt::Display for ScoresText<'_> {
         writeln!(
             f,
             "speed, torque: largest share of a limit; step: largest change of torque in a tick over what the\n\
-             drive accepts; limits: sessions in which a joint left its range; ⊥ ζ: largest error orthogonal to ζ;\n\
+             drive accepts; limits: sessions in which a joint left its range; ⊥ ζ: largest error orthogonal to ζ\n\
+             (asked for: 0.5 mm, 1.5°);\n\
              stalled: seconds at less than 2 % of the speed asked for, for longer than 0.5 s, neither reach nor a\n\
              joint limit the reason; limit, reach: seconds slowed there; stop: stops; --json has more"
         )?;
@@ -282,47 +289,4 @@ impl fmt::Display for ScoresText<'_> {
         }
         Ok(())
     }
-}
-
-/// The reasons in the kept messages of a session.
-#[derive(Clone, Debug, Default)]
-pub struct Account {
-    seconds: BTreeMap<u32, f64>,
-    last: ServoState,
-}
-
-impl fmt::Display for Account {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let parts: Vec<String> =
-            self.seconds.iter().map(|(reason, seconds)| format!("{} {seconds:.1} s", name_of(REASONS, *reason))).collect();
-        writeln!(f, "session    {}", parts.join(" · "))?;
-        if self.last.refused > 0 {
-            writeln!(
-                f,
-                "           targets refused: {}, the last because {}",
-                self.last.refused,
-                name_of(TARGET_REFUSALS, self.last.refusal)
-            )?;
-        }
-        if self.last.stops > 0 {
-            writeln!(f, "           stopped {} times, at last because {}", self.last.stops, name_of(REFUSALS, self.last.stop))?;
-        }
-        Ok(())
-    }
-}
-
-/// Reads the kept `servo_state` messages of a run.
-///
-/// # Errors
-/// [`Failure::Input`] where there are none.
-pub fn read(run: &Path) -> Result<Account, Failure> {
-    let job = std::fs::read(run.join(session::JOB)).map_err(Failure::input)?;
-    let job: shared_types::job::Job = serde_json::from_slice(&job).map_err(Failure::input)?;
-    let mut log = LogReader::<ServoState>::open(&run.join(recorder::MESSAGES)).map_err(Failure::input)?;
-    let mut account = Account::default();
-    while let Some(message) = log.next_message().map_err(Failure::input)? {
-        *account.seconds.entry(message.reason).or_default() += job.scenario.dt_s();
-        account.last = message;
-    }
-    Ok(account)
 }

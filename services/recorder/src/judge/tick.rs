@@ -3,7 +3,8 @@
 use nalgebra::Vector3;
 use shared_types::topics::{ByTopic, Lent};
 use shared_types::{
-    ControlState, MAX_SINGULARITIES, PlantState, SensorSample, SingularityReport, SingularityState, StateEstimate, TorqueCommand,
+    ControlState, MAX_SINGULARITIES, PlantState, SensorSample, ServoState, SingularityReport, SingularityState, StateEstimate,
+    TorqueCommand,
 };
 
 /// One tick, whole: a message of each topic.
@@ -21,6 +22,8 @@ pub struct Tick<'a> {
     pub control: &'a ControlState,
     /// From the controller.
     pub torque: &'a TorqueCommand,
+    /// From the controller, in a steered run.
+    pub servo: Option<&'a ServoState>,
 }
 
 impl<'a> Tick<'a> {
@@ -34,6 +37,7 @@ impl<'a> Tick<'a> {
             report: messages.singularity?,
             control: messages.control_state?,
             torque: messages.torque?,
+            servo: messages.servo_state,
         })
     }
 }
