@@ -41,6 +41,8 @@ pub struct Exported<'a> {
     pub messages: Option<&'a mut dyn Messages>,
     /// Which joints slide: their units are metres and newtons. Joints beyond it turn.
     pub slides: &'a [bool],
+    /// Whether the run was steered: columns of its own.
+    pub steered: bool,
 }
 
 /// Reads a recording once and writes it into files of a format in the folder `out`; returns their paths.
@@ -53,7 +55,7 @@ pub fn export(
     out: &Path,
     news: &mut dyn FnMut(ReadNews<'_>),
 ) -> Result<Vec<PathBuf>, ExportError> {
-    let Exported { parts, mut messages, slides } = what;
+    let Exported { parts, mut messages, slides, steered } = what;
     let mut format = opened(format, out)?;
     let mut columns: Option<Columns> = None;
     let mut rate_hz = 1000.0;
@@ -62,7 +64,7 @@ pub fn export(
         match (piece, &mut columns) {
             (Piece::About(about), None) => {
                 rate_hz = about.rate_hz();
-                format.begin(columns.insert(Columns::new(about, messages.is_some(), slides)))
+                format.begin(columns.insert(Columns::new(about, messages.as_ref().map(|_| steered), slides)))
             }
             (Piece::Rows(rows), Some(columns)) => {
                 news(ReadNews::Rows(rows.ticks.len() as u64));

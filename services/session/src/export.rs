@@ -66,10 +66,11 @@ pub fn export(run: &Run, format: ExportFormat, out: &Path, observer: Observer<'_
                 observer(Progress::Line(&format!("armplane: the columns that come from the run's messages are left out: {reason}")));
             });
             let slides = messages.as_ref().map_or(Vec::new(), |kept| kept.slides.clone());
+            let steered = messages.as_ref().is_ok_and(|kept| kept.steered);
             let lent = messages.as_mut().ok().map(|kept| kept as &mut dyn Messages);
             let ticks = run.summary().map_or(0, |summary| summary.ticks);
             observer(Progress::Begin { title: "export", length: ticks, unit: "rows" });
-            let written = viz::export(Exported { parts, messages: lent, slides: &slides }, format, out, &mut |news| {
+            let written = viz::export(Exported { parts, messages: lent, slides: &slides, steered }, format, out, &mut |news| {
                 reading.add(news);
                 if let ReadNews::Rows(_) = news {
                     observer(Progress::Position(reading.rows()));
@@ -92,6 +93,7 @@ struct Kept {
     /// The row read last.
     row: Option<Row>,
     slides: Vec<bool>,
+    steered: bool,
 }
 
 impl Kept {
@@ -106,7 +108,7 @@ impl Kept {
         let robot = load::robot_of(&job.robot).map_err(|error| error.to_string())?;
         let slides = robot.joints.iter().map(|joint| joint.kind == JointKind::Prismatic).collect();
         let rows = MessageRows::open(&run.folder.join(MESSAGES), &job.graph).map_err(|error| error.to_string())?;
-        Ok(Self { rows, row: None, slides })
+        Ok(Self { rows, row: None, slides, steered: job.scenario.servo.is_some() })
     }
 }
 

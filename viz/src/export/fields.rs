@@ -20,6 +20,7 @@ pub(super) struct Field {
 /// The elements of a field.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Elements {
+    One,
     Joints,
     Xyz,
     Quaternion,
@@ -32,6 +33,7 @@ impl Elements {
     pub(super) fn names(self, joints: usize, singularities: &[String]) -> Vec<String> {
         let named = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect();
         match self {
+            Self::One => named(&[""]),
             Self::Joints => (1..=joints).map(|i| i.to_string()).collect(),
             Self::Xyz => named(&["x", "y", "z"]),
             Self::Quaternion => named(&["x", "y", "z", "w"]),
@@ -76,6 +78,17 @@ fields! {
     "world:contact_force_vector" "N" Xyz "Sum of the contact forces on the arm; base axes", |row, _, out| row.plant_state.map(|m| m.contact_force_n);
     "singularity:inside" "1" Singularities "1 inside the neighbourhood of the singularity, else 0", |row, _, out| row.singularity.map(|_| row.singularities().iter().map(|one| f64::from(one.inside)).collect::<Vec<_>>());
     "singularity:zeta" "1" Directions "Singular direction at the wrist centre: a unit vector, a translation (v) or a rotation (w); base axes", |row, _, out| row.singularity.map(|_| row.singularities().iter().flat_map(|one| one.zeta_B).collect::<Vec<_>>());
+    "servo:position" "m" Xyz "Position of the end-effector that the target asks for; of a twist that of the reference; base axes", |row, _, out| row.servo_state.map(|m| m.p_target);
+    "servo:velocity" "m/s" Xyz "Velocity that the target asks for, before any limit; base axes", |row, _, out| row.servo_state.map(|m| m.V_target.into_iter().take(3));
+    "servo:angular_velocity" "rad/s" Xyz "Angular velocity that the target asks for, before any limit; base axes", |row, _, out| row.servo_state.map(|m| m.V_target.into_iter().skip(3));
+    "servo:speed_share" "1" One "Twist of the reference over the one asked for", |row, _, out| row.servo_state.map(|m| [m.speed_scale]);
+    "servo:behind" "m" One "Distance that reach and limits have taken away since the target began", |row, _, out| row.servo_state.map(|m| [m.behind_m]);
+    "servo:age" "s" One "Age of the target", |row, _, out| row.servo_state.map(|m| [m.age_s]);
+    "servo:reason" "1" One "Why the arm follows so and not faster: a code of REASONS (shared-types/src/codes.rs)", |row, _, out| row.servo_state.map(|m| [f64::from(m.reason)]);
+    "servo:joint" "1" One "The joint in the reason, from 1; negative at its lower limit; 0 for none", |row, _, out| row.servo_state.map(|m| [f64::from(m.joint) * if m.upper > 0 || m.joint == 0 { 1.0 } else { -1.0 }]);
+    "servo:singularity" "1" One "The nearest singularity, from 1 in the order of the report; 0 for none", |row, _, out| row.servo_state.map(|m| [f64::from(m.singularity)]);
+    "servo:nearest" "1" One "Its |s| over its outer bound: below 1 the law acts on it", |row, _, out| row.servo_state.map(|m| [m.nearest]);
+    "servo:refused" "1" One "Targets refused since the start of the run", |row, _, out| row.servo_state.map(|m| [f64::from(m.refused)]);
 }
 
 /// `[x, y, z, w]` of a rotation matrix, column-major.

@@ -124,8 +124,9 @@ pub(super) struct Columns {
 }
 
 impl Columns {
-    /// Those of a recording, and with its messages those that come from them; `slides`: which joints slide, whose units are metres.
-    pub(super) fn new(about: &About, with_messages: bool, slides: &[bool]) -> Self {
+    /// Those of a recording, and with its messages those that come from them, of a steered run (`Some(true)`) or another; `slides`: which joints slide,
+    /// whose units are metres.
+    pub(super) fn new(about: &About, messages: Option<bool>, slides: &[bool]) -> Self {
         let properties = about.properties.iter().map(|(key, value)| (key.clone(), value.clone())).collect();
         let mut columns = Self { quantities: Vec::new(), list: Vec::new(), rate_hz: about.rate_hz(), properties, joints: about.joints };
         for signal in Signal::ALL {
@@ -136,7 +137,8 @@ impl Columns {
             let slides = if is_of_joints { slides } else { &[] };
             columns.add(signal.name(), unit(*signal), words, elements, signal.is_wide(), slides, Source::Signal(*signal));
         }
-        for field in FIELDS.iter().filter(|_| with_messages) {
+        let has = |field: &&Field| messages.is_some_and(|is_steered| is_steered || !field.name.starts_with("servo:"));
+        for field in FIELDS.iter().filter(has) {
             let elements = field.elements.names(about.joints, &about.singularities);
             let slides = if field.elements == Elements::Joints { slides } else { &[] };
             columns.add(field.name, field.unit, field.about, elements, true, slides, Source::Field(field));
