@@ -31,12 +31,8 @@ const EVERY: Duration = Duration::from_secs(2);
 const EVERY_TICKS: u64 = 8192;
 
 /// The most ticks from one checkpoint to the next, where the run may be `most_ahead` of the recorder.
-///
-/// A replacement finds messages in the message logs or in the retainers. Those that are in no log, because none is kept, or because a block of large
-/// messages is more than the retainers hold, are in the retainers alone: a checkpoint comes before those have let go of them. They hold four times
-/// `most_ahead`; the recorder may be so much behind, and take in as much in one round.
 pub(crate) fn most_ticks(are_kept: bool, most_ahead: u64) -> u64 {
-    if are_kept && most_ahead >= BLOCK as u64 { EVERY_TICKS } else { most_ahead }
+    runtime::most_ticks_unsaved(are_kept, most_ahead, BLOCK as u64, EVERY_TICKS)
 }
 
 /// Everything a recorder has gathered.

@@ -13,6 +13,7 @@
 
 mod bus;
 mod checkpoint;
+mod checkpoint_rule;
 mod clock;
 mod context;
 mod control_page;
@@ -47,6 +48,7 @@ pub use bus::reader::Reader;
 pub use bus::topic::topic_bytes;
 pub use bus::writer::{Loan, SendError, Writer};
 pub use checkpoint::CheckpointSlots;
+pub use checkpoint_rule::most_ticks_unsaved;
 pub use clock::{now_ns, sleep_until};
 pub use control_page::live_statistics::{Distribution, LiveSingularity, LiveState};
 pub use control_page::{ControlPage, ControlPageError, Count, Counts, Phase, ProcessEntry, State, Stop};

@@ -15,6 +15,7 @@ use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use shared_types::Message;
 
 use crate::bus::depth::depth;
+use crate::bus::recall::Ring;
 use crate::run_dir::RunDir;
 
 /// Bytes before the first slot: the count, and room that aligns the slots as a cache line is.
@@ -100,23 +101,25 @@ impl HandedOver {
         Slots::open(&run.path().join(format!("handed-over-{topic}")), 2 * depth(bytes), bytes).map(Self)
     }
 
-    /// Messages that stay: twice as many as the retainer holds.
-    pub(crate) fn length(&self) -> u64 {
-        self.0.slots as u64
-    }
-
     /// Adds a message in place of the oldest.
     pub(crate) fn push(&self, message: &[u8]) {
         self.0.push(message);
     }
+}
 
-    /// How many messages have been handed over.
-    pub(crate) fn count(&self) -> u64 {
+impl Ring for HandedOver {
+    type Message = Vec<u8>;
+
+    fn count(&self) -> u64 {
         self.0.written()
     }
 
-    /// Message `number`, counted from 0; `None` where it has not come yet, or is no longer there.
-    pub(crate) fn get(&self, number: u64) -> Option<Vec<u8>> {
+    /// Twice as many as the retainer holds.
+    fn length(&self) -> u64 {
+        self.0.slots as u64
+    }
+
+    fn get(&self, number: u64) -> Option<Vec<u8>> {
         self.0.get(number)
     }
 }

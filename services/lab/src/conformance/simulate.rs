@@ -26,10 +26,10 @@ pub struct Simulated {
 /// # Errors
 /// [`Failure::Input`] where there is no such defect.
 pub fn simulate(seed: u64, histories: u64, defect: usize, observer: Observer<'_>) -> Result<Simulated, Failure> {
-    let defect = match defect.checked_sub(1).map(|place| Defect::ALL.get(place)) {
+    let defect = match defect.checked_sub(1).map(|place| Defect::all().nth(place)) {
         None => Defect::None,
-        Some(Some(defect)) => *defect,
-        Some(None) => return Err(Failure::Input(format!("there is no defect {defect}; there are 1 to {}", Defect::ALL.len()))),
+        Some(Some(defect)) => defect,
+        Some(None) => return Err(Failure::Input(format!("there is no defect {defect}; there are 1 to {}", Defect::all().count()))),
     };
     let batches: Vec<u64> = (0..histories.div_ceil(BATCH)).collect();
     let work = |batch: &u64| {

@@ -20,7 +20,7 @@ pub(crate) struct Gathering {
     last: Option<u64>,
     lost: u64,
     /// In a replacement, until it is in step: the messages that were on their way to its predecessor.
-    recall: Option<Recall>,
+    recall: Option<(HandedOver, Recall)>,
 }
 
 impl Gathering {
@@ -53,33 +53,38 @@ impl Gathering {
     ///
     /// A writer sends to the retainer first. So a message that has come by its topic is in the retainer too, with all that lies before it, and a
     /// message that a writer sent without knowing of this reader is in the retainer alone.
-    fn catch_up(&mut self, mut recall: Recall, take: &mut dyn FnMut(&[u8])) -> Result<Option<Recall>, Interrupted> {
+    fn catch_up(
+        &mut self,
+        (file, mut recall): (HandedOver, Recall),
+        take: &mut dyn FnMut(&[u8]),
+    ) -> Result<Option<(HandedOver, Recall)>, Interrupted> {
         self.inlet.shared.await_hand_over(self.inlet.format().topic)?;
-        while let Some(message) = recall.take() {
+        while let Some(message) = recall.take(&file) {
             self.hand_over(&message, take);
         }
         loop {
             let Some(message) = self.inlet.receive_any()? else { break };
-            if recall.knows(&message) {
+            let is_it = |one: &Vec<u8>| **one == *message;
+            if recall.knows(&file, is_it) {
                 continue;
             }
             // It came after the file was read: what lies before it comes first, and nothing after it can be missed.
             let mut place = None;
             for _ in 0..ATTEMPTS {
                 self.inlet.shared.await_hand_over(self.inlet.format().topic)?;
-                place = recall.place_ahead(&message);
+                place = recall.place_ahead(&file, is_it);
                 if place.is_some() {
                     break;
                 }
             }
             // Without a place the retainer has lost it again, by its depth: then what lay before it is lost too, and the gap is counted.
-            while let Some(before) = place.and_then(|place| recall.take_before(place)) {
+            while let Some(before) = place.and_then(|place| recall.take_before(&file, place)) {
                 self.hand_over(&before, take);
             }
             self.hand_over(&message, take);
             return Ok(None);
         }
-        Ok((!recall.is_in_step()).then_some(recall))
+        Ok((!recall.is_in_step()).then_some((file, recall)))
     }
 
     /// Counts a message of a tick.
@@ -107,7 +112,8 @@ impl Gathering {
         context.await_hand_over(format.topic)?;
         let handed_over = HandedOver::open(&context.run, format.topic, format.bytes);
         let handed_over = handed_over.map_err(|error| context.port_failed(format.topic, error))?;
-        self.recall = Some(Recall::after(handed_over, last));
+        let recall = Recall::after(&handed_over, last.map(<[u8]>::to_vec).as_ref());
+        self.recall = Some((handed_over, recall));
         Ok(())
     }
 

@@ -4,6 +4,7 @@
 //! that knows of the death and finds nothing more in its buffer takes from the retainer's file what the dead writer had sent beyond that.
 
 use crate::bus::format::header;
+use crate::bus::recall::oldest_missed;
 use crate::context::Context;
 use crate::memory::HandedOver;
 
@@ -61,9 +62,6 @@ impl Missed {
     /// The oldest message of the ticks from the next one on and before another in the file of the topic.
     fn oldest(&self, context: &Context, before: u64) -> Option<Vec<u8>> {
         let handed_over = HandedOver::open(&context.run, self.topic, self.size).ok()?;
-        let count = handed_over.count();
-        let newest_first = (count.saturating_sub(handed_over.length())..count).rev().map_while(|number| handed_over.get(number));
-        let with_ticks = newest_first.map(|message| (header(&message).tick, message));
-        with_ticks.take_while(|(tick, _)| *tick >= self.next).filter(|(tick, _)| *tick < before).last().map(|(_, message)| message)
+        oldest_missed(&handed_over, self.next, before, |message| header(message).tick)
     }
 }

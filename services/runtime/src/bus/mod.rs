@@ -14,7 +14,7 @@ mod missed;
 pub(crate) mod node;
 pub(crate) mod port;
 pub(crate) mod reader;
-mod recall;
+pub(crate) mod recall;
 mod retainer;
 pub(crate) mod topic;
 pub(crate) mod writer;

@@ -1,10 +1,23 @@
 //! The messages of a topic that no living reader has received: delivered to none, or received by a process that has died since.
 
-use crate::memory::HandedOver;
+/// Messages in the order in which they were sent, numbered from 0; the last of them are there. The last [`length`](Ring::length) is about to be
+/// overwritten.
+pub(crate) trait Ring {
+    type Message: PartialEq;
+
+    /// How many have been put in.
+    fn count(&self) -> u64;
+
+    /// How many stay.
+    fn length(&self) -> u64;
+
+    /// One of them; `None` where it has not come yet, or is no longer there.
+    fn get(&self, number: u64) -> Option<Self::Message>;
+}
 
 /// Takes the messages that the retainer of a topic has handed over, each once, until everything comes by their topic again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Recall {
-    handed_over: HandedOver,
     /// Number of the next one to take from the file.
     next: u64,
     /// Below it all are known to have come by their topic too.
@@ -15,45 +28,41 @@ pub(crate) struct Recall {
 
 impl Recall {
     /// Goes on behind the last message that its predecessor has left in its files; from the oldest on, where that one is gone.
-    pub(crate) fn after(handed_over: HandedOver, last: Option<&[u8]>) -> Self {
-        let (count, oldest) = (handed_over.count(), oldest(&handed_over));
-        let is_last = |number: &u64| handed_over.get(*number).is_some_and(|one| last.is_some_and(|last| one == last));
+    pub(crate) fn after<R: Ring>(ring: &R, last: Option<&R::Message>) -> Self {
+        let (count, oldest) = (ring.count(), oldest(ring));
+        let is_last = |number: &u64| ring.get(*number).is_some_and(|one| last.is_some_and(|last| one == *last));
         let next = (oldest..count).rev().find(is_last).map_or(oldest, |number| number + 1);
-        Self { handed_over, next, known: next, is_connected: false }
+        Self { next, known: next, is_connected: false }
     }
 
     /// The next one that has not been taken.
-    pub(crate) fn take(&mut self) -> Option<Vec<u8>> {
+    pub(crate) fn take<R: Ring>(&mut self, ring: &R) -> Option<R::Message> {
         loop {
             // Messages overwritten meanwhile are lost, and the gap is counted.
-            self.next = self.next.max(oldest(&self.handed_over));
-            if self.next >= self.handed_over.count() {
+            self.next = self.next.max(oldest(ring));
+            if self.next >= ring.count() {
                 return None;
             }
             self.next += 1;
-            if let Some(message) = self.handed_over.get(self.next - 1) {
+            if let Some(message) = ring.get(self.next - 1) {
                 return Some(message);
             }
         }
     }
 
     /// The next one before the message at `place`.
-    pub(crate) fn take_before(&mut self, place: u64) -> Option<Vec<u8>> {
-        if self.next < place { self.take() } else { None }
+    pub(crate) fn take_before<R: Ring>(&mut self, ring: &R, place: u64) -> Option<R::Message> {
+        if self.next < place { self.take(ring) } else { None }
     }
 
     /// The number of a message that has not been taken, if the retainer has handed it over.
-    pub(crate) fn place_ahead(&self, message: &[u8]) -> Option<u64> {
-        self.place_of(message, self.next..self.handed_over.count())
-    }
-
-    fn place_of(&self, message: &[u8], mut range: std::ops::Range<u64>) -> Option<u64> {
-        range.find(|number| self.handed_over.get(*number).is_some_and(|one| one == message))
+    pub(crate) fn place_ahead<R: Ring>(&self, ring: &R, is_it: impl Fn(&R::Message) -> bool) -> Option<u64> {
+        place_of(ring, self.next..ring.count(), is_it)
     }
 
     /// Whether a message that has come by its topic has been taken from the file before.
-    pub(crate) fn knows(&mut self, message: &[u8]) -> bool {
-        let place = self.place_of(message, self.known..self.next);
+    pub(crate) fn knows<R: Ring>(&mut self, ring: &R, is_it: impl Fn(&R::Message) -> bool) -> bool {
+        let place = place_of(ring, self.known..self.next, is_it);
         self.known = place.map_or(self.known, |number| number + 1);
         self.is_connected |= place.is_some();
         place.is_some()
@@ -65,7 +74,19 @@ impl Recall {
     }
 }
 
+fn place_of<R: Ring>(ring: &R, mut range: std::ops::Range<u64>, is_it: impl Fn(&R::Message) -> bool) -> Option<u64> {
+    range.find(|number| ring.get(*number).is_some_and(|one| is_it(&one)))
+}
+
 /// The oldest number that is there for long enough to be read: the very oldest is the next to be overwritten.
-fn oldest(handed_over: &HandedOver) -> u64 {
-    handed_over.count().saturating_sub(handed_over.length() - 1)
+fn oldest(ring: &impl Ring) -> u64 {
+    ring.count().saturating_sub(ring.length() - 1)
+}
+
+/// The oldest message that a dead writer has sent and that a reader has not: of the ticks from `next` on and before another.
+pub(crate) fn oldest_missed<R: Ring>(ring: &R, next: u64, before: u64, tick: impl Fn(&R::Message) -> u64) -> Option<R::Message> {
+    let count = ring.count();
+    let newest_first = (count.saturating_sub(ring.length())..count).rev().map_while(|number| ring.get(number));
+    let with_ticks = newest_first.map(|message| (tick(&message), message));
+    with_ticks.take_while(|(tick, _)| *tick >= next).filter(|(tick, _)| *tick < before).last().map(|(_, message)| message)
 }

@@ -5,6 +5,7 @@ use crate::bus::error::TopicError;
 use crate::bus::format::{Format, header};
 use crate::bus::node::Bus;
 use crate::bus::port::Receiver;
+use crate::bus::recall::Ring;
 use crate::bus::topic::Topic;
 use crate::memory::HandedOver;
 use crate::run_dir::RunDir;

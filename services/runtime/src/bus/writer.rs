@@ -11,6 +11,7 @@ use shared_types::wire::Header;
 
 use crate::bus::error::TopicError;
 use crate::bus::port::{Outgoing, Sender};
+use crate::bus::recall::Ring;
 use crate::clock::now_ns;
 use crate::context::{Context, Outlet};
 use crate::control_page::Count;

@@ -3,6 +3,7 @@
 use shared_types::random::at as random;
 
 use super::machine::{At, DOWN, Defect, Graph, State};
+use super::recorder::Recorder;
 use crate::lockstep::Outage;
 
 /// Steps after which a history counts as endless.
@@ -29,6 +30,8 @@ struct History {
     kills: Vec<(u64, usize)>,
     planned: Vec<Outage>,
     schedule: u64,
+    /// Blocks of the message logs for which the recorder's volume has room.
+    room: u64,
 }
 
 /// Runs the history of a number, and repeats it from its plan.
@@ -59,7 +62,8 @@ impl History {
         let reads: Vec<Vec<(usize, usize)>> = (0..count).map(|me| if me == 0 { Vec::new() } else { reads(me) }).collect();
         let ticks = 4 + draw(1, 28);
         let steps = ticks * (outputs.iter().sum::<usize>() as u64 + count as u64) * 3;
-        let victim = |what: u64| 1 + draw(what, count as u64 - 1) as usize;
+        // The recorder comes after the processes of the graph.
+        let victim = |what: u64| 1 + draw(what, count as u64) as usize;
         let mut kills: Vec<(u64, usize)> = Vec::new();
         for number in 0..draw(2, 6) {
             // Every second one soon after the one before: while that is detected, or its replacement starts.
@@ -69,30 +73,37 @@ impl History {
         kills.sort_unstable();
         let planned = |place: u64| {
             let (at, process) = (draw(400 + place, ticks), victim(410 + place));
-            let after_outputs = draw(420 + place, outputs[process] as u64) as u32;
+            let after_outputs = draw(420 + place, outputs.get(process).map_or(0, |outputs| *outputs as u64)) as u32;
             let until = at + 1 + draw(430 + place, 2 * DOWN);
             Outage { place: place as usize, process, at, until, has_struck: false, is_death: true, is_unplanned: false, after_outputs }
         };
         let planned = (0..draw(3, 4)).map(planned).collect();
-        Self { graph: Graph { reads, outputs, ticks }, kills, planned, schedule: random(seed, 4) }
+        // One volume in three fills.
+        let room = if draw(5, 3) == 0 { draw(6, 40) } else { u64::MAX };
+        Self { graph: Graph { reads, outputs, ticks }, kills, planned, schedule: random(seed, 4), room }
     }
 
     /// Runs to the end under one schedule.
     fn run(&self, planned: &[Outage], kills: &[(u64, usize)], schedule: u64, defect: Defect) -> Result<(State, u64), String> {
-        let count = self.graph.reads.len();
-        let mut state = State::new(&self.graph, planned, 0, defect);
+        let count = self.graph.reads.len() + 1;
+        let mut state = State::new(&self.graph, planned, 0, defect).with_recorder(&self.graph, self.room, defect);
         let mut kills = kills.iter().copied().peekable();
+        // In one history of four the recorder is hardly ever awake.
+        let is_starved = random(schedule, u64::MAX).is_multiple_of(4);
         for step in 0..MOST_STEPS {
             while let Some((_, victim)) = kills.next_if(|kill| kill.0 <= step) {
                 state.kill(victim);
             }
             if state.has_failed || state.at.iter().all(|at| *at == At::Done) {
-                return Ok((state, step));
+                let lack = state.recorder.as_mut().filter(|_| !state.has_failed).and_then(Recorder::lack);
+                return lack.map_or(Ok((state, step)), Err);
             }
             let first = random(schedule, step) as usize;
             // A process that sleeps does nothing for a while, as long as others can.
-            let sleeps = |me: usize| random(schedule ^ (1 + me as u64), step / 41).is_multiple_of(3);
-            let mut order = (0..2 * count).map(|turn| (turn >= count, (first + turn) % count));
+            let draw = |me: usize| random(schedule ^ (1 + me as u64), step / 41);
+            let sleeps = |me: usize| if is_starved && me + 1 == count { draw(me) % 12 > 0 } else { draw(me).is_multiple_of(3) };
+            // The last turn: the recorder has looked before the source began to wait.
+            let mut order = (0..3 * count).map(|turn| (turn >= count, (first + turn) % count));
             let has_moved = order.any(|(is_late, me)| (is_late || !sleeps(me)) && state.step(&self.graph, me, defect));
             if let Some(broken) = state.broken {
                 return Err(broken.to_owned());
@@ -160,7 +171,8 @@ impl History {
     fn in_words(&self) -> String {
         let Graph { reads, outputs, ticks } = &self.graph;
         let planned: Vec<_> = self.planned.iter().map(|one| (one.process, one.at, one.until, one.after_outputs)).collect();
-        let graph = format!("{ticks} ticks, outputs {outputs:?}, reads {reads:?}");
+        let room = if self.room == u64::MAX { String::new() } else { format!(", room for {} blocks", self.room) };
+        let graph = format!("{ticks} ticks, outputs {outputs:?}, reads {reads:?}{room}");
         format!("{graph}, killed at (step, process) {:?}, planned (process, at, until, after) {planned:?}", self.kills)
     }
 }
@@ -182,7 +194,7 @@ mod tests {
 
     #[test]
     fn each_defect_that_is_put_in_is_found_and_shrunk() {
-        for defect in Defect::ALL {
+        for defect in Defect::all() {
             let found = (0..3_000).find_map(|number| history(1, number, defect).failure);
             let found = found.unwrap_or_else(|| panic!("{defect:?} is not found"));
             println!("{defect:?}: {found}");

@@ -7,6 +7,7 @@
 use std::collections::BTreeMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
+use super::recorder::{LAG, Recorder, Step};
 use crate::lockstep::{Outage, Progress, Protocol, Role, View};
 
 /// Unread messages that the buffer of a reader holds; half as many ticks the source may be ahead, as in [`crate::lockstep`].
@@ -73,6 +74,9 @@ pub(crate) struct State {
     buffers: Vec<BTreeMap<Place, u64>>,
     pub(crate) kills_left: u32,
     chain_lag: u64,
+    recorder_lag: u64,
+    /// The process after those of the graph, where the run has one.
+    pub(crate) recorder: Option<Recorder>,
     is_stopping: bool,
     /// A process died and the launcher detected it after the last tick: the run is reported as failed, and has no plan that repeats it.
     pub(crate) has_failed: bool,
@@ -85,7 +89,7 @@ impl View for State {
         self.progress.len()
     }
     fn role(&self, process: usize) -> Role {
-        Role { makes_ticks: process == 0, polled: false }
+        Role { makes_ticks: process == 0, polled: process == self.memory.len() }
     }
     fn progress(&self, process: usize) -> Progress {
         self.progress[process]
@@ -99,6 +103,9 @@ impl View for State {
     fn is_lockstep(&self) -> bool {
         true
     }
+    fn recorder_lag(&self) -> u64 {
+        self.recorder_lag
+    }
     fn chain_lag(&self) -> u64 {
         self.chain_lag
     }
@@ -111,7 +118,7 @@ pub(crate) fn digest(of: impl Hash) -> u64 {
 }
 
 /// A defect of the machine, put in to show that the exploration finds it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Defect {
     /// The machine as it is.
     None,
@@ -127,12 +134,25 @@ pub enum Defect {
     NoHoldBack,
     /// The source does not wait for a process that the loop does not wait for.
     NoLag,
+    /// The source does not wait for the recorder.
+    NoRecorderLag,
+    /// A replacement of the recorder does not take what the retainers hold.
+    NoRecall,
+    /// The recorder's checkpoints are as rare without message logs as with them.
+    RareCheckpoints,
 }
 
 impl Defect {
-    /// All defects.
-    pub const ALL: [Self; 6] =
+    /// Those of the chain.
+    pub const OF_THE_CHAIN: [Self; 6] =
         [Self::NoRetainer, Self::PlacedByClosings, Self::NoDeathWithinTick, Self::NoFinish, Self::NoHoldBack, Self::NoLag];
+    /// Those of the recorder.
+    pub const OF_THE_RECORDER: [Self; 3] = [Self::NoRecorderLag, Self::NoRecall, Self::RareCheckpoints];
+
+    /// All defects.
+    pub fn all() -> impl Iterator<Item = Self> {
+        Self::OF_THE_CHAIN.into_iter().chain(Self::OF_THE_RECORDER)
+    }
 }
 
 impl State {
@@ -151,10 +171,29 @@ impl State {
             buffers: vec![BTreeMap::new(); count],
             kills_left: kills,
             chain_lag: if defect == Defect::NoLag { u64::MAX } else { DEPTH / 2 },
+            recorder_lag: if defect == Defect::NoRecorderLag { u64::MAX } else { LAG },
+            recorder: None,
             is_stopping: false,
             has_failed: false,
             broken: None,
         }
+    }
+
+    /// With a recorder, on a volume with room for so many blocks of message logs.
+    pub(crate) fn with_recorder(mut self, graph: &Graph, room: u64, defect: Defect) -> Self {
+        self.recorder = Some(Recorder::new(&graph.outputs, room, defect));
+        self.progress.push(self.progress[0]);
+        self.at.push(At::Tick);
+        self
+    }
+
+    /// Whether the recorder has opened its topics.
+    fn is_recorded(&self) -> bool {
+        self.recorder.is_some() && matches!(self.at.last(), Some(At::Starting | At::Tick))
+    }
+
+    fn hand_over(&mut self) {
+        self.recorder.iter_mut().for_each(Recorder::hand_over);
     }
 
     fn protocol(&self, me: usize) -> Protocol<'_, Self> {
@@ -171,12 +210,15 @@ impl State {
     pub(crate) fn die(&mut self, me: usize, at: At) {
         self.progress[me].is_running = false;
         self.at[me] = at;
+        if me == self.memory.len() {
+            self.recorder.iter_mut().for_each(Recorder::die);
+        }
     }
 
     /// Kills a process that lives, without a plan.
     pub(crate) fn kill(&mut self, me: usize) {
         if !matches!(self.at[me], At::Dead | At::Detected | At::Done) {
-            self.has_failed |= self.is_stopping;
+            self.has_failed |= self.is_stopping && me < self.memory.len();
             self.die(me, At::Dead);
         }
     }
@@ -200,6 +242,7 @@ impl State {
     /// A death that no plan had, as the launcher enters it.
     fn detect(&mut self, graph: &Graph, me: usize, defect: Defect) {
         let closed = self.progress[me].ticks;
+        self.hand_over();
         let has_sent = |output: &usize| self.retainer.keys().any(|key| (key.0, key.1) == (me, *output) && key.2 >= closed);
         let sent = (0..graph.outputs[me]).filter(has_sent).count();
         let (at, after_outputs) = match sent {
@@ -228,22 +271,83 @@ impl State {
         self.progress[me].ticks = self.protocol(me).skips_to(back).unwrap_or(self.progress[me].ticks);
         self.tick[me] = self.progress[me].ticks;
         self.progress[me].is_running = true;
+        if self.is_recorded() {
+            self.recorder.iter_mut().for_each(|recorder| recorder.connect(me));
+        }
         self.begin_tick(graph, me);
+    }
+
+    /// One step of the recorder, or of the launcher for it; whether there was one.
+    fn step_recorder(&mut self) -> bool {
+        let me = self.memory.len();
+        let closed = self.progress[me].ticks;
+        match self.at[me] {
+            At::Dead => {
+                let (place, until) = (self.outages.len(), closed + DOWN);
+                let (has_struck, is_death, is_unplanned) = (true, true, true);
+                self.outages.push(Outage { place, process: me, at: closed, until, has_struck, is_death, is_unplanned, after_outputs: 0 });
+                self.at[me] = At::Detected;
+            }
+            At::Detected => {
+                self.hand_over();
+                self.progress[me].incarnation += 1;
+                self.at[me] = At::Starting;
+            }
+            At::Starting => {
+                self.recorder.iter_mut().for_each(Recorder::resume);
+                self.progress[me].is_running = true;
+                self.at[me] = At::Tick;
+            }
+            At::Tick => return self.record(me, closed),
+            _ => return false,
+        }
+        true
+    }
+
+    fn record(&mut self, me: usize, closed: u64) -> bool {
+        let Some(mut recorder) = self.recorder.take() else { return false };
+        let is_over = self.is_stopping && self.at[..me].iter().all(|at| *at == At::Done);
+        let falls = |state: &Self, ticks| state.protocol(me).downfall(ticks).is_some() && state.protocol(me).is_settled(ticks);
+        let wants_round = is_over || recorder.is_falling || falls(self, closed);
+        let before_death = |writer| self.protocol(me).sent_before_death(writer);
+        let step = recorder.step(self.progress[0].ticks, closed, is_over, before_death, wants_round);
+        let (is_falling, is_last) = (recorder.is_falling, recorder.is_last);
+        if let Step::Closed(ticks) = step {
+            self.progress[me].ticks = closed.max(ticks);
+            recorder.is_falling = falls(self, closed.max(ticks));
+        }
+        self.recorder = Some(recorder);
+        match step {
+            Step::Idle => return false,
+            Step::Closed(_) if is_last => self.at[me] = At::Done,
+            Step::Closed(ticks) if is_falling => {
+                let outage = self.protocol(me).downfall(closed.max(ticks));
+                outage.into_iter().for_each(|outage| self.outages[outage.place].has_struck = true);
+                self.die(me, At::Detected);
+            }
+            Step::Closed(_) | Step::Done => {}
+        }
+        true
     }
 
     /// One step of a process, or of the launcher for it; whether there was one.
     pub(crate) fn step(&mut self, graph: &Graph, me: usize, defect: Defect) -> bool {
+        if me == self.memory.len() {
+            return self.step_recorder();
+        }
         let tick = self.tick[me];
         match self.at[me] {
             At::Done => return false,
             At::Dead => self.detect(graph, me, defect),
             At::Detected => {
+                self.hand_over();
                 self.progress[me].incarnation += 1;
                 self.at[me] = At::Starting;
             }
             At::Starting => self.start(graph, me),
             At::Tick if me == 0 => {
-                if self.protocol(0).holds_back(tick).is_some() && defect != Defect::NoHoldBack {
+                self.progress[0].awaits_progress = self.protocol(0).holds_back(tick).is_some() && defect != Defect::NoHoldBack;
+                if self.progress[0].awaits_progress {
                     return false;
                 }
                 self.value[0] = digest((tick, self.memory[0]));
@@ -255,9 +359,13 @@ impl State {
                 self.at[me] = At::Sending(output, 1);
             }
             At::Sending(output, 1) => {
-                if self.retainer.insert((me, output, tick), digest((self.value[me], output))).is_some() {
+                let value = digest((self.value[me], output));
+                if self.retainer.insert((me, output, tick), value).is_some() {
                     self.broken.get_or_insert("a process sends a tick twice");
                 }
+                // A writer that sends looks for new readers from time to time, and before the first of them has the message.
+                let learns = self.is_recorded() && !digest((value, self.progress.last())).is_multiple_of(3);
+                self.recorder.iter_mut().for_each(|recorder| recorder.retain(me, output, (tick, value), learns));
                 self.at[me] = At::Sending(output, 2);
             }
             At::Sending(output, stage) => self.deliver(graph, me, output, stage),
@@ -285,9 +393,10 @@ impl State {
                 }
                 // The launcher stops the others now: each at its next wait.
                 self.is_stopping = true;
-                self.has_failed = self.at.contains(&At::Dead);
+                let count = self.memory.len();
+                self.has_failed = self.at[..count].contains(&At::Dead);
                 let is_waiting = |at: &At| !matches!(at, At::Sending(..) | At::Closing);
-                self.at.iter_mut().filter(|at| is_waiting(at)).for_each(|at| *at = At::Done);
+                self.at[..count].iter_mut().filter(|at| is_waiting(at)).for_each(|at| *at = At::Done);
             }
         }
         true
@@ -324,14 +433,18 @@ impl State {
     fn deliver(&mut self, graph: &Graph, me: usize, output: usize, stage: usize) {
         let (tick, last) = (self.tick[me], graph.outputs[me] - 1);
         let readers = graph.readers((me, output));
+        let place = (me, output, tick);
         if let Some(&reader) = readers.get(stage - 2) {
-            let place = (me, output, tick);
             if self.progress[reader].is_running && tick >= self.tick[reader] + DEPTH {
                 self.broken.get_or_insert("a message is lost: its reader is too far behind");
             }
             self.buffers[reader].extend(self.retainer.get(&place).map(|message| (place, *message)));
         }
-        if stage - 1 < readers.len() {
+        if stage - 2 == readers.len() && self.is_recorded() {
+            let message = self.retainer.get(&place).map(|value| (tick, *value));
+            self.recorder.iter_mut().zip(message).for_each(|(recorder, message)| recorder.deliver(me, output, message));
+        }
+        if stage - 1 < readers.len() + usize::from(self.recorder.is_some()) {
             self.at[me] = At::Sending(output, stage + 1);
         } else if output == last {
             self.at[me] = At::Closing;

@@ -1,0 +1,338 @@
+//! The recorder of a simulated run: rounds, message logs, checkpoints, its deaths and replacements, a volume that fills.
+//!
+//! The retainers, the files of what they have handed over, and the recorder's buffers are as in [`crate::bus`], with [`Recall`] itself and small sizes. A
+//! message is a tick and a value that stands for its bytes. What the recorder has taken in of a topic is a count and a digest; at the end both must be
+//! those of what was sent, in its order.
+
+use std::collections::VecDeque;
+
+use super::machine::{Defect, digest};
+use crate::bus::recall::{Recall, Ring, oldest_missed};
+use crate::checkpoint_rule::most_ticks_unsaved;
+
+/// Ticks that the source may be ahead of the recorder.
+pub(super) const LAG: u64 = 4;
+/// Messages that a retainer holds unread, and a buffer of the recorder: four times as many, as in [`crate::bus::depth`].
+const HELD: usize = 4 * LAG as usize;
+/// Messages in a block of a log.
+const BLOCK: usize = 3;
+/// Ticks between checkpoints, where the logs have what a replacement needs.
+const USUAL: u64 = 24;
+
+/// Tick and value.
+type Sent = (u64, u64);
+
+/// The file of what the retainer of a topic has handed over.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
+struct HandedOver(Vec<Sent>);
+
+impl Ring for HandedOver {
+    type Message = Sent;
+
+    fn count(&self) -> u64 {
+        self.0.len() as u64
+    }
+
+    fn length(&self) -> u64 {
+        2 * HELD as u64
+    }
+
+    fn get(&self, number: u64) -> Option<Sent> {
+        let is_there = number + self.length() > self.count();
+        self.0.get(number as usize).copied().filter(|_| is_there)
+    }
+}
+
+/// What the recorder has taken in of a topic.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+struct Taken {
+    count: u64,
+    digest: u64,
+    last: Option<Sent>,
+    /// Messages that the log has: what a replacement reads from there on.
+    logged: usize,
+    /// The volume has refused a block: no more messages are kept.
+    is_log_over: bool,
+}
+
+impl Taken {
+    fn add(&mut self, message: Sent) {
+        *self = Self { count: self.count + 1, digest: digest((self.digest, message)), last: Some(message), ..*self };
+    }
+}
+
+/// A topic as the recorder and its retainer have it.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
+struct Channel {
+    writer: usize,
+    output: usize,
+    /// All that has been sent, for the comparison at the end.
+    sent: Taken,
+    /// In the retainer, and not handed over.
+    held: VecDeque<Sent>,
+    handed_over: HandedOver,
+    /// On its way to the recorder.
+    buffer: VecDeque<Sent>,
+    /// The writer knows of this recorder.
+    is_connected: bool,
+    taken: Taken,
+    saved: Taken,
+    /// Taken in, and in no block of the log.
+    unlogged: Vec<Sent>,
+    log: Vec<Sent>,
+    recall: Option<Recall>,
+}
+
+fn put(ring: &mut VecDeque<Sent>, message: Sent) {
+    if ring.len() == HELD {
+        ring.pop_front();
+    }
+    ring.push_back(message);
+}
+
+impl Channel {
+    fn hand_over(&mut self) {
+        self.handed_over.0.extend(self.held.drain(..));
+    }
+
+    fn take(&mut self, message: Sent, room: &mut u64) {
+        self.taken.add(message);
+        if !self.taken.is_log_over {
+            self.unlogged.push(message);
+            if self.unlogged.len() == BLOCK {
+                self.write_block(room);
+            }
+        }
+    }
+
+    fn write_block(&mut self, room: &mut u64) {
+        if self.unlogged.is_empty() {
+            return;
+        }
+        match room.checked_sub(1) {
+            Some(left) => {
+                *room = left;
+                self.taken.logged += self.unlogged.len();
+                self.log.append(&mut self.unlogged);
+            }
+            None => {
+                self.taken.is_log_over = true;
+                self.unlogged.clear();
+            }
+        }
+    }
+
+    /// The next message in order: from the buffer, or what a dead writer had sent to its retainer alone. `before_death`: the first tick of which the writer
+    /// has sent nothing more when it died.
+    fn receive(&mut self, before_death: u64) -> Option<Sent> {
+        let next = self.taken.last.map_or(0, |(tick, _)| tick + 1);
+        let came = self.buffer.front().map_or(u64::MAX, |(tick, _)| *tick);
+        let missed = if next < before_death && came > next {
+            oldest_missed(&self.handed_over, next, came.min(before_death), |(tick, _)| *tick)
+        } else {
+            None
+        };
+        missed.or_else(|| self.buffer.pop_front())
+    }
+
+    /// The second half of [`crate::bus::gather`]'s catching up: what has come by the topic since the file was read.
+    fn catch_up(&mut self, mut recall: Recall, room: &mut u64) -> Option<Recall> {
+        while let Some(message) = self.buffer.pop_front() {
+            if recall.knows(&self.handed_over, |one| *one == message) {
+                continue;
+            }
+            self.hand_over();
+            let place = recall.place_ahead(&self.handed_over, |one| *one == message);
+            while let Some(before) = place.and_then(|place| recall.take_before(&self.handed_over, place)) {
+                self.take(before, room);
+            }
+            self.take(message, room);
+            return None;
+        }
+        (!recall.is_in_step()).then_some(recall)
+    }
+}
+
+/// Where the recorder is between two steps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum At {
+    /// Between two rounds.
+    Resting,
+    /// In a round that began when the run had made so many ticks: before the draining of a topic, or within it.
+    Draining { ticks: u64, channel: usize, has_read: bool },
+    /// At the end of the round.
+    Ending { ticks: u64 },
+}
+
+/// The end of a step of the recorder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Step {
+    /// There was nothing to do.
+    Idle,
+    Done,
+    /// It has ended a round in which everything of these ticks was taken in.
+    Closed(u64),
+}
+
+/// The recorder, and what outlives it.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct Recorder {
+    channels: Vec<Channel>,
+    at: At,
+    /// Blocks for which the volume has room.
+    room: u64,
+    saved_ticks: u64,
+    /// It goes down at the end of this round, as planned.
+    pub(super) is_falling: bool,
+    /// The round in hand is the last one.
+    pub(super) is_last: bool,
+    defect: Defect,
+}
+
+impl Recorder {
+    /// Of a graph with so many outputs by process, on a volume with room for so many blocks of the logs.
+    pub(super) fn new(outputs: &[usize], room: u64, defect: Defect) -> Self {
+        let channels = outputs.iter().enumerate().flat_map(|(writer, count)| (0..*count).map(move |output| (writer, output)));
+        let channel = |(writer, output)| Channel { writer, output, is_connected: true, ..Channel::default() };
+        let (at, saved_ticks) = (At::Resting, 0);
+        Self { channels: channels.map(channel).collect(), at, room, saved_ticks, is_falling: false, is_last: false, defect }
+    }
+
+    fn of(&mut self, writer: usize, output: usize) -> Option<&mut Channel> {
+        self.channels.iter_mut().find(|channel| (channel.writer, channel.output) == (writer, output))
+    }
+
+    /// A message reaches the retainer of its topic; `learns`: before that its writer has looked for new readers, and there is a recorder.
+    pub(super) fn retain(&mut self, writer: usize, output: usize, message: Sent, learns: bool) {
+        if let Some(channel) = self.of(writer, output) {
+            channel.is_connected |= learns;
+            channel.sent.add(message);
+            put(&mut channel.held, message);
+        }
+    }
+
+    /// A message that the retainer has reaches the recorder, where there is one and its writer knows of it.
+    pub(super) fn deliver(&mut self, writer: usize, output: usize, message: Sent) {
+        if let Some(channel) = self.of(writer, output).filter(|channel| channel.is_connected) {
+            put(&mut channel.buffer, message);
+        }
+    }
+
+    /// A writer has opened its topics after this recorder has.
+    pub(super) fn connect(&mut self, writer: usize) {
+        self.channels.iter_mut().filter(|channel| channel.writer == writer).for_each(|channel| channel.is_connected = true);
+    }
+
+    /// The launcher copies what the retainers hold.
+    pub(super) fn hand_over(&mut self) {
+        self.channels.iter_mut().for_each(Channel::hand_over);
+    }
+
+    /// The end of the recorder: its memory and its buffers are gone.
+    pub(super) fn die(&mut self) {
+        (self.at, self.is_falling, self.is_last) = (At::Resting, false, false);
+        for channel in &mut self.channels {
+            channel.buffer.clear();
+            channel.unlogged.clear();
+            (channel.is_connected, channel.taken, channel.recall) = (false, Taken::default(), None);
+        }
+    }
+
+    /// A replacement goes on from the last checkpoint and the logs, and recalls what was on its way to its predecessor.
+    pub(super) fn resume(&mut self) {
+        for channel in &mut self.channels {
+            channel.taken = channel.saved;
+            if !channel.taken.is_log_over {
+                // Blocks after the checkpoint.
+                channel.log[channel.saved.logged..].iter().for_each(|message| channel.taken.add(*message));
+                channel.taken.logged = channel.log.len();
+            }
+            channel.hand_over();
+            if self.defect != Defect::NoRecall {
+                channel.recall = Some(Recall::after(&channel.handed_over, channel.taken.last.as_ref()));
+            }
+        }
+    }
+
+    /// One step of a recorder that works, where the run has made so many ticks. `before_death` as in [`Channel::receive`], by writer.
+    pub(super) fn step(&mut self, made: u64, closed: u64, is_over: bool, before_death: impl Fn(usize) -> u64, wants_round: bool) -> Step {
+        match self.at {
+            At::Resting => {
+                let has_news = made > closed || self.channels.iter().any(|channel| !channel.buffer.is_empty());
+                if !has_news && !wants_round {
+                    return Step::Idle;
+                }
+                self.is_last = is_over;
+                self.at = At::Draining { ticks: made, channel: 0, has_read: false };
+            }
+            At::Draining { ticks, channel: number, has_read } => {
+                let (room, count) = (&mut self.room, self.channels.len());
+                let channel = &mut self.channels[number];
+                let is_through = match channel.recall.take() {
+                    Some(mut recall) if !has_read => {
+                        channel.hand_over();
+                        while let Some(message) = recall.take(&channel.handed_over) {
+                            channel.take(message, room);
+                        }
+                        channel.recall = Some(recall);
+                        false
+                    }
+                    Some(recall) => {
+                        channel.recall = channel.catch_up(recall, room);
+                        true
+                    }
+                    None => true,
+                };
+                if is_through && channel.recall.is_none() {
+                    let death = before_death(channel.writer);
+                    while let Some(message) = channel.receive(death) {
+                        channel.take(message, room);
+                    }
+                }
+                self.at = match (is_through, number + 1 < count) {
+                    (false, _) => At::Draining { ticks, channel: number, has_read: true },
+                    (true, true) => At::Draining { ticks, channel: number + 1, has_read: false },
+                    (true, false) => At::Ending { ticks },
+                };
+            }
+            At::Ending { ticks } => {
+                let are_kept = !self.channels.iter().any(|channel| channel.taken.is_log_over);
+                let rule = are_kept || self.defect == Defect::RareCheckpoints;
+                if self.is_falling || ticks >= self.saved_ticks + most_ticks_unsaved(rule, LAG, BLOCK as u64, USUAL) {
+                    self.save(ticks);
+                }
+                self.at = At::Resting;
+                return Step::Closed(ticks);
+            }
+        }
+        Step::Done
+    }
+
+    fn save(&mut self, ticks: u64) {
+        self.saved_ticks = ticks;
+        for channel in &mut self.channels {
+            channel.write_block(&mut self.room);
+            channel.saved = channel.taken;
+        }
+    }
+
+    /// The first topic of which the recorder has not taken in all that was sent, in its order, or whose log is not the beginning of that.
+    pub(super) fn lack(&mut self) -> Option<String> {
+        let is_lacking = |channel: &mut Channel| {
+            channel.write_block(&mut self.room);
+            let Channel { writer, output, sent, taken, log, .. } = channel;
+            let mut logged = Taken::default();
+            log.iter().for_each(|message| logged.add(*message));
+            let is_whole = (sent.count, sent.digest) == (taken.count, taken.digest);
+            let is_log_right = if taken.is_log_over { logged.count <= sent.count } else { logged.digest == sent.digest };
+            let of = format!("message {output} of process {writer}");
+            (!(is_whole && is_log_right)).then(|| {
+                format!(
+                    "the recorder has taken in {} of {} times {of}, or others, and its log has {}",
+                    taken.count, sent.count, logged.count
+                )
+            })
+        };
+        self.channels.iter_mut().find_map(is_lacking)
+    }
+}
