@@ -235,6 +235,57 @@ fn the_graph_decides_whether_a_bad_program_is_started_again() {
     assert_eq!(again["topics"], first["topics"]);
 }
 
+/// A program that is killed before it has taken part, once; `how` it ends then, in the words of a shell.
+fn killed_first(how: &str, then: &str) -> String {
+    format!("[\"sh\", \"-c\", \"test -e once && exec {then}; touch once; {how}\"]")
+}
+
+#[test]
+fn a_program_that_is_killed_before_it_joins_is_replaced() {
+    if !has_python("") {
+        return skipped("there is no python3");
+    }
+    // By a signal; and in a shell that gives the signal as its exit code.
+    for how in ["kill -KILL $$", "sh -c 'kill -KILL $$'; exit $?", "kill -TERM $$"] {
+        let desk = Desk::new();
+        estimator(&desk, "", "always", "");
+        let graph = std::fs::read_to_string(desk.path().join("graph.toml")).expect("the graph");
+        let ours = "[\"python3\", \"estimator.py\", \"\"]";
+        assert!(graph.contains(ours), "{graph}");
+        desk.file("graph.toml", &graph.replace(ours, &killed_first(how, "python3 estimator.py")));
+        let said = run(&desk, &["run", "short.toml", "--json"]);
+        let first = summary(&said);
+        assert_eq!((restarts(&first, "estimator"), &first["outcome"]), (1, &Value::from("goal reached")), "{how}: {}", said.err);
+        let fault = &first["faults"][0];
+        let kind = if how.contains("TERM") { "signal" } else { "kill" };
+        assert_eq!((&fault["kind"], &fault["tick"], &fault["process"]), (&kind.into(), &0.into(), &"estimator".into()), "{fault}");
+        assert!(fault["detail"].as_str().is_some_and(|detail| detail.contains("before it joined")), "{fault}");
+        // The file `once` is there: the plan kills it now.
+        let again = summary(&run(&desk, &["run", "runs/short-001/scenario.toml", "--json"]));
+        assert_eq!((&again["topics"], restarts(&again, "estimator")), (&first["topics"], 1), "{how}");
+        desk.file("graph.toml", &std::fs::read_to_string(desk.path().join("graph.toml")).unwrap().replace("\"always\"", "\"never\""));
+        std::fs::remove_file(desk.path().join("once")).expect("the mark");
+        let said = run(&desk, &["run", "short.toml", "--json"]);
+        assert!(said.code == 1 && said.err.contains("the program of estimator ended with"), "{how}: {}", said.err);
+    }
+}
+
+#[test]
+fn a_program_of_its_own_that_is_killed_before_it_joins_is_replaced() {
+    for how in ["kill -KILL $$", "sh -c 'kill -KILL $$'; exit $?"] {
+        let desk = Desk::new();
+        let command = killed_first(how, &format!("{} estimator", env!("CARGO_BIN_EXE_armplane")));
+        let process =
+            format!("name = \"estimator\"\ncommand = {command}\nreads = [\"sensor\"]\nwrites = [\"estimate\"]\nrestart = \"always\"\n");
+        desk.file("graph.toml", &format!("extends = \"armplane\"\n[[process]]\n{process}"));
+        scenario(&desk, "");
+        let first = summary(&run(&desk, &["run", "short.toml", "--json"]));
+        assert_eq!((restarts(&first, "estimator"), &first["outcome"]), (1, &Value::from("goal reached")), "{how}: {}", first["faults"]);
+        let again = summary(&run(&desk, &["run", "runs/short-001/scenario.toml", "--json"]));
+        assert_eq!(again["topics"], first["topics"], "{how}");
+    }
+}
+
 /// A process whose program starts others: one in its process group, one in a session of its own.
 fn with_descendants(desk: &Desk, then: &str) {
     let command = format!("sleep 600 & setsid sleep 601 & sleep 0.3; {then}");

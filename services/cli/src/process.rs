@@ -89,22 +89,19 @@ fn work(Command { part, run }: &Command) -> Result<(), ProcessError> {
     let shell = Shell::started(run.as_deref(), program.map(Program::name))?;
     let job = shell.job()?;
     let robot = load::robot_of(&job.robot).map_err(ProcessError::setup)?;
-    let Some(program) = program else {
-        let name = shell.name();
-        if let Part::Robot = part {
-            let address = job.graph.process(name).map(|process| process.robot.as_str()).unwrap_or_default();
-            return plant_fci::run(&shell, &robot, &job.scenario, &address.parse().map_err(ProcessError::Setup)?);
-        }
-        let command = load::command(&job.graph, name);
-        return exchange::run(&shell, &job.graph, name, robot.dof(), job.scenario.planned_ticks(), command);
-    };
+    let name = shell.name();
     let done = match program {
-        Program::Plant => plant::run(&shell, &robot, &job.scenario),
-        Program::Estimator => estimator::run(&shell, &robot, &job.scenario),
-        Program::Analyzer => analyzer::run(&shell, &robot, &job.scenario),
-        Program::Controller => controller::run(&shell, &robot, &job.scenario),
-        Program::Recorder => recorder::run(&shell, &robot, &job, shell.run_dir()),
-        Program::Operator => operator::run(&shell, &job.scenario),
+        Some(Program::Plant) => plant::run(&shell, &robot, &job.scenario),
+        Some(Program::Estimator) => estimator::run(&shell, &robot, &job.scenario),
+        Some(Program::Analyzer) => analyzer::run(&shell, &robot, &job.scenario),
+        Some(Program::Controller) => controller::run(&shell, &robot, &job.scenario),
+        Some(Program::Recorder) => recorder::run(&shell, &robot, &job, shell.run_dir()),
+        Some(Program::Operator) => operator::run(&shell, &job.scenario),
+        None if matches!(part, Part::Robot) => {
+            let address = job.graph.process(name).map(|process| process.robot.as_str()).unwrap_or_default();
+            plant_fci::run(&shell, &robot, &job.scenario, &address.parse().map_err(ProcessError::Setup)?)
+        }
+        None => exchange::run(&shell, &job.graph, name, robot.dof(), job.scenario.planned_ticks(), load::command(&job.graph, name)),
     };
     done.inspect(|()| shell.pass_early_signal_on())
 }

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use runtime::Exit;
 use shared_types::exchange::EXCHANGE_STATE;
 
 /// The program's fault.
@@ -11,7 +12,7 @@ pub enum Failure {
     #[error("the program of {process} cannot be started: {reason}; `command` in the graph names it, relative to the graph's folder")]
     Start { process: String, reason: String },
     #[error("the program of {process} ended with {exit} {at}")]
-    Ended { process: String, exit: String, at: String },
+    Ended { process: String, exit: Exit, at: String },
     #[error("the program of {process} has not joined within {} s: it has to store `program` = joined in its exchange page (docs/wire.md)", limit.as_secs())]
     Absent { process: String, limit: Duration },
     #[error("the program of {process} refuses the exchange page: {complaint}; compare it with `armplane wire`")]

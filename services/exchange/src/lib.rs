@@ -79,6 +79,10 @@ pub fn run(shell: &Shell, graph: &Graph, name: &str, dof: usize, length: u64, co
         }
         Err(Ended::Theirs(tick, failure)) => {
             program.end(&failure.to_string());
+            if let Failure::Ended { exit, .. } = &failure {
+                // A program that somebody kills before the first tick is replaced with this process, as one of ours.
+                exit.signal().into_iter().for_each(|signal| shell.end_early_by(signal, &failure));
+            }
             died(tick, failure)
         }
     }

@@ -1,11 +1,11 @@
 //! The program at the other side of an exchange page: started or awaited, asked, watched, ended.
 
-use std::os::unix::process::{CommandExt, ExitStatusExt};
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::os::unix::process::CommandExt;
+use std::process::{Child, Command, Stdio};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use runtime::Shell;
+use runtime::{Exit, Shell};
 use rustix::process::{Pid, Signal, getpid, getppid, kill_process_group, set_parent_process_death_signal};
 use rustix::thread::futex;
 use shared_types::codes::{PROGRAM_AWAITED, REQUEST_STOP};
@@ -137,7 +137,7 @@ impl<'a> Program<'a> {
         match self.child.as_mut().map(Child::try_wait) {
             Some(Ok(Some(status))) => {
                 self.child = None;
-                Err(Failure::Ended { process: self.process.clone(), exit: exit(status), at: at.to_owned() })
+                Err(Failure::Ended { process: self.process.clone(), exit: Exit::from(status), at: at.to_owned() })
             }
             _ => Ok(()),
         }
@@ -178,12 +178,4 @@ fn start(mut command: Command, page: &Page) -> std::io::Result<Child> {
         });
     }
     command.spawn()
-}
-
-fn exit(status: ExitStatus) -> String {
-    match (status.code(), status.signal()) {
-        (Some(code), _) => format!("exit code {code}"),
-        (None, Some(signal)) => format!("signal {signal}"),
-        (None, None) => "an unknown status".to_owned(),
-    }
 }

@@ -139,7 +139,7 @@ impl Supervised {
             self.pass_lines_on(report);
             for index in self.take_in_exits(report) {
                 // A process that was killed is replaced; one that has ended by itself says why it cannot begin.
-                let is_killed = matches!(self.slots.0[index].exit, Some(Exit::Signal(_)));
+                let is_killed = self.slots.0[index].exit.and_then(Exit::signal).is_some();
                 let planned = if is_killed { self.plan_restart(index) } else { Err(self.died(index)) };
                 planned.map_err(End::Failed)?;
             }

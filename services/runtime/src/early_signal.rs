@@ -1,15 +1,40 @@
-//! A signal from outside that ends a process before it has taken part in its run.
+//! A signal from outside that ends a process, or the program that it stands for, before it has taken part in its run.
+//!
+//! The launcher replaces a process that a signal has ended. One that ends by itself before the first tick has a reason against the run, and ends it.
 
+use std::fmt::Display;
 use std::sync::atomic::Ordering;
 
-use crate::context::Context;
+use rustix::process::{Resource, Rlimit, setrlimit};
 
-/// Ends the process as the signal would have: an exit code of 0 would call the process complete, and the launcher would not replace it. Without such
-/// a signal, and after the first tick, it does nothing.
-pub(crate) fn pass_on(context: &Context) {
-    let is_asked = context.control_page.stop() >= context.stop.at;
-    if context.stop.signalled.load(Ordering::Relaxed) && !context.has_started.get() && !is_asked {
-        // It cannot fail for SIGTERM; where it did, the exit code would end the process.
-        let _ = signal_hook::low_level::emulate_default_handler(libc::SIGTERM);
+use crate::shell::Shell;
+
+impl Shell {
+    /// Ends the process by the signal that it got before its first tick; does nothing without one. An exit code of 0 would call the process complete,
+    /// and the launcher would not replace it.
+    pub fn pass_early_signal_on(&self) {
+        if self.shared().stop.signalled.load(Ordering::Relaxed) && self.is_early() {
+            end_by(libc::SIGTERM);
+        }
     }
+
+    /// Ends the process by the signal that has ended the program for which it takes part, with a last line that says so. Does nothing after the first
+    /// tick, and where the run stops.
+    pub fn end_early_by(&self, signal: i32, line: &impl Display) {
+        if self.is_early() {
+            eprintln!("armplane: {line}");
+            end_by(signal);
+        }
+    }
+
+    fn is_early(&self) -> bool {
+        let shared = self.shared();
+        !shared.has_started.get() && shared.control_page.stop() < shared.stop.at
+    }
+}
+
+/// Without an image of the process's memory. Where the signal does not end it, its exit code does.
+fn end_by(signal: i32) {
+    let _ = setrlimit(Resource::Core, Rlimit { current: Some(0), maximum: Some(0) });
+    let _ = signal_hook::low_level::emulate_default_handler(signal);
 }

@@ -87,7 +87,7 @@ pub enum OpenError {
         source: std::io::Error,
     },
     /// No thread.
-    #[error("cannot start the watchdog thread: {0}")]
+    #[error("cannot start the watchdog thread: {0} (the limits on processes and threads, `ulimit -u`, and on memory, `ulimit -v`)")]
     Watchdog(std::io::Error),
 }
 
@@ -204,11 +204,6 @@ impl Shell {
         shared.tick.set(shared.returns_at());
         let shared = Rc::new(shared);
         Ok(Self { shared, round: Cell::new(Round::Before), is_falling: Cell::new(false), _occupancy: occupancy })
-    }
-
-    /// Ends the process by the signal that it got before its first tick; does nothing without one.
-    pub fn pass_early_signal_on(&self) {
-        crate::early_signal::pass_on(&self.shared);
     }
 
     /// Reads a topic message by message: the next tick in lockstep, the newest in real time.

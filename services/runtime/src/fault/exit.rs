@@ -4,6 +4,7 @@ use std::fmt;
 use std::os::unix::process::ExitStatusExt;
 use std::process::ExitStatus;
 
+use signal_hook::consts::{SIGABRT, SIGBUS, SIGHUP, SIGINT, SIGQUIT, SIGSEGV, SIGTERM};
 use signal_hook::low_level::signal_name;
 
 /// How a process ended.
@@ -15,6 +16,9 @@ pub enum Exit {
     Signal(i32),
 }
 
+/// Not among the constants of `signal_hook`, which are of signals that can be caught.
+const SIGKILL: i32 = libc::SIGKILL;
+
 /// In the fault table: the upper half says which it is, the lower half has the number. 0: not known.
 const CODE: u32 = 1 << 16;
 const SIGNAL: u32 = 2 << 16;
@@ -25,6 +29,17 @@ impl Exit {
     #[must_use]
     pub fn is_success(self) -> bool {
         self == Self::Code(0)
+    }
+
+    /// The signal that has ended it, or the program that it started: a shell's exit code is then 128 and the signal's number.
+    #[must_use]
+    pub fn signal(self) -> Option<i32> {
+        match self {
+            Self::Signal(signal) => Some(signal),
+            Self::Code(code) => {
+                [SIGHUP, SIGINT, SIGQUIT, SIGABRT, SIGBUS, SIGKILL, SIGSEGV, SIGTERM].into_iter().find(|signal| code == 128 + signal)
+            }
+        }
     }
 
     pub(super) fn word(self) -> u32 {
@@ -69,5 +84,11 @@ mod tests {
             assert_eq!(Exit::of_word(exit.word()), Some(exit));
         }
         assert_eq!(Exit::of_word(0), None);
+    }
+
+    #[test]
+    fn the_exit_code_of_a_shell_gives_the_signal_that_ended_its_program() {
+        let signals = [Exit::Signal(9), Exit::Code(137), Exit::Code(143), Exit::Code(1), Exit::Code(0), Exit::Code(128)].map(Exit::signal);
+        assert_eq!(signals, [Some(9), Some(9), Some(15), None, None, None]);
     }
 }
