@@ -49,12 +49,16 @@ pub enum RecordError {
         reason: String,
     },
     /// The volume refused a write.
-    #[error(
-        "the recording ends after {bytes} bytes: {source}; what came before is kept and readable. Free space there, choose another folder with --out, or run with --no-record"
-    )]
+    #[error("{}: {source}{}. {}, choose another folder with --out, or run with --no-record", ends(*bytes), kept(*bytes), remedy(source))]
     Write {
         /// Bytes kept.
         bytes: u64,
+        /// The system's error.
+        source: io::Error,
+    },
+    /// There is no room to write a part anew with its table of contents.
+    #[error("there is no room for a second copy of it: {source}; it is readable as it is")]
+    Anew {
         /// The system's error.
         source: io::Error,
     },
@@ -66,4 +70,19 @@ pub enum RecordError {
         /// The defect.
         reason: String,
     },
+}
+
+fn ends(bytes: u64) -> String {
+    if bytes == 0 { "the recording cannot begin".to_owned() } else { format!("the recording ends after {bytes} bytes") }
+}
+
+fn kept(bytes: u64) -> &'static str {
+    if bytes == 0 { "" } else { "; what came before is kept and readable" }
+}
+
+fn remedy(source: &io::Error) -> &'static str {
+    match source.kind() {
+        io::ErrorKind::FileTooLarge => "Raise the shell's limit on the size of files with `ulimit -f unlimited`",
+        _ => "Free space there",
+    }
 }

@@ -8,7 +8,7 @@ use shared_types::layout::MessageLayout;
 use shared_types::wire::Stamps;
 
 use crate::checkpoint::{Bytes, Progress};
-use crate::kept::Kept;
+use crate::kept::{self, Kept};
 
 /// The end of one such topic: its fingerprint, and the file that keeps its messages where that is wanted.
 pub(crate) struct ForeignTap {
@@ -36,8 +36,8 @@ impl ForeignTap {
         let (topic, shape) = (layout.topic.clone(), Shape::from(layout));
         let mut collector = shell.foreign_collector(&topic)?;
         if shell.incarnation() == 1 {
-            let keep = messages.map(|folder| RowWriter::create(folder, &shape)).transpose().map_err(ProcessError::setup)?;
-            return Ok(Self { topic, collector, hash: TopicHash::default(), last: None, keep, kept: Kept::default() });
+            let (keep, kept) = kept::first(messages.map(|folder| RowWriter::create(folder, &shape)));
+            return Ok(Self { topic, collector, hash: TopicHash::default(), last: None, keep, kept });
         }
         collector.resume(past.last, past.lost);
         let (mut hash, mut last) = (past.hash, past.message.clone().map(|bytes| bytes.0));

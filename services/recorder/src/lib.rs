@@ -199,8 +199,8 @@ impl<M: Topic> Tap<M> {
     fn open(shell: &Shell, messages: Option<&Path>, past: &Progress, mut each: impl FnMut(&M)) -> Result<Self, ProcessError> {
         let mut drain = shell.collector()?;
         if shell.incarnation() == 1 {
-            let keep = messages.map(LogWriter::create).transpose().map_err(ProcessError::setup)?;
-            return Ok(Self { drain, hash: TopicHash::default(), last: None, keep, kept: Kept::default() });
+            let (keep, kept) = kept::first(messages.map(LogWriter::create));
+            return Ok(Self { drain, hash: TopicHash::default(), last: None, keep, kept });
         }
         drain.resume(past.last, past.lost);
         let mut hash = past.hash;

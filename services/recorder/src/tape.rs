@@ -76,22 +76,21 @@ impl Tape {
             hops: viz::chain_hops(&job.graph),
             lives: viz::Lives::of(&job.graph),
         };
-        let first = RecorderSummary { file: viz::part_name(0), ..RecorderSummary::default() };
-        if incarnation > 1 {
-            // A further file of the same recording: what the predecessor wrote stays as it is.
-            let part = viz::parts_in(&job.out).len() as u32;
-            return Ok(match Recording::create_part(&job.out, part, &info, chunks(job)) {
-                Ok(recording) => Self { recording: Some(recording), result: first, is_replacement: true, ..tape },
-                // A volume that has filled up meanwhile ends the recording, not the run.
-                Err(error) => Self { result: RecorderSummary { error: error.to_string(), ..first }, ..tape },
-            });
-        }
+        let is_replacement = incarnation > 1;
+        // Of a replacement a further file of the same recording: what the predecessor wrote stays as it is.
+        let part = if is_replacement { viz::parts_in(&job.out).len() as u32 } else { 0 };
         // A folder given with --out may hold an older recording with more parts.
-        for old in viz::parts_in(&job.out) {
-            std::fs::remove_file(&old).map_err(|error| ProcessError::setup(format!("cannot replace {}: {error}", old.display())))?;
+        for old in viz::parts_in(&job.out).iter().filter(|_| !is_replacement) {
+            std::fs::remove_file(old).map_err(|error| ProcessError::setup(format!("cannot replace {}: {error}", old.display())))?;
         }
-        let recording = Recording::create_part(&job.out, 0, &info, chunks(job)).map_err(ProcessError::setup)?;
-        Ok(Self { recording: Some(recording), result: first, ..tape })
+        let mut tape = Self { result: RecorderSummary { file: viz::part_name(0), ..RecorderSummary::default() }, is_replacement, ..tape };
+        match Recording::create_part(&job.out, part, &info, chunks(job)) {
+            Ok(recording) => tape.recording = Some(recording),
+            Err(error @ RecordError::Arm { .. }) => return Err(ProcessError::setup(error)),
+            // A volume without room ends the recording, not the run.
+            Err(error) => tape.fail(&error),
+        }
+        Ok(tape)
     }
 
     /// Adds a tick; what is missing of it is left out.

@@ -147,6 +147,10 @@ pub fn complete(part: &Path) -> Result<(), MergeError> {
     let draft = part.with_file_name(format!(".{}", part.file_name().unwrap_or_default().display()));
     let mut is_damaged = false;
     let written = merge(std::slice::from_ref(&part.to_owned()), &draft, |news| is_damaged |= matches!(news, ReadNews::Damaged(_)));
+    let written = written.map_err(|error| match error {
+        MergeError::Write(RecordError::Write { source, .. }) => RecordError::Anew { source }.into(),
+        error => error,
+    });
     let placed = written.and_then(|_| {
         let failed = |source| RecordError::Create { path: part.display().to_string(), source };
         if is_damaged { Ok(()) } else { std::fs::rename(&draft, part).map_err(|source| failed(source).into()) }
