@@ -16,6 +16,7 @@ mod histories;
 mod hostile;
 mod inspect;
 mod life;
+mod limits;
 mod neighbours;
 mod observers;
 mod patience;

@@ -1,4 +1,4 @@
-//! Others on the machine: another user, a full memory file system, a shell with small limits. None costs a run its results.
+//! Others on the machine: another user, a full memory file system. None costs a run its results.
 
 use std::os::unix::fs::MetadataExt;
 use std::os::unix::process::CommandExt;
@@ -10,7 +10,7 @@ use serde_json::Value;
 use crate::command::{Desk, assert_nothing_left, finish, run_of, skipped, until};
 use crate::patience::ticks;
 
-fn is_root() -> bool {
+pub(crate) fn is_root() -> bool {
     std::fs::metadata("/proc/self").is_ok_and(|own| own.uid() == 0)
 }
 
@@ -19,13 +19,7 @@ fn neighbour(script: &str) -> Output {
     Command::new("sh").args(["-c", script]).uid(65534).gid(65534).current_dir("/").output().expect("a shell")
 }
 
-/// A command of this user, in the desk's folder, with the program as `$0`.
-fn shell(desk: &Desk, script: &str) -> Output {
-    let program = env!("CARGO_BIN_EXE_armplane");
-    Command::new("sh").args(["-c", script, program]).current_dir(desk.path()).output().expect("a shell")
-}
-
-fn text(bytes: &[u8]) -> String {
+pub(crate) fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
@@ -86,26 +80,4 @@ fn a_full_memory_file_system_is_refused_in_bytes_and_one_that_fills_up_later_cos
     assert_eq!((filled.status.code(), text(&filled.stdout)), (Some(0), String::new()), "{}", text(&filled.stderr));
     let summary: Value = serde_json::from_slice(&std::fs::read(desk.path().join("filled/summary.json")).unwrap()).unwrap();
     assert_eq!((&summary["outcome"], &summary["recorder"]["lost"]), (&"goal reached".into(), &0.into()));
-}
-
-#[test]
-fn small_limits_of_the_shell_are_one_sentence_or_no_matter() {
-    let desk = Desk::new();
-    for (limit, sentence) in [("ulimit -n 40", "open files"), ("ulimit -f 100", "too large"), ("ulimit -f 4000", "")] {
-        let ran = shell(
-            &desk,
-            &format!("{limit} && \"$0\" run --out r > out.txt & wait $!; code=$?; ls /dev/shm | grep -- \"-$!-\"; exit $code"),
-        );
-        let said = text(&ran.stderr);
-        // With room for the topics the recording alone may be too large, which costs no run its end.
-        let is_refused = matches!(ran.status.code(), Some(1 | 2)) || sentence.is_empty() && ran.status.code() == Some(0);
-        assert!(is_refused, "{limit}: {:?}: {said}", ran.status);
-        let said = said + &std::fs::read_to_string(desk.path().join("out.txt")).unwrap_or_default();
-        assert!(said.to_lowercase().contains(sentence) && !said.contains("panicked"), "{limit}: {said}");
-        assert_eq!(text(&ran.stdout), "", "{limit}: left in shared memory");
-    }
-    for limit in ["ulimit -Sn 40", "ulimit -s 64"] {
-        let ran = shell(&desk, &format!("{limit} && \"$0\" run --no-record --out s"));
-        assert_eq!(ran.status.code(), Some(0), "{limit}: {}", text(&ran.stderr));
-    }
 }

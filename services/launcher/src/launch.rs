@@ -26,7 +26,8 @@ impl Launcher {
     /// # Errors
     /// When shared memory cannot be used or the graph contradicts itself; nothing is left then.
     pub fn prepare(plan: Plan) -> Result<Self, LaunchError> {
-        limits::raise_open_files()?;
+        let own: Vec<usize> = plan.messages.iter().map(|message| message.bytes).collect();
+        limits::check_limits(plan.children.len(), &own)?;
         RunDir::has_room()?;
         let run = RunDir::create()?;
         let manifest = Manifest {

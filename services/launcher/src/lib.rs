@@ -29,7 +29,7 @@ mod watch;
 pub use delay::Delay;
 pub use descendants::{Guard, end_descendants, guard};
 pub use launch::Launcher;
-pub use limits::with_room;
+pub use limits::{Shortage, check_limits, with_room};
 pub use outcome::{End, Failure, LaunchError, Outcome, ProcessOutcome};
 pub use plan::{Child, Event, Limits, Plan, Restart, reexec};
 pub use runtime::Exit;

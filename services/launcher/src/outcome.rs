@@ -6,6 +6,8 @@ use std::time::Duration;
 
 use runtime::{ControlPageError, Exit, FaultRecord, MOST_FAULTS, ManifestError, RunDirError, TopicError};
 
+use crate::limits::{Shortage, explain};
+
 /// Why a run could not be prepared; nothing of it is left.
 #[derive(Debug, thiserror::Error)]
 pub enum LaunchError {
@@ -22,7 +24,7 @@ pub enum LaunchError {
     #[error(transparent)]
     Topic(#[from] TopicError),
     /// A process.
-    #[error("cannot start {process} ({command}): {source}")]
+    #[error("cannot start {process} ({command}): {source}{}", explain(source))]
     Spawn {
         /// Which.
         process: String,
@@ -38,19 +40,14 @@ pub enum LaunchError {
         count: usize,
     },
     /// Signals cannot be caught.
-    #[error("cannot catch SIGINT, SIGTERM and SIGHUP: {0}")]
+    #[error("cannot catch SIGINT, SIGTERM and the like: {0}")]
     Signals(io::Error),
     /// No second thread.
-    #[error("cannot start a second thread of the launcher: {0} (see `ulimit -u`)")]
+    #[error("cannot start a second thread of the launcher: {}{}", .0, explain(.0))]
     Sweeper(io::Error),
-    /// Too few open files allowed.
-    #[error("this shell allows a process {allowed} open files; a run needs {needed}: raise the limit with `ulimit -n {needed}`")]
-    OpenFiles {
-        /// By the hard limit.
-        allowed: u64,
-        /// For the default graph.
-        needed: u64,
-    },
+    /// A limit of the shell is too small.
+    #[error(transparent)]
+    Limit(#[from] Shortage),
 }
 
 /// The failure of a run.

@@ -9,6 +9,7 @@ use rustix::time::Timespec;
 
 use crate::child;
 use crate::delay::Delay;
+use crate::limits;
 use crate::outcome::{LaunchError, ProcessOutcome};
 use crate::plan::{Commands, Event, Plan, Report};
 use crate::unfinished::Sweeper;
@@ -135,7 +136,8 @@ impl Supervised {
         for (index, slot) in self.slots.0.iter_mut().enumerate() {
             let Some(child) = slot.child.as_mut() else { continue };
             let Some(exit) = child.try_wait() else { continue };
-            let (rest, last_words) = child.farewell();
+            let (rest, mut last_words) = child.farewell();
+            last_words.extend(limits::suspected(exit));
             for line in &rest {
                 report(Event::Line { process: &self.plan.children[index].process.name, line });
             }
