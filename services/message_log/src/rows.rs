@@ -49,6 +49,12 @@ pub enum LogError {
         /// This program's.
         ours: u64,
     },
+    /// Its writer was killed while it made the file.
+    #[error("the message log {path} has no message: its writer was killed before the first")]
+    Unbegun {
+        /// Which.
+        path: PathBuf,
+    },
     /// It holds no messages of ours, or no longer.
     #[error("{path} is damaged or is no message log: {reason}")]
     Damaged {
@@ -64,6 +70,12 @@ impl LogError {
     #[must_use]
     pub fn is_absent(&self) -> bool {
         matches!(self, Self::File { source, .. } if source.kind() == ErrorKind::NotFound)
+    }
+
+    /// Whether no message can have been written: there is no log, or only the beginning of its head.
+    #[must_use]
+    pub fn is_before_the_first_message(&self) -> bool {
+        self.is_absent() || matches!(self, Self::Unbegun { .. })
     }
 }
 
@@ -353,6 +365,9 @@ impl RowReader {
             Ok(opened) => opened,
             Err(source) => return Err(LogError::File { action: "read", path, source }),
         };
+        if n < HEAD && shape.head().starts_with(&found[..n]) {
+            return Err(LogError::Unbegun { path });
+        }
         if n < HEAD || found[..8] != MAGIC {
             return Err(LogError::Damaged { path, reason: "its first bytes are not those of such a file".to_owned() });
         }

@@ -21,7 +21,8 @@ impl Family for Kept {
 }
 
 struct Messages<M: Topic> {
-    reader: LogReader<M>,
+    /// `None`: no message has reached a file.
+    reader: Option<LogReader<M>>,
     /// Read, and of a later tick than was asked for.
     next: Option<M>,
     hash: TopicHash,
@@ -41,17 +42,33 @@ impl MessageRows {
     /// # Errors
     /// [`LogError`] where a topic's messages are not there or not this program's.
     pub fn open(folder: &Path, graph: &Graph) -> Result<Self, LogError> {
-        struct Open<'a>(&'a Path, &'a Graph);
+        Self::open_with(folder, graph, |_| false)
+    }
+
+    /// The same of a run whose launcher was killed: a topic may have no log yet.
+    ///
+    /// # Errors
+    /// [`LogError`] where a topic's messages cannot be read or are not this program's.
+    pub fn open_left(folder: &Path, graph: &Graph) -> Result<Self, LogError> {
+        Self::open_with(folder, graph, LogError::is_before_the_first_message)
+    }
+
+    fn open_with(folder: &Path, graph: &Graph, is_excused: fn(&LogError) -> bool) -> Result<Self, LogError> {
+        struct Open<'a>(&'a Path, &'a Graph, fn(&LogError) -> bool);
         impl Build<Kept> for Open<'_> {
             type Error = LogError;
             fn build<M: Topic>(&mut self) -> Result<Option<Messages<M>>, LogError> {
                 if self.1.writer(M::TOPIC).is_none() {
                     return Ok(None);
                 }
-                Ok(Some(Messages { reader: LogReader::open(self.0)?, next: None, hash: TopicHash::default() }))
+                let reader = match LogReader::open(self.0) {
+                    Err(error) if (self.2)(&error) => None,
+                    opened => Some(opened?),
+                };
+                Ok(Some(Messages { reader, next: None, hash: TopicHash::default() }))
             }
         }
-        let kept = ByTopic::try_build(&mut Open(folder, graph))?;
+        let kept = ByTopic::try_build(&mut Open(folder, graph, is_excused))?;
         let assembler = Assembler::new(Set::of(|topic| graph.writer(topic).is_some()), PATIENCE, HORIZON);
         Ok(Self { kept, assembler, until: 0, has_more: true })
     }
@@ -65,7 +82,9 @@ impl MessageRows {
             fn each<M: Topic>(&mut self) -> bool {
                 let Some(messages) = M::of_mut(self.0) else { return false };
                 // A block that was being written when its writer died ends the messages of its topic.
-                while let Some(message) = messages.next.take().or_else(|| messages.reader.next_message().ok().flatten()) {
+                let reader = &mut messages.reader;
+                let mut read = || reader.as_mut()?.next_message().ok().flatten();
+                while let Some(message) = messages.next.take().or_else(&mut read) {
                     let tick = message.header().tick;
                     if tick >= self.2 {
                         messages.next = Some(message);

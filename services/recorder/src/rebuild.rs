@@ -11,12 +11,13 @@ use crate::message_rows::MessageRows;
 use crate::tape::Tape;
 use crate::{MESSAGES, limits, summary, take};
 
-/// Writes the recording of a run again, and judges it, from the messages in its folder, to the last that is whole.
+/// Writes the recording of a run again, and judges it, from the messages in its folder, to the last that is whole; a run that was killed before its first
+/// message has no tick.
 ///
 /// # Errors
 /// [`ProcessError`] where the messages cannot be read, or the recording cannot be written.
 pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
-    let mut rows = MessageRows::open(&job.out.join(MESSAGES), &job.graph).map_err(ProcessError::setup)?;
+    let mut rows = MessageRows::open_left(&job.out.join(MESSAGES), &job.graph).map_err(ProcessError::setup)?;
     let mut judge = Judge::new(limits(robot), job.scenario.goal.clone(), job.scenario.duration_s() * f64::from(job.scenario.rate_hz));
     let mode = if job.mode == job::Mode::Lockstep { Mode::Lockstep } else { Mode::Realtime };
     if mode == Mode::Realtime {

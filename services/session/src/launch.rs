@@ -63,7 +63,7 @@ fn due(tick: u64, writes: &[String]) -> Option<String> {
 /// # Errors
 /// [`Failure::Work`] where the kernel refuses.
 pub fn interrupts() -> Result<Interrupts, Failure> {
-    Interrupts::catch().map_err(|error| Failure::Work(format!("cannot catch SIGINT, SIGTERM and SIGHUP: {error}")))
+    Interrupts::catch().map_err(|error| Failure::Work(format!("cannot catch SIGINT, SIGTERM and the like: {error}")))
 }
 
 /// Called with a run before its first process starts.
@@ -92,7 +92,7 @@ pub fn launch_watched(
     // In the results folder too, before anything happens: what a killed launcher leaves can be read and recovered.
     if job.out.is_dir() {
         let kept = serde_json::to_vec_pretty(&job).map_err(Failure::work)?;
-        std::fs::write(job.out.join(JOB), kept)
+        write_whole(&job.out.join(JOB), &kept)
             .map_err(|error| Failure::Work(format!("cannot write {}: {error}", job.out.join(JOB).display())))?;
     }
     begin(&RunDir::open(&run_dir).map_err(Failure::work)?)?;
@@ -107,6 +107,14 @@ pub fn launch_watched(
         report(&event);
     });
     Ok((outcome.map_err(Failure::work)?, account))
+}
+
+/// Makes a file that is there whole or not at all, whenever this process is killed.
+fn write_whole(path: &Path, text: &[u8]) -> std::io::Result<()> {
+    let unfinished = path.with_added_extension("tmp");
+    std::fs::write(&unfinished, text).and_then(|()| std::fs::rename(&unfinished, path)).inspect_err(|_| {
+        let _ = std::fs::remove_file(&unfinished);
+    })
 }
 
 /// The command of a process: this program itself, which also holds the exchange page for a program of others; or the one in the graph.

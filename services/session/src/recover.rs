@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use runtime::{ControlPage, FaultRecord, RunDir, SHM};
+use shared_types::job::JOB;
 use shared_types::summary::{INTERRUPTED, Summary};
 
 use crate::failure::Failure;
@@ -31,21 +32,38 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
     if run.summary().is_ok() {
         return Err(Failure::Input(format!("{} has its {SUMMARY}: there is nothing to recover", folder.display())));
     }
+    if !folder.join(JOB).exists() {
+        return Err(Failure::Input(nothing_begun(&folder)));
+    }
     let mut job = run.job()?;
     if !job.messages {
-        return Err(Failure::Input(format!("{} was run without its messages: nothing can be recovered from it", folder.display())));
+        return Err(Failure::Input(format!(
+            "{} was run without its messages: nothing can be recovered from it; run it again",
+            folder.display()
+        )));
     }
     job.out.clone_from(&folder);
     let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
     let mut summary = recorder::rebuild(&robot, &job).map_err(Failure::work)?;
     if !summary.completed {
         INTERRUPTED.clone_into(&mut summary.outcome);
-        summary.reason = format!("the launcher was killed; recovered from the messages of {} ticks", summary.ticks);
+        summary.reason = match summary.ticks {
+            0 => "the launcher was killed before the messages of a whole tick were kept".to_owned(),
+            ticks => format!("the launcher was killed; recovered from the messages of {ticks} ticks"),
+        };
     }
     summary.machine = machine();
     summary.faults = left_in_shared_memory(&job.run).iter().map(|record| fault_summary(&job, record)).collect();
     keep(&folder, &job, &summary)?;
     Ok(summary)
+}
+
+/// Why a folder without a job has nothing to recover, and the remedy.
+fn nothing_begun(folder: &Path) -> String {
+    let folder = folder.display();
+    format!(
+        "{folder} has no {JOB}: its run was killed before it started a process, or it is no folder of a run; `armplane run SCENARIO --out {folder}` makes the run in it"
+    )
 }
 
 /// The fault table of a run whose directory still exists.

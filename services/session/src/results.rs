@@ -1,5 +1,6 @@
 //! The folder of a run: made before anything starts, filled when the run is over.
 
+use std::cell::Cell;
 use std::io;
 use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
@@ -41,6 +42,8 @@ pub struct Results {
     /// Absolute.
     pub folder: PathBuf,
     made: bool,
+    /// Room has been taken for this run's account.
+    has_reserve: Cell<bool>,
     /// Held on the folder: one run at a time writes into it.
     _lock: OwnedFd,
 }
@@ -67,7 +70,7 @@ impl Results {
             return Err(Failure::Input(format!("{sentence} {} now; choose another folder with --out", folder.display())));
         };
         let folder = folder.canonicalize().map_err(|error| cannot(&folder, error))?;
-        let results = Self { folder, made, _lock: lock };
+        let results = Self { folder, made, has_reserve: Cell::new(false), _lock: lock };
         if let Some(path) = results.irregular() {
             let (path, remedy) = (path.display(), "remove it, or choose another folder with --out");
             return Err(Failure::Input(format!("{path} has the name of a result and is not an ordinary file: {remedy}")));
@@ -101,6 +104,7 @@ impl Results {
 
     /// Takes the room that the run's account will need: a recording that fills the disk shall not be the end of the summary too.
     pub(crate) fn reserve(&self, job: &Job) -> Result<(), Failure> {
+        self.has_reserve.set(true);
         let job_bytes = serde_json::to_vec_pretty(job).map_err(Failure::work)?.len();
         let repeated = repeated(job, &Summary::default())?.into_iter().map(|(name, text)| (name, text.len() + FAULTS_BYTES));
         for (name, bytes) in [(SUMMARY, SUMMARY_BYTES), (JOB, job_bytes + FAULTS_BYTES)].into_iter().chain(repeated) {
@@ -197,7 +201,9 @@ fn next_free(name: &str) -> io::Result<(PathBuf, Option<OwnedFd>, bool)> {
 
 impl Drop for Results {
     fn drop(&mut self) {
-        release(&self.folder);
+        if self.has_reserve.get() {
+            release(&self.folder);
+        }
         if self.made {
             // Fails, as it should, where there is something in it.
             let _ = std::fs::remove_dir(&self.folder);
@@ -252,7 +258,7 @@ fn targets(job: &Job, session: &Servo, summary: &Summary) -> Result<String, Fail
     let mut log = match LogReader::<Target>::open(&job.out.join(recorder::MESSAGES)) {
         Ok(log) => Some(log),
         // Before the first tick there are none.
-        Err(error) if error.is_absent() && summary.ticks == 0 => None,
+        Err(error) if error.is_before_the_first_message() && summary.ticks == 0 => None,
         Err(error) => return Err(cannot(error)),
     };
     let mut rows: Vec<Row> = Vec::new();
