@@ -200,3 +200,74 @@ fn a_launcher_that_stood_still_goes_on_and_its_run_did_not_notice() {
     assert_eq!((said.code, &summary["outcome"], &summary["faults"]), (0, &"goal reached".into(), &Value::Array(vec![])), "{}", said.err);
     assert_nothing_left(said.launcher);
 }
+
+#[test]
+fn every_signal_that_would_end_the_launcher_ends_the_run_and_leaves_nothing() {
+    for name in ["QUIT", "HUP", "USR1", "USR2", "ALRM", "VTALRM", "PROF", "XCPU", "IO"] {
+        let desk = Desk::new();
+        let child = desk.start(&LONG);
+        until("the first ticks", || crate::patience::ticks(&child) > 0);
+        // It changes nothing: a write into a broken pipe fails.
+        signal(child.id() as i32, "PIPE");
+        signal(child.id() as i32, name);
+        let said = finish(child);
+        let summary: Value = serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{name}: {error}: {}", said.err));
+        let reason = summary["reason"].as_str().unwrap_or_default();
+        assert!(
+            said.code == 1 && summary["outcome"] == "interrupted" && reason.starts_with(&format!("stopped by SIG{name} ")),
+            "{summary}"
+        );
+        assert_nothing_left(said.launcher);
+    }
+}
+
+#[test]
+fn a_terminal_that_goes_away_costs_the_run_nothing() {
+    let desk = Desk::new();
+    let mut child = desk.start(&["run", "--set", "segment.1.duration_s=10", "--no-record", "--out", "results"]);
+    until("the first ticks", || crate::patience::ticks(&child) > 0);
+    drop((child.stdout.take(), child.stderr.take()));
+    // The launcher reports the death on standard error.
+    kill(&child, "controller");
+    let said = finish(child);
+    let summary: Value = serde_json::from_slice(&std::fs::read(desk.path().join("results/summary.json")).unwrap()).unwrap();
+    assert_eq!((said.code, &summary["completed"], summary["faults"].as_array().map(Vec::len)), (0, &true.into(), Some(1)), "{summary}");
+    assert_nothing_left(said.launcher);
+}
+
+#[test]
+fn a_run_that_is_killed_at_any_moment_of_its_start_is_recovered_or_its_folder_is_as_it_was() {
+    let desk = Desk::new();
+    let (mut recovered, mut refused) = (0, 0);
+    for attempt in 0..24 {
+        let out = format!("r{attempt}");
+        let child = desk.start(&[&LONG[..5], &[&out]].concat());
+        std::thread::sleep(std::time::Duration::from_millis(runtime::random(attempt, 0) % 120));
+        // SAFETY: a plain signal to a child of ours that has not been waited for.
+        unsafe { libc::kill(child.id().cast_signed(), libc::SIGKILL) };
+        let said = finish(child);
+        until("the processes to go", || children_of_run(said.launcher).is_empty());
+        assert_eq!(desk.armplane(&["clean"]).code, 0);
+        let folder = desk.path().join(&out);
+        let names = || {
+            let entries = std::fs::read_dir(&folder).into_iter().flatten().flatten();
+            entries.map(|entry| entry.file_name()).collect::<std::collections::BTreeSet<_>>()
+        };
+        let before = names();
+        let again = desk.armplane(&["recover", &out, "--json"]);
+        if again.code == 0 {
+            let summary: Value = serde_json::from_str(&again.out).unwrap();
+            let (ticks, reason) = (summary["ticks"].as_u64().unwrap(), summary["reason"].as_str().unwrap());
+            assert_eq!((&summary["outcome"], reason.contains("before the messages of a whole tick")), (&"interrupted".into(), ticks == 0));
+            let reported = desk.armplane(&["report", &out]);
+            assert_eq!(reported.code, 0, "{ticks} ticks: {}", reported.err);
+            recovered += 1;
+        } else {
+            let remedy = if folder.exists() { "makes the run in it" } else { "there is no folder" };
+            assert!(again.code == 2 && again.err.lines().count() == 1 && again.err.contains(remedy), "{}", again.err);
+            assert_eq!(names(), before);
+            refused += 1;
+        }
+    }
+    assert!(recovered > 0 && refused > 0, "{recovered} recovered, {refused} refused");
+}

@@ -6,6 +6,8 @@ use miette::{LabeledSpan, MietteDiagnostic, NamedSource, Report};
 use serde_json::json;
 use session::Failure;
 
+use crate::out::tell;
+
 /// Prints a failure on standard error and gives the exit code: 2 for input that cannot be used, 1 for work that failed. For machines it is one JSON
 /// object on one line.
 pub(crate) fn report(failure: Failure, as_json: bool) -> ExitCode {
@@ -18,16 +20,16 @@ pub(crate) fn report(failure: Failure, as_json: bool) -> ExitCode {
             Failure::File(error) => json!({"file": error.file, "line": error.line(), "remedy": error.remedy}),
             _ => json!(null),
         };
-        eprintln!("{}", json!({"error": {"kind": kind, "exit_code": code, "message": failure.to_string(), "place": place}}));
+        tell(&json!({"error": {"kind": kind, "exit_code": code, "message": failure.to_string(), "place": place}}));
         return ExitCode::from(code);
     }
-    eprintln!("armplane: {failure}");
+    tell(&format_args!("armplane: {failure}"));
     if let Failure::File(error) = failure
         && let Some(span) = error.span.clone()
     {
         let label = LabeledSpan::new_with_span((!error.remedy.is_empty()).then(|| error.remedy.clone()), span);
         let diagnostic = MietteDiagnostic::new(error.message.clone()).with_label(label);
-        eprintln!("{:?}", Report::from(diagnostic).with_source_code(NamedSource::new(&error.file, error.text.clone())));
+        tell(&format_args!("{:?}", Report::from(diagnostic).with_source_code(NamedSource::new(&error.file, error.text.clone()))));
     }
     ExitCode::from(code)
 }
@@ -38,7 +40,7 @@ pub(crate) fn usage(error: &clap::Error) -> ExitCode {
     if error.use_stderr() && std::env::args().any(|argument| argument == "--json") {
         let text = error.render().to_string();
         let message = text.split("\n\n").next().unwrap_or_default().trim_start_matches("error: ");
-        eprintln!("{}", json!({"error": {"kind": "usage", "exit_code": code, "message": message}}));
+        tell(&json!({"error": {"kind": "usage", "exit_code": code, "message": message}}));
     } else {
         // A reader that has gone away is no reason to fail otherwise.
         let _ = error.print();

@@ -14,3 +14,9 @@ pub(crate) fn show(text: &impl std::fmt::Display) {
     use std::io::Write as _;
     let _ = write!(std::io::stdout(), "{text}");
 }
+
+/// Prints a line on standard error; a terminal that has gone away is no error.
+pub(crate) fn tell(line: &impl std::fmt::Display) {
+    use std::io::Write as _;
+    let _ = writeln!(std::io::stderr(), "{line}");
+}

@@ -6,6 +6,8 @@ use std::sync::{Mutex, PoisonError};
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 use session::Progress;
 
+use crate::out::tell;
+
 /// Shows what an operation tells.
 #[derive(Default)]
 pub(crate) struct Terminal {
@@ -27,8 +29,8 @@ impl Terminal {
                 bar.set_position(position);
             }
             (Progress::Step, Some(bar)) => bar.inc(1),
-            (Progress::Line(line), Some(bar)) => bar.suspend(|| eprintln!("{line}")),
-            (Progress::Line(line), None) => eprintln!("{line}"),
+            (Progress::Line(line), Some(bar)) => bar.suspend(|| tell(&line)),
+            (Progress::Line(line), None) => tell(&line),
             (Progress::End, Some(_)) => {
                 if let Some(bar) = bar.take() {
                     bar.finish_and_clear();

@@ -4,7 +4,7 @@ use std::io;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicI32, AtomicUsize, Ordering};
 
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::consts::{SIGALRM, SIGHUP, SIGINT, SIGIO, SIGPROF, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2, SIGVTALRM, SIGXCPU};
 
 /// In real time the launcher, and a process until it has a priority of its own, come before ordinary work, so that a death is mended at once. Children
 /// inherit the priority.
@@ -36,7 +36,11 @@ impl Drop for Urgency {
     }
 }
 
-/// SIGINT, SIGTERM and SIGHUP to this process, counted as long as this value lives; otherwise they do what they always do.
+/// The signals that would end this process and that it may catch, but for those that a fault of its own raises. SIGPIPE is ignored: a write into a
+/// broken pipe fails.
+const CAUGHT: [i32; 11] = [SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGUSR1, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF, SIGXCPU, SIGIO];
+
+/// SIGINT, SIGTERM and the like to this process, counted as long as this value lives; otherwise they do what they always do.
 ///
 /// A command holds one from its first act to its last, and each of its runs one more: every holder sees every signal since the first began.
 #[derive(Debug)]
@@ -61,7 +65,7 @@ impl Interrupts {
     pub fn catch() -> io::Result<Self> {
         if REGISTERED.get().is_none() {
             let ignored = ignored_signals();
-            for signal in [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|signal| ignored & 1 << (signal - 1) == 0) {
+            for signal in CAUGHT.into_iter().filter(|signal| ignored & 1 << (signal - 1) == 0) {
                 // SAFETY: the handler touches atomics only, and what it calls may be called in a handler.
                 unsafe { signal_hook::low_level::register(signal, move || count(signal)) }?;
             }
