@@ -30,7 +30,7 @@ impl Supervised {
     /// Stops the chain, then the polled processes; returns the first thing that went wrong meanwhile.
     ///
     /// A complete run has all its messages: of the chain nothing more is missing. A polled process that has died, or dies now, is replaced as during the
-    /// run, and its replacement takes in what is left.
+    /// run, however that ends, and its replacement takes in what is left.
     pub(crate) fn stop(
         &mut self,
         is_complete: bool,
@@ -43,18 +43,22 @@ impl Supervised {
         let ending = |polled, limit| Ending { polled, limit, is_complete, is_patient };
         self.control_page.request_stop(Stop::Chain);
         let chain = self.stop_those(&ending(false, stop), commands, signals, report);
+        // From here on only polled processes are replaced.
+        self.slots.0.iter_mut().zip(&self.plan.children).filter(|(_, child)| !child.process.polled).for_each(|(slot, _)| slot.due = None);
         self.control_page.request_stop(if is_complete { Stop::Everything } else { Stop::Early });
         let polled = self.stop_those(&ending(true, stop_polled), commands, signals, report);
         chain.or(polled)
     }
 
-    /// Whether the unrequested end of a process at the end of a complete run costs nothing: it is replaced, or it had nothing more to do.
-    fn is_excused(&mut self, index: usize) -> bool {
+    /// Whether the unrequested end of a process at the end of a run costs nothing: it is replaced, or the run is complete and it had nothing more to do.
+    /// Of a run that is not complete a polled process is replaced where a signal has ended it that the launcher has not sent; `insists`: it has.
+    fn is_excused(&mut self, index: usize, is_complete: bool, insists: bool) -> bool {
+        let exit = self.slots.0[index].exit;
         match self.plan.children[index].process.polled {
-            true => self.plan_restart(index).is_ok(),
+            true => (is_complete || !insists && matches!(exit, Some(Exit::Signal(_)))) && self.plan_restart(index).is_ok(),
             false => {
                 let is_replaceable = self.plan.children[index].restart != Restart::Never;
-                is_replaceable && self.slots.0[index].exit == Some(Exit::Signal(Signal::KILL.as_raw()))
+                is_complete && is_replaceable && exit == Some(Exit::Signal(Signal::KILL.as_raw()))
             }
         }
     }
@@ -73,7 +77,7 @@ impl Supervised {
             let begun = Instant::now();
             let until = begun + limit;
             let is_last = insist.is_some();
-            while (self.any_lives(&concerned) || is_complete && polled && self.any_is_due(&concerned))
+            while (self.any_lives(&concerned) || polled && self.any_is_due(&concerned))
                 && (Instant::now() < until || is_patient && is_last)
                 && !(begun.elapsed() > TO_JOIN && self.only_strangers_live(&concerned))
             {
@@ -85,15 +89,12 @@ impl Supervised {
                 self.pass_lines_on(report);
                 for index in self.take_in_exits(report) {
                     let is_success = self.slots.0[index].exit.is_some_and(Exit::is_success);
-                    let is_fine = is_success || is_complete && self.is_excused(index);
+                    let is_fine = is_success || self.is_excused(index, is_complete, is_last);
                     if !is_fine && failure.is_none() {
                         failure = Some(self.died(index));
                     }
                 }
-                if is_complete
-                    && polled
-                    && let Some(failed) = self.start_again(commands, report)
-                {
+                if polled && let Some(failed) = self.start_again(commands, report) {
                     failure.get_or_insert(failed);
                 }
                 // A second Ctrl-C: no more patience.
