@@ -28,6 +28,12 @@ const FILE_SIZE: u64 = 16 * MIB;
 /// one more of the launcher.
 const TASKS: (u64, u64) = (1, 3);
 
+/// Processes of the default graph: its need is that of every command, so that the remedy is enough for a run.
+const USUAL_PROCESSES: usize = 5;
+
+/// An amount that each process may have begins with it.
+const A_PROCESS: &str = "a process ";
+
 /// Below this limit the tasks of the user are counted; a limit as systems set it is far above.
 const MANY_TASKS: u64 = 1024;
 
@@ -67,7 +73,8 @@ impl Need {
         if !is_too_small(current) {
             return Ok(());
         }
-        let (allowed, needed) = ((self.words)(current.unwrap_or(u64::MAX)), (self.words)(self.least));
+        let allowed = (self.words)(current.unwrap_or(u64::MAX));
+        let needed = (self.words)(self.least).trim_start_matches(A_PROCESS).to_owned();
         Err(Shortage { allowed, needed, remedy: format!("{} {}", self.option, (self.value)(self.least)), is_hard: is_too_small(maximum) })
     }
 }
@@ -81,14 +88,14 @@ fn memory_needs(processes: usize, own_messages: &[usize]) -> [Need; 2] {
         Need {
             resource: Resource::As,
             least: least(ADDRESS_SPACE) + segments,
-            words: |bytes| format!("a process {} kB of address space", bytes / 1024),
+            words: |bytes| format!("{A_PROCESS}{} kB of address space", bytes / 1024),
             option: "-v",
             value: kib,
         },
         Need {
             resource: Resource::Data,
             least: least(DATA),
-            words: |bytes| format!("a process {} kB of data", bytes / 1024),
+            words: |bytes| format!("{A_PROCESS}{} kB of data", bytes / 1024),
             option: "-d",
             value: kib,
         },
@@ -119,7 +126,7 @@ pub fn check_limits(processes: usize, own_messages: &[usize]) -> Result<(), Shor
 /// Raises the limit on open files, for this process and its children, where the hard limit lets it.
 fn raise_open_files() -> Result<(), Shortage> {
     let limit = getrlimit(Resource::Nofile);
-    let words = |files| format!("a process {files} open files");
+    let words = |files| format!("{A_PROCESS}{files} open files");
     let need = Need { resource: Resource::Nofile, least: OPEN_FILES, words, option: "-n", value: |files| files.to_string() };
     need.check().or_else(|shortage| {
         if shortage.is_hard {
@@ -181,7 +188,7 @@ pub(crate) fn suspected(exit: Exit) -> Option<String> {
 /// Where the shell allows less memory than any command needs, or the kernel refuses.
 pub fn with_room<T: Send + 'static>(main: impl FnOnce() -> T + Send + 'static) -> io::Result<T> {
     const STACK: usize = 8 << 20;
-    memory_needs(0, &[]).iter().try_for_each(Need::check).map_err(io::Error::other)?;
+    memory_needs(USUAL_PROCESSES, &[]).iter().try_for_each(Need::check).map_err(io::Error::other)?;
     signal_hook::flag::register(signal_hook::consts::SIGXFSZ, std::sync::Arc::default())?;
     if getrlimit(Resource::Stack).current.is_none_or(|limit| limit >= STACK as u64 / 2) {
         return Ok(main());
