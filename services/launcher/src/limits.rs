@@ -39,7 +39,7 @@ const MANY_TASKS: u64 = 1024;
 
 /// A limit that is too small, as a sentence.
 #[derive(Debug, thiserror::Error)]
-#[error("this shell allows {allowed}; a run needs {needed}: raise the limit with `ulimit {remedy}`{}", who(.is_hard))]
+#[error("this shell allows {allowed}; a run needs {needed}: raise the limit with `ulimit {remedy}`{}", as_root(.is_hard))]
 pub struct Shortage {
     /// What it allows.
     allowed: String,
@@ -51,7 +51,7 @@ pub struct Shortage {
     is_hard: bool,
 }
 
-fn who(is_hard: &bool) -> &'static str {
+fn as_root(is_hard: &bool) -> &'static str {
     if *is_hard { ", as root where it refuses" } else { "" }
 }
 
