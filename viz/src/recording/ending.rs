@@ -27,7 +27,7 @@ pub(super) struct Stretches {
     now: Option<Stretch>,
     /// The longest, or the first of those about as long.
     longest: Option<Stretch>,
-    /// Where |s|/η was least, and how small; for a run that is inside none.
+    /// Where |s|/η was least, and how small, of those near enough to have a mark; for a run that is inside none.
     nearest: Option<(f64, Stretch)>,
 }
 
@@ -58,7 +58,8 @@ impl Stretches {
         } else {
             self.now = None;
         }
-        for (which, (one, mark)) in singularities.iter().zip(marks).enumerate() {
+        let seen = |mark: &Mark| mark.look.presence != Presence::Hidden;
+        for (which, (one, mark)) in singularities.iter().zip(marks).enumerate().filter(|(_, (_, mark))| seen(mark)) {
             let nearness = one.s.abs() / one.eta_in.max(1e-9);
             if self.nearest.is_none_or(|(least, _)| nearness < least) {
                 self.nearest = Some((nearness, at(which, mark)));
@@ -67,7 +68,7 @@ impl Stretches {
     }
 
     /// The stretch to repeat of a run whose ticks are `ns` apart and end with `last`: half a second before the arm entered to one after
-    /// it left. `None` for a run without singularities.
+    /// it left. `None` for a run that comes near none: all of it is repeated.
     pub(super) fn ending(&self, ns: impl Fn(u64) -> i64, last: u64, unit: f32, main: &Eye) -> Option<Ending> {
         let stretch = self.longest.or(self.nearest.map(|(_, stretch)| stretch))?;
         let (before, after) = (500_000_000, 1_000_000_000);
