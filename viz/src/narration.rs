@@ -187,25 +187,23 @@ impl Situation {
         let mark = if run.fault.is_some() { "###" } else { "##" };
         let locks = self.inside().count();
         if locks == 0 {
-            let _ = writeln!(text, "{mark} {}\n", run.title);
             if let Some(off_um) = self.off_um {
                 let off_mm = f64::from(off_um) * 1e-3;
-                let _ =
-                    writeln!(text, "The joints move; the hand should stand still. It has been **{off_mm} mm** off its place at most.\n");
+                let _ = writeln!(text, "{mark} The joints move; the hand should stand still\n\n{}\n", run.title);
+                let _ = writeln!(text, "It has been **{off_mm} mm** off its place at most.\n");
                 text.push_str(
                     "*Amber: its way off its place, 50 times as large. Blue body: speeds the hand can reach. Net: accelerations.*\n",
                 );
                 return text;
             }
             let near = self.singularities[..self.count].iter().enumerate().find(|(_, one)| one.mode != MODE_REGULAR);
+            // A headline of one line: a title may take two, and the table below needs the room.
             let _ = match near {
-                Some((i, one)) => writeln!(
-                    text,
-                    "Free in every direction; near the **{}** singularity: {}.\n",
-                    singularity_name(one.kind, i),
-                    doing(one.mode)
-                ),
-                None => writeln!(text, "Free: the hand can move in every direction.\n"),
+                Some((i, one)) => {
+                    let (name, doing) = (singularity_name(one.kind, i), capital(doing(one.mode)));
+                    writeln!(text, "{mark} Near the {name} singularity, free to move\n\n{doing}.\n")
+                }
+                None => writeln!(text, "{mark} Free: the hand can move in every direction\n\n{}\n", run.title),
             };
             self.tell_reason(&mut text);
             if self.tell_past(&mut text, run) {
@@ -221,7 +219,7 @@ impl Situation {
                 }
                 _ => writeln!(text, "{mark} {locks} locks at once: {locks} directions lost · {rank}\n"),
             };
-            text.push_str("| singularity | the hand cannot | the arm |\n|---|---|---|\n");
+            tell_head(&mut text);
             for (i, one) in self.inside() {
                 let (name, (colour, _)) = (singularity_name(one.kind, i), named_colour(one.kind, i));
                 let _ = writeln!(
@@ -234,18 +232,22 @@ impl Situation {
                 );
             }
         }
+        let mut notes = 0;
         if locks > 0 {
             self.tell_reason(&mut text);
+            notes += usize::from(self.servo.is_some());
         }
         if self.clipped && self.servo.is_none() {
             text.push_str("\nThe goal is beyond reach: the hand slides along the boundary.\n");
+            notes += 1;
         }
         if self.phase == Some(PHASE_REFUSED) {
             text.push_str("\n**The controller refused to go on** and brings the arm to rest.\n");
+            notes += 1;
         }
-        text.push_str(
-            "\n*Green: desired; white: actual. Blue body: speeds the hand can reach, flat along ζ. Pale arms: null-space motion so far.*\n",
-        );
+        if locks + notes <= ROOM {
+            let _ = writeln!(text, "\n*{COLOURS}*");
+        }
         text
     }
 
@@ -264,7 +266,7 @@ impl Situation {
         if past.is_empty() {
             return false;
         }
-        text.push_str("| before | the hand could not | the arm |\n|---|---|---|\n");
+        tell_head(text);
         for (i, one, stay) in past {
             let seconds = |tick: u64| tick as f64 / f64::from(run.rate_hz.max(1));
             let (name, (colour, _)) = (singularity_name(one.kind, i), named_colour(one.kind, i));
@@ -279,6 +281,20 @@ impl Situation {
         }
         true
     }
+}
+
+/// Rows of the table, and notes below it, that leave room for the line on colours.
+const ROOM: usize = 2;
+/// One line.
+const COLOURS: &str = "Green: desired. White: actual. Blue: speeds the hand can reach. Pale arms: null-space motion so far.";
+/// Spaces that make the heads of the first and the last column wider than any entry. The viewer lays a table out by the widths that it
+/// had in the frame before: with the heads as the widest cells they are the same in every table, and no entry is drawn over the next.
+const PADDING: [usize; 2] = [77, 58];
+
+/// The head of a table of singularities.
+fn tell_head(text: &mut String) {
+    let [first, last] = PADDING.map(|count| "\u{a0}".repeat(count));
+    let _ = writeln!(text, "| singularity{first} | the hand cannot | the arm{last} |\n|---|---|---|");
 }
 
 /// The properties of a run that its words depend on.
@@ -332,7 +348,7 @@ pub(crate) fn doing(mode: u32) -> &'static str {
         MODE_HOLD => "holds ζ, moves orthogonal to it",
         MODE_REORIENT => "joints turn ζ, the hand stays",
         MODE_SLIDE => "out of reach: slides on the boundary",
-        MODE_RECOVER => "removes the remaining null-space error",
+        MODE_RECOVER => "removes the null-space error",
         _ => "in a mode this recording does not know",
     }
 }

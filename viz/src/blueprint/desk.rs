@@ -53,7 +53,7 @@ impl<'a> Desk<'a> {
                 let right = if self.subject.stands_still {
                     // No singularity is in play: the error first, the joints that move, and the rest in tabs.
                     let more: Vec<_> = [measure].into_iter().chain(others).chain(modes).collect();
-                    vec![(1.3, errors), (1.2, joints), (1.2, torques), (1.0, self.sheet.tabs(more))]
+                    vec![(1.2, errors), (1.15, joints), (1.15, torques), (1.35, self.sheet.tabs(more))]
                 } else if self.subject.singularities.len() > 3 {
                     // A lane and a name in the legend for each of them take the torques' room.
                     let more: Vec<_> = [errors, torques, joints].into_iter().chain(others).collect();
@@ -68,7 +68,7 @@ impl<'a> Desk<'a> {
                 self.sheet.row("", cells);
             }
             Layout::Timing => {
-                let upper = [(2.2, self.latency()), (1.0, self.world())];
+                let upper = [(2.2, self.latency()), (1.0, self.small_world())];
                 let middle = [(1.0, self.lives()), (1.0, self.modes()), (1.0, self.log())];
                 let lower = [(1.0, self.errors()), (1.0, self.governor())];
                 let rows = [(2.0, upper.to_vec()), (1.3, middle.to_vec()), (1.0, lower.to_vec())];
@@ -76,11 +76,12 @@ impl<'a> Desk<'a> {
                 self.sheet.column(cells.into());
             }
             Layout::Faults => {
-                let left = [(1.5, self.world()), (0.75, self.now()), (1.1, self.log())];
+                let left = [(1.3, self.small_world()), (0.95, self.now()), (1.1, self.log())];
                 let more = [self.errors(), self.torques(), self.joints(), self.measure(), self.governor(), self.latency()];
                 let more = self.sheet.tabs(more.into());
                 let right = [(2.25, self.lives()), (1.2, more), (1.15, self.modes())];
-                let cells = vec![(1.0, self.sheet.column(left.into())), (1.2, self.sheet.column(right.into()))];
+                // The table of singularities and lines of the log are as wide as in the layout for control.
+                let cells = vec![(1.12, self.sheet.column(left.into())), (1.0, self.sheet.column(right.into()))];
                 self.sheet.row("", cells);
             }
         }
@@ -114,6 +115,13 @@ impl<'a> Desk<'a> {
     fn world(&mut self) -> EntityPath {
         let name = if self.subject.stands_still { "Arm: its joints move" } else { "Arm: the coloured mark is the lost direction ζ" };
         self.sheet.world(name, self.subject, &self.subject.eye)
+    }
+
+    /// The same, small: without the angles of joints, whose labels would hide each other.
+    fn small_world(&mut self) -> EntityPath {
+        let world = self.world();
+        self.sheet.leave_out(&world, entity::WORLD, entity::TURNED);
+        world
     }
 
     fn close_up(&mut self) -> EntityPath {

@@ -220,6 +220,12 @@ impl Sheet {
         path
     }
 
+    /// Shows in a view all below `origin` but `without`.
+    pub(super) fn leave_out(&mut self, view: &EntityPath, origin: &str, without: &str) {
+        let contents = ViewContents::new([format!("+ {origin}/**").as_str(), format!("- {without}").as_str()]);
+        self.log(view.join(&"ViewContents".into()), &contents);
+    }
+
     /// A view of the arm from `eye`.
     pub(super) fn world(&mut self, name: &str, subject: &Subject, eye: &Eye) -> EntityPath {
         let (id, path) = self.view("3D", name, entity::WORLD, &[format!("{}/**", entity::WORLD)]);
