@@ -289,7 +289,7 @@ const ROOM: usize = 2;
 const COLOURS: &str = "Green: desired. White: actual. Blue: speeds the hand can reach. Pale arms: null-space motion so far.";
 /// Spaces that make the heads of the first and the last column wider than any entry. The viewer lays a table out by the widths that it
 /// had in the frame before: with the heads as the widest cells they are the same in every table, and no entry is drawn over the next.
-const PADDING: [usize; 2] = [77, 58];
+const PADDING: [usize; 2] = [77, 55];
 
 /// The head of a table of singularities.
 fn tell_head(text: &mut String) {
