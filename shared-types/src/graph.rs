@@ -19,6 +19,7 @@
 //! restart = "always"
 //! ```
 
+mod built_in;
 mod check;
 mod topology;
 
@@ -26,17 +27,10 @@ use crate::file::{Complaint, InvalidFile};
 use crate::topics::TOPICS;
 
 pub use crate::process::{MAX_PROCESSES, Process, Program, Restart, Role};
+pub use built_in::{BUILT_IN, STEERED};
 pub use topology::Graph;
 
-/// The built-in graph.
-pub const BUILT_IN: &str = include_str!("../../services/graph.toml");
-
-/// The built-in graph of a steered run.
-pub const STEERED: &str = include_str!("../../services/servo.toml");
-
-/// The names of the built-in graphs where another one extends them.
-const BUILT_IN_NAME: &str = "armplane";
-const STEERED_NAME: &str = "servo";
+use built_in::{BUILT_IN_NAME, EVERYTHING, STEERED_NAME};
 
 impl Graph {
     /// Reads and validates a graph.
@@ -82,7 +76,7 @@ impl Graph {
         let listed = TOPICS.iter().map(|topic| (*topic).to_owned());
         let all: Vec<String> = listed.chain(self.topic.iter().map(|topic| topic.name.clone())).collect();
         let written: Vec<String> = all.into_iter().filter(|topic| self.writer(topic).is_some()).collect();
-        for process in self.process.iter_mut().filter(|process| process.reads.iter().any(|topic| topic == check::EVERYTHING)) {
+        for process in self.process.iter_mut().filter(|process| process.reads.iter().any(|topic| topic == EVERYTHING)) {
             process.reads = written.iter().filter(|topic| !process.writes.contains(topic)).cloned().collect();
         }
     }

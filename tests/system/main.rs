@@ -10,6 +10,7 @@ mod determinism;
 mod exchange;
 mod faults;
 mod folders;
+mod foreign;
 mod franka;
 mod graph;
 mod histories;

@@ -1,32 +1,41 @@
 //! Step 2 of a tick: for each singularity the target by its type, the mode by the transition table, and the auxiliary loop's demand.
 
+use crate::arm_family::choice::Family;
 use crate::arm_family::family::Situation;
 use crate::continuous::auxiliary::Gains;
 use crate::continuous::guide::{Guide, WAIT};
 use crate::continuous::turn_plan;
-use crate::controller::Controller;
 use crate::law::{Active, Actives, LawError};
 use crate::paper::reference::{Memory, Target};
 use crate::paper::{type_1, type_2};
 use crate::state::State;
 use crate::telemetry::Telemetry;
 use crate::tick::{Auxiliary, Inputs, Motion};
+use crate::trajectory::Path;
 use crate::types::{Class, Kind, Mode, Report, Singularity};
-use shared_types::scenario::Strategy;
+use model::Model;
+use shared_types::scenario::{Control, Strategy};
 
 /// Share of a joint's speed that the self-motion at a singularity may take.
 const JOINT_SHARE: f64 = 0.5;
 
-impl<const N: usize> Controller<N> {
+/// The arm, the path and the terms of one tick's auxiliary coordinates.
+pub(crate) struct Coordinates<'a, const N: usize> {
+    pub(crate) model: &'a Model<N>,
+    pub(crate) family: &'a Family<N>,
+    pub(crate) path: &'a Path,
+    pub(crate) guide: &'a Guide<N>,
+    pub(crate) task: [bool; 6],
+    pub(crate) control: &'a Control,
+    /// Length of a tick, s.
+    pub(crate) dt_s: f64,
+}
+
+impl<const N: usize> Coordinates<'_, N> {
     /// Step 2: for each singularity, the target by its type, the mode by the transition table, and the auxiliary loop's demand.
-    pub(crate) fn auxiliary_coordinates(
-        &self,
-        state: &mut State<N>,
-        now: &Inputs<'_, N>,
-        motion: &Motion<N>,
-    ) -> Result<Auxiliary<N>, LawError> {
+    pub(crate) fn step(&self, state: &mut State<N>, now: &Inputs<'_, N>, motion: &Motion<N>) -> Result<Auxiliary<N>, LawError> {
         self.check_rank(now.report)?;
-        let control = &self.scenario.control;
+        let control = self.control;
         let ahead = self.path.ahead(&state.progress, *now.p_EC);
         let planned = state.qdot_planned;
         let mut out = Auxiliary { actives: Actives::none(), telemetry: Telemetry::default(), load: 0.0 };
@@ -66,10 +75,10 @@ impl<const N: usize> Controller<N> {
             let gains = Gains { k: control.k_aux, k_v: control.k_v, rate_max, slew: control.aux_slew.of(kind) };
             let one = &mut state.loops[i];
             let demand = match control.strategy {
-                Strategy::ChangKhatib => one.step_switched(singularity, &target, &gains, motion.clock, self.scenario.dt_s()),
-                _ => one.step(singularity, &target, &gains, motion.clock, self.scenario.dt_s()),
+                Strategy::ChangKhatib => one.step_switched(singularity, &target, &gains, motion.clock, self.dt_s),
+                _ => one.step(singularity, &target, &gains, motion.clock, self.dt_s),
             };
-            if self.scenario.control.strategy.is_ours() {
+            if self.control.strategy.is_ours() {
                 out.load = out.load.max(demand.load);
                 if motion.planned.is_some() {
                     out.load = out.load.max(Guide::<N>::waiting(target.error, demand.beta));
@@ -101,7 +110,7 @@ impl<const N: usize> Controller<N> {
 
     /// Largest auxiliary rate, rad/s: the scenario's, and for the self-motion of an arm with spare joints a share of what the joints have.
     pub(crate) fn rate_max(&self, place: usize, s: &Singularity<N>) -> f64 {
-        let stated = self.scenario.control.aux_rate_max.of(s.kind.code());
+        let stated = self.control.aux_rate_max.of(s.kind.code());
         if self.family.get().goes_around().is_none_or(|first| place < first) {
             return stated;
         }
@@ -134,7 +143,7 @@ impl<const N: usize> Controller<N> {
     ) -> Result<Target, LawError> {
         if state.turn.duration_s == 0.0 {
             let motion = |angle: f64| self.family.get().turning(s, now.terms, &now.report.p_BC, angle);
-            let room = turn_plan::Room { q: now.q, model: &self.model, control: &self.scenario.control };
+            let room = turn_plan::Room { q: now.q, model: self.model, control: self.control };
             state.turn = turn_plan::plan(s, angle, duration_s, &room, motion)?;
         }
         let [share, share_rate, _] = self.path.fraction(&state.progress);
@@ -148,7 +157,7 @@ impl<const N: usize> Controller<N> {
     fn check_rank(&self, report: &Report<N>) -> Result<(), LawError> {
         let full = self.task.iter().filter(|counts| **counts).count().min(N);
         let listed = report.meant().iter().filter(|s| s.inside).count();
-        if self.scenario.control.strategy.is_ours() && report.rank as usize + listed < full {
+        if self.control.strategy.is_ours() && report.rank as usize + listed < full {
             return Err(LawError::Unlisted { rank: report.rank, listed });
         }
         Ok(())

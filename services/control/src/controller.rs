@@ -2,6 +2,7 @@
 
 use crate::analyzer::Analyzer;
 use crate::arm_family::choice::Family;
+use crate::auxiliary_coordinates::Coordinates;
 use crate::baselines::hold_and_blend;
 use crate::baselines::resolved_rate::{self, Inverse};
 use crate::centre::AtCentre;
@@ -38,14 +39,14 @@ const HOPELESS: f64 = 40.0;
 #[derive(Clone, Debug)]
 pub struct Controller<const N: usize> {
     pub(crate) model: Model<N>,
-    pub(crate) path: Path,
-    pub(crate) family: Family<N>,
+    path: Path,
+    family: Family<N>,
     pub(crate) scenario: Scenario,
-    pub(crate) task: [bool; 6],
+    task: [bool; 6],
     pub(crate) length_m: f64,
     postures: Postures<N>,
     /// The plan of the whole path.
-    pub(crate) guide: Guide<N>,
+    guide: Guide<N>,
     /// Why the path cannot be followed.
     obstacle: Option<String>,
     pub(crate) state: State<N>,
@@ -201,12 +202,18 @@ impl<const N: usize> Controller<N> {
     /// The five steps of the table in the crate's documentation.
     fn tick(&self, state: &mut State<N>, now: &Inputs<'_, N>) -> Result<Command<N>, LawError> {
         let motion = desired_motion(&self.followed(), state, now);
-        let auxiliary = self.auxiliary_coordinates(state, now, &motion)?;
+        let auxiliary = self.coordinates().step(state, now, &motion)?;
         let torques = self.torques(state, now, &motion, &auxiliary)?;
         let kept = self.limits(state, now, &motion, &torques)?;
         let command = command::running(state, now, &motion, &auxiliary, &kept, self.scenario.settle_s);
         self.clock(state, now, &motion, &torques, auxiliary.load);
         Ok(command)
+    }
+
+    /// The arm, the path and the terms of the auxiliary coordinates.
+    fn coordinates(&self) -> Coordinates<'_, N> {
+        let Self { model, family, path, guide, task, scenario, .. } = self;
+        Coordinates { model, family, path, guide, task: *task, control: &scenario.control, dt_s: scenario.dt_s() }
     }
 
     /// The path, and the terms on which it is followed.
@@ -270,7 +277,7 @@ impl<const N: usize> Controller<N> {
         let (mut a, k_v) = (motion.a, self.scenario.control.k_v);
         let Some(first) = self.family.get().goes_around() else { return a };
         for (place, s) in report.meant().iter().enumerate().skip(first).filter(|(place, _)| modes[*place] != Mode::Regular) {
-            let (along, most) = (s.zeta_B.dot(&motion.feedback), k_v * s.gain.abs() * self.rate_max(place, s));
+            let (along, most) = (s.zeta_B.dot(&motion.feedback), k_v * s.gain.abs() * self.coordinates().rate_max(place, s));
             a -= s.zeta_B * (along - along.clamp(-most, most));
         }
         a

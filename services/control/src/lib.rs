@@ -17,10 +17,10 @@
 //! # One tick
 //! [`Analyzer::step`] finds the singularities of the posture: s_i, D_si, ζ_i and their types. [`Controller::step`] takes five steps from there:
 //!
-//! | step | `Controller::` | what | where |
+//! | step | in `Controller::tick` | what | where |
 //! |---|---|---|---|
 //! | 1 | `desired_motion` | desired motion of E and C, pose error, a* | [`trajectory`] |
-//! | 2 | `auxiliary_coordinates` | per singularity: type → target, table → mode, loop → demand | [`paper::type_1`], [`paper::type_2`], [`paper::switching`], [`continuous::auxiliary`] |
+//! | 2 | `coordinates().step` | per singularity: type → target, table → mode, loop → demand | [`paper::type_1`], [`paper::type_2`], [`paper::switching`], [`continuous::auxiliary`] |
 //! | 3 | `torques` | Γ = JᵀF + N_T Γ₀, or as one solve | [`paper::chang_khatib`], [`continuous::blended`] |
 //! | 4 | `limits` | joint speeds kept; null-space torque is given up first; no torque changes faster than its drive accepts | [`continuous::speed_limit`], [`continuous::saturation`], [`continuous::torque_rate`] |
 //! | 5 | `clock` | the speed of the path's clock at the next tick | [`continuous::governor`], [`continuous::foresight`] |

@@ -1,7 +1,8 @@
 //! Single decisions of the protocol, on the machine that the simulation explores.
 
 use super::*;
-use crate::simulation::machine::{At, Defect, Graph, State};
+use crate::simulation::defect::Defect;
+use crate::simulation::machine::{At, Graph, State};
 
 fn pair(ticks: u64) -> Graph {
     Graph { reads: vec![vec![], vec![(0, 0)]], outputs: vec![1, 1], ticks }

@@ -1,14 +1,11 @@
 //! The checks of a graph before anything starts.
 
+use super::built_in::{BUILT_IN, EVERYTHING, STEERED};
 use super::topology::Graph;
-use super::{BUILT_IN, STEERED};
 use crate::file::Complaint;
 use crate::process::{MAX_PROCESSES, Process, Program, Role};
 use crate::topics::{MAX_TOPICS, TOPICS};
 use crate::wire::MAX_HOPS;
-
-/// In `reads`: all topics that others write.
-pub(super) const EVERYTHING: &str = "*";
 
 /// Readers that a topic has room for.
 const MOST_READERS: usize = 8;

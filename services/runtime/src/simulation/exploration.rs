@@ -3,7 +3,8 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 
-use super::machine::{At, Defect, Graph, Place, State, digest};
+use super::defect::{Defect, digest};
+use super::machine::{At, Graph, Place, State};
 use crate::lockstep::Outage;
 
 impl State {

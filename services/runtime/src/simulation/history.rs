@@ -2,7 +2,8 @@
 
 use shared_types::random::at as random;
 
-use super::machine::{At, DOWN, Defect, Graph, State};
+use super::defect::Defect;
+use super::machine::{At, DOWN, Graph, State};
 use super::recorder::Recorder;
 use crate::lockstep::Outage;
 

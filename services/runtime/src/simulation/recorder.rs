@@ -6,7 +6,7 @@
 
 use std::collections::VecDeque;
 
-use super::machine::{Defect, digest};
+use super::defect::{Defect, digest};
 use crate::bus::recall::{Recall, Ring, oldest_missed};
 use crate::checkpoint_rule::most_ticks_unsaved;
 

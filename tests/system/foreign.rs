@@ -1,0 +1,136 @@
+//! The examples of `examples/`: a plant in C and one in MuJoCo, a controller, a subscriber and a reader of results in Python.
+
+use std::path::Path;
+use std::process::Command;
+
+use message_log::LogReader;
+use shared_types::PlantState;
+
+use crate::command::{Desk, assert_nothing_left, finish, run_of, skipped, until};
+use crate::exchange::{armplane, has_python, root, run, scenario, summary};
+use crate::wire::wire;
+
+#[test]
+fn a_plant_in_one_c_file_runs_like_ours() {
+    let desk = Desk::new();
+    desk.file("armplane.h", &wire(&desk, "c"));
+    for file in ["plant.c", "graph.toml", "two-links.toml"] {
+        desk.file(file, &std::fs::read_to_string(root().join("examples/c").join(file)).expect("the example"));
+    }
+    let built = Command::new("cc")
+        .args(["-O2", "-std=gnu11", "-Wall", "-Wextra", "-Werror", "-o", "plant", "plant.c", "-lm"])
+        .current_dir(desk.path())
+        .output();
+    let Ok(built) = built else { return skipped("there is no cc") };
+    assert!(built.status.success(), "{}", String::from_utf8_lossy(&built.stderr));
+    let theirs = run(&desk, &["run", "two-links.toml", "--json"]);
+    assert_eq!(theirs.code, 0, "{}", theirs.err);
+    let again = summary(&run(&desk, &["run", "two-links.toml", "--no-record", "--json"]));
+    assert_eq!(again["topics"], summary(&theirs)["topics"], "the same bytes twice");
+    let ideal = ["--set", "plant.encoder_bits=0"];
+    let text = std::fs::read_to_string(desk.path().join("two-links.toml")).expect("the example");
+    desk.file("plain.toml", &text.replace("graph = \"graph.toml\"\n", ""));
+    let ours = run(&desk, &[&["run", "plain.toml", "--out", "ours", "--json"], &ideal[..]].concat());
+    assert_eq!(ours.code, 0, "{}", ours.err);
+    let apart = furthest_apart(&desk.path().join("runs/two-links-001"), &desk.path().join("ours"));
+    assert!(apart < 1e-6, "joints {apart} rad apart");
+}
+
+/// The largest difference between the true joint positions of two runs; rad.
+fn furthest_apart(one: &Path, other: &Path) -> f64 {
+    let states = |folder: &Path| {
+        let mut log = LogReader::<PlantState>::open(&folder.join("messages")).expect("a message log");
+        std::iter::from_fn(|| log.next_message().expect("a whole log")).collect::<Vec<_>>()
+    };
+    let (one, other) = (states(one), states(other));
+    assert!(one.len().abs_diff(other.len()) <= 100 && one.len() > 100, "{} and {} ticks", one.len(), other.len());
+    let joints = |(a, b): (&PlantState, &PlantState)| a.q.iter().zip(&b.q).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    one.iter().zip(&other).map(joints).fold(0.0, f64::max)
+}
+
+#[test]
+fn mujoco_is_the_plant_of_figure_5() {
+    if !has_python("mujoco, numpy") {
+        return skipped("python3 has no mujoco, or there is none");
+    }
+    let desk = Desk::new();
+    let graph = root().join("examples/mujoco/graph.toml").display().to_string();
+    let args = ["run", "fig5-wrist-rotation", "--graph", &graph, "--json"];
+    let (first, second) = (run(&desk, &args), run(&desk, &args));
+    assert_eq!(first.code, 0, "{}", first.err);
+    let (first, second) = (summary(&first), summary(&second));
+    assert_eq!(first["topics"], second["topics"], "the same bytes twice");
+    assert_eq!(first["outcome"], "goal reached");
+    let replayed = run(&desk, &["replay", "runs/fig5-wrist-rotation-001"]);
+    assert_eq!(replayed.code, 0, "{}{}", replayed.out, replayed.err);
+    run(&desk, &["run", "fig5-wrist-rotation", "--out", "ours", "--json"]);
+    let apart = furthest_apart(&desk.path().join("runs/fig5-wrist-rotation-001"), &desk.path().join("ours"));
+    assert!(apart < 2e-3, "joints {apart} rad apart");
+}
+
+#[test]
+fn a_controller_in_python_follows_a_line() {
+    if !has_python("mujoco, numpy") {
+        return skipped("python3 has no mujoco, or there is none");
+    }
+    let desk = Desk::new();
+    let scenario = root().join("examples/python/line.toml").display().to_string();
+    let said = run(&desk, &["run", &scenario, "--no-record", "--json"]);
+    assert_eq!(said.code, 0, "{}", said.err);
+    assert!(said.err.contains("hand at"), "the observer prints: {}", said.err);
+    assert_eq!(summary(&said)["outcome"], "goal reached");
+}
+
+#[test]
+fn results_and_models_are_read_in_python() {
+    if !has_python("numpy, pandas, pyarrow") {
+        return skipped("python3 has no numpy, pandas and pyarrow, or there is none");
+    }
+    let desk = Desk::new();
+    let short = scenario(&desk, "");
+    let text = std::fs::read_to_string(&short).expect("the scenario").replace("graph = \"graph.toml\"\n", "");
+    desk.file("short.toml", &text);
+    let code = "import armplane, numpy as np\nr = armplane.run('short.toml', seed=3, settings={'control.k_p': 500})\nassert r.goal_reached, r\n\
+                for topic in r.summary['topics']:\n    m = r.messages(topic)\n    assert len(m) == r.summary['topics'][topic]['count'] and \
+                (np.diff(m['header']['tick'].astype(int)) == 1).all(), topic\n\
+                d, q = r.pandas(), r.messages('estimate')['q']\nassert len(d) == len(q) == r.summary['ticks'] and np.abs(q[:, :6]).max() > 1\n\
+                m = armplane.model('puma560')\na, b = m.at(q[0, :6]), m.at(q[-1, :6], q[0, :6])\nassert a.J.shape == (6, 6) and \
+                np.linalg.eigvalsh(b.A).min() > 0\n\
+                try:\n    armplane.run('nothing')\nexcept RuntimeError as e:\n    assert 'no scenario' in str(e)\nelse:\n    assert False\nprint('good')";
+    let said = Command::new("python3")
+        .args(["-c", code])
+        .current_dir(desk.path())
+        .env("ARMPLANE", env!("CARGO_BIN_EXE_armplane"))
+        .env("PYTHONPATH", root().join("python"))
+        .env("PYTHONDONTWRITEBYTECODE", "1")
+        .output()
+        .expect("python3 runs");
+    assert_eq!(String::from_utf8_lossy(&said.stdout), "good\n", "{}", String::from_utf8_lossy(&said.stderr));
+}
+
+#[test]
+fn a_run_is_listened_to_from_outside() {
+    if !has_python("iceoryx2") {
+        return skipped("python3 has no iceoryx2, or there is none");
+    }
+    let desk = Desk::new();
+    let launcher =
+        armplane(&desk, &["run", "fig5-wrist-rotation", "--mode", "realtime", "--no-record", "--json"]).spawn().expect("armplane starts");
+    let mut run = None;
+    until("the run", || {
+        run = run_of(launcher.id()).filter(|run| Path::new("/dev/shm").join(run).join("job.json").exists());
+        run.is_some()
+    });
+    let code = "import sys, armplane\nticks = [m.header.tick for m in armplane.subscribe('estimate', sys.argv[1])]\n\
+                assert len(ticks) > 100 and ticks == sorted(ticks), ticks[:9]\nprint('good')";
+    let said = Command::new("python3")
+        .args(["-c", code, &format!("/dev/shm/{}", run.expect("a run"))])
+        .env("PYTHONPATH", root().join("python"))
+        .env("PYTHONDONTWRITEBYTECODE", "1")
+        .output()
+        .expect("python3 runs");
+    assert_eq!(String::from_utf8_lossy(&said.stdout), "good\n", "{}", String::from_utf8_lossy(&said.stderr));
+    let said = finish(launcher);
+    assert_eq!(said.code, 0, "{}", said.err);
+    assert_nothing_left(said.launcher);
+}
