@@ -1,7 +1,7 @@
 //! Single decisions of the protocol, on the machine that the simulation explores.
 
 use super::*;
-use crate::simulation::defect::Defect;
+use crate::simulation::Defect;
 use crate::simulation::machine::{At, Graph, State};
 
 fn pair(ticks: u64) -> Graph {
