@@ -27,7 +27,7 @@
 mod checkpoint;
 mod combination;
 
-use combination::{is_set, preferred, strongest, towards, unscaled};
+use combination::{apart, is_set, larger_half, preferred, strongest, towards, unscaled};
 
 use super::axes::frame;
 use super::block::Block;
@@ -49,10 +49,6 @@ pub(super) const FOLLOWED: usize = 3;
 
 /// |s| over η_out below which a direction is classified, and beyond which it may be classified again.
 const LATCH: (f64, f64) = (1.3, 1.6);
-
-/// Share of rotation in u² above which ζ is a rotation, below which a translation, far from the neighbourhood: at a wrist, at an elbow or a shoulder,
-/// and at what has no name. In it, where that changes only before the half that is left vanishes.
-const ANGULAR: [(f64, f64); 4] = [(0.1, 0.05), (0.95, 0.9), (0.6, 0.4), (0.98, 0.02)];
 
 /// s is never exactly zero: its sign is the side.
 pub(crate) const SMALLEST: f64 = 1e-12;
@@ -277,9 +273,15 @@ impl<const N: usize> LostDirections<N> {
             one.aux_row = super::axes::unit(0);
         }
         self.carry();
+        let mut before = [(SVector::zeros(), SVector::zeros()); FOLLOWED];
+        let mut latched = 0;
         for k in 0..self.count {
             let place = self.entries[k].place;
-            out[place] = self.singularity(k, at, &screws, &p);
+            out[place] = self.singularity(k, at, (&screws, &p), &before[..latched]);
+            if self.entries[k].latched {
+                before[latched] = (out[place].zeta_B, self.geometry.kept(self.block.covector(self.entries[k].index), &p));
+                latched += 1;
+            }
         }
         self.place_count
     }
@@ -362,7 +364,14 @@ impl<const N: usize> LostDirections<N> {
         }
     }
 
-    fn singularity(&mut self, k: usize, at: &Posture<'_, N>, screws: &Screws<N>, p: &Vector3<f64>) -> Singularity<N> {
+    /// The singularity of entry `k`; `before` are ζ and u of the latched entries before it.
+    fn singularity(
+        &mut self,
+        k: usize,
+        at: &Posture<'_, N>,
+        (screws, p): (&Screws<N>, &Vector3<f64>),
+        before: &[(SVector<f64, 6>, SVector<f64, 6>)],
+    ) -> Singularity<N> {
         let entry = self.entries[k];
         let (i, L) = (entry.index, self.length_m);
         let (kind, usual) = self.places[entry.place];
@@ -371,16 +380,8 @@ impl<const N: usize> LostDirections<N> {
         let m = v * sigma;
         let s = self.s(i).max(SMALLEST);
         let u = self.geometry.kept(self.block.covector(i), p);
-        let (u_v, u_w) = (linear(&u), angular(&u));
-        let (above, below) = match (entry.latched && entry.settled, kind) {
-            (true, _) => ANGULAR[3],
-            (_, Kind::Wrist) => ANGULAR[0],
-            (_, Kind::Elbow | Kind::Shoulder) => ANGULAR[1],
-            _ => ANGULAR[2],
-        };
-        let share = u_w.norm_squared() / (u_v.norm_squared() + u_w.norm_squared()).max(1e-12);
-        let angular = share > if entry.angular { below } else { above };
-        let half = if angular { u_w } else { u_v };
+        let own = if entry.latched { apart(u, before) } else { u };
+        let (angular, half) = larger_half(&own, kind, entry.latched && entry.settled, entry.angular);
         let size = half.norm().max(1e-9);
         let (mut axis, mut per_aux) = (half / size, if angular { 1.0 } else { L } / size);
         let class = if entry.latched || entry.verdict.class != Class::Unknown { entry.verdict.class } else { usual };
