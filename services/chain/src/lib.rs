@@ -81,6 +81,12 @@ impl Chain {
         self.controller.obstacle()
     }
 
+    /// A goal beyond reach, found before the first tick, in words.
+    #[must_use]
+    pub fn warning(&self) -> Option<String> {
+        self.controller.warning()
+    }
+
     /// Whether the task is over.
     #[must_use]
     pub fn is_over(&self) -> bool {
@@ -145,11 +151,12 @@ pub fn first_tick(robot: &Robot, scenario: &Scenario) -> Result<Tick, Refused> {
     Ok(first)
 }
 
-/// Tries a scenario's first tick, nothing gone wrong: what the control law refuses at once is refused before any process starts.
+/// Tries a scenario's first tick, nothing gone wrong: what the control law refuses at once is refused before any process starts. Returns what
+/// it warns of, in words.
 ///
 /// # Errors
 /// [`Refused`] where a cycle does not accept the robot or the scenario, or the control law refuses the first tick.
-pub fn try_first_tick(robot: &Robot, scenario: &Scenario) -> Result<(), Refused> {
+pub fn try_first_tick(robot: &Robot, scenario: &Scenario) -> Result<Option<String>, Refused> {
     let mut chain = Chain::new(robot, &without_faults(scenario))?;
     if let Some(obstacle) = chain.obstacle() {
         return Err(Refused::because(obstacle));
@@ -161,7 +168,7 @@ pub fn try_first_tick(robot: &Robot, scenario: &Scenario) -> Result<(), Refused>
             let why = name_of(REFUSALS, first.control_state.refusal);
             Err(Refused::because(format_args!("the control law refuses the start: {why}")))
         }
-        _ => Ok(()),
+        _ => Ok(chain.warning()),
     }
 }
 

@@ -55,6 +55,7 @@ impl<const N: usize> Coordinates<'_, N> {
                 upper: self.model.upper(),
                 rate_max,
                 governed: control.governor,
+                clips: motion.clips,
             };
             let branch = motion.leg.map_or(0, |leg| leg.branch) + state.servo.branch();
             let by_type = match &motion.planned {

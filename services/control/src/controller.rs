@@ -42,11 +42,11 @@ pub struct Controller<const N: usize> {
     path: Path,
     family: Family<N>,
     pub(crate) scenario: Scenario,
-    task: [bool; 6],
+    pub(crate) task: [bool; 6],
     pub(crate) length_m: f64,
     postures: Postures<N>,
     /// The plan of the whole path.
-    guide: Guide<N>,
+    pub(crate) guide: Guide<N>,
     /// Why the path cannot be followed.
     obstacle: Option<String>,
     pub(crate) state: State<N>,
@@ -65,12 +65,14 @@ impl<const N: usize> Controller<N> {
         let report = analyzer.step(&q_start, &SVector::zeros(), &rest);
         let family = analyzer.family().clone();
         let path = Path::new(scenario, &report)?;
-        let postures = Postures::new(robot, scenario, q_start)?;
+        let mut postures = Postures::new(robot, scenario, q_start)?;
         let fresh = Analyzer::new(robot, &scenario.analysis);
         let (plan, obstacle) = match route_ahead(&model, robot, scenario, &path, &fresh, &q_start, postures.goals()) {
             Ok(plan) => (plan, None),
             Err(obstacle) => (None, Some(obstacle)),
         };
+        let guide = Guide::new(plan, (0..).take_while(|i| path.leg(*i).is_some()).count());
+        postures.stay(guide.beyond_reach());
         let (model, steered) = steered::of(model, robot, scenario);
         Ok(Self {
             path,
@@ -79,7 +81,7 @@ impl<const N: usize> Controller<N> {
             task: robot.task.0,
             length_m: robot.length_m,
             postures,
-            guide: Guide::new(plan),
+            guide,
             state: State::begin(&rest, q_start, model.effort(), if obstacle.is_some() { Refusal::Route } else { Refusal::None }),
             obstacle,
             model,
@@ -205,7 +207,7 @@ impl<const N: usize> Controller<N> {
         let auxiliary = self.coordinates().step(state, now, &motion)?;
         let torques = self.torques(state, now, &motion, &auxiliary)?;
         let kept = self.limits(state, now, &motion, &torques)?;
-        let command = command::running(state, now, &motion, &auxiliary, &kept, self.scenario.settle_s);
+        let command = self.with_reach(command::running(state, now, &motion, &auxiliary, &kept, self.scenario.settle_s));
         self.clock(state, now, &motion, &torques, auxiliary.load);
         Ok(command)
     }
@@ -290,7 +292,7 @@ impl<const N: usize> Controller<N> {
     /// [`LawError::Speed`] where no clock is slow enough for the joint speeds, [`LawError::Limit`] where a joint is about to reach its limit.
     fn limits(&self, state: &mut State<N>, now: &Inputs<'_, N>, motion: &Motion<N>, torques: &Torques<N>) -> Result<Kept<N>, LawError> {
         let share = torques.speed_share(self.model.velocity());
-        let has_floor = motion.planned.is_none() && self.scenario.servo.is_none();
+        let has_floor = motion.planned.is_none() && !motion.clips && self.scenario.servo.is_none();
         if self.scenario.control.governs() && has_floor && share > HOPELESS {
             return Err(LawError::Speed { share });
         }
@@ -333,7 +335,7 @@ impl<const N: usize> Controller<N> {
                 holding: now.terms.gravity,
                 following: (A * torques.qddot_path + now.terms.coriolis) / (clock * clock),
                 braking: A * torques.qdot_nominal,
-                foreseen: if motion.planned.is_none() && self.scenario.control.strategy.is_ours() {
+                foreseen: if motion.planned.is_none() && !motion.clips && self.scenario.control.strategy.is_ours() {
                     demand_ahead(&self.family, (&self.path, state), now, self.model.velocity(), &self.scenario)
                 } else {
                     Foreseen::default()

@@ -3,11 +3,14 @@
 use crate::centre::PoseMotion;
 use crate::continuous::guide::Guide;
 use crate::linear::{angular, clamp_norm, linear, stack};
+use crate::paper::neighborhood::Neighborhood;
 use crate::paper::type_2::Turn;
 use crate::served::{free_axis, rotation_error, turned};
 use crate::state::State;
 use crate::tick::{Inputs, Motion};
 use crate::trajectory::Path;
+use crate::types::Report;
+use nalgebra::Vector6;
 use shared_types::scenario::Control;
 
 /// Largest position error that feedback answers to, m: a goal far away must not demand the acceleration of its whole distance.
@@ -47,11 +50,16 @@ pub(crate) fn desired_motion<const N: usize>(follow: &Followed<'_, N>, state: &m
     let desired = desired_E.at(now.p_EC);
     let turn_error = rotation_error(&desired.R, &now.terms.X_BE.R, free.as_ref());
     let error = stack(&(desired.p - now.at.p), &turn_error);
-    let feedback = stack(&clamp_norm(linear(&error), POSITION_ERROR_MAX), &clamp_norm(turn_error, ORIENTATION_ERROR_MAX));
+    let clips = guide.ends_before(state.progress.leg);
+    // What a goal beyond reach is off by along a lost direction must not take from the answer across it.
+    let lost = if clips { along_lost(&error, now.report) } else { Vector6::zeros() };
+    let bounded = |e: &Vector6<f64>| stack(&clamp_norm(linear(e), POSITION_ERROR_MAX), &clamp_norm(angular(e), ORIENTATION_ERROR_MAX));
+    let feedback = bounded(&(error - lost)) + bounded(&lost);
     let Control { k_p, k_v, .. } = **control;
     Motion {
         leg: path.leg(state.progress.leg).copied(),
         planned,
+        clips,
         clock,
         desired_E,
         desired,
@@ -61,4 +69,14 @@ pub(crate) fn desired_motion<const N: usize>(follow: &Followed<'_, N>, state: &m
         feedback: feedback * k_p,
         a: desired.a + (desired.V - V) * k_v + feedback * k_p,
     }
+}
+
+/// The share of an error along the lost directions, as far as each is left to its auxiliary coordinate.
+fn along_lost<const N: usize>(error: &Vector6<f64>, report: &Report<N>) -> Vector6<f64> {
+    let mut across = *error;
+    for s in report.meant() {
+        let openness = Neighborhood { eta_in: s.eta_in, eta_out: s.eta_out }.openness(s.s);
+        across -= s.zeta_B * (s.zeta_B.dot(&across) * (1.0 - openness));
+    }
+    error - across
 }

@@ -32,6 +32,7 @@ mod analyzer;
 pub mod arm_family;
 mod auxiliary_coordinates;
 pub mod baselines;
+mod beyond_reach;
 pub mod centre;
 mod command;
 pub mod continuous;

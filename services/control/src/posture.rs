@@ -33,6 +33,15 @@ impl<const N: usize> Postures<N> {
         &self.goals
     }
 
+    /// Keeps a posture from a leg of this index on, where none is commanded: the one in which a plan ends before the path does.
+    pub(crate) fn stay(&mut self, from: Option<(usize, SVector<f64, N>)>) {
+        let Some((leg, q)) = from.filter(|_| !self.commanded) else { return };
+        if leg == 0 {
+            self.q_start = q;
+        }
+        self.goals.iter_mut().skip(leg.saturating_sub(1)).for_each(|goal| *goal = q);
+    }
+
     /// Acceleration wanted in the null space, rad/s²: towards the planned posture, else the commanded one, and near a lost direction around it.
     ///
     /// `around` is the first place from which on the singularities can be gone around; `task` are the axes that count.

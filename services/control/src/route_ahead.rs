@@ -54,7 +54,7 @@ pub(crate) fn route_ahead<const N: usize>(
         return Err(why + ": start in a posture that takes less torque");
     }
     // Spare joints have more routes than a search tries.
-    let redundant = N > robot.task.count();
+    let redundant = robot.dof() > robot.task.count();
     match plan(&request) {
         Ok(plan) => {
             let heavy = plan.postures().find_map(|(t, q)| too_heavy(model, robot, q, &format!("at {t:.2} s of its path")));

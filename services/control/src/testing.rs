@@ -14,7 +14,7 @@ use std::sync::OnceLock;
 /// A built-in robot.
 pub(crate) fn robot(name: &str) -> &'static Robot {
     static ROBOTS: OnceLock<BTreeMap<&'static str, Robot>> = OnceLock::new();
-    let names = ["puma560", "puma560-ideal", "planar3r", "iiwa14", "ur5", "panda"];
+    let names = ["puma560", "puma560-ideal", "planar2r", "planar3r", "iiwa14", "ur5", "panda"];
     &ROBOTS.get_or_init(|| names.into_iter().map(|name| (name, Robot::builtin(name).unwrap())).collect())[name]
 }
 

@@ -32,6 +32,8 @@ pub(crate) struct Motion<const N: usize> {
     pub(crate) leg: Option<Leg>,
     /// The planned posture, where the leg is planned.
     pub(crate) planned: Option<Sample<N>>,
+    /// From a goal on that is beyond reach.
+    pub(crate) clips: bool,
     /// Speed of the clock; the path's own runs at it, or waits.
     pub(crate) clock: f64,
     /// Desired motion of E.

@@ -31,6 +31,12 @@ impl<const N: usize> Cycle<N> {
         self.controller.obstacle()
     }
 
+    /// A goal beyond reach, found before the first tick, in words.
+    #[must_use]
+    pub fn warning(&self) -> Option<String> {
+        self.controller.warning()
+    }
+
     /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its inputs.
     pub fn save(&self, out: &mut ControllerCheckpoint) {
         self.controller.save(out);

@@ -29,6 +29,8 @@ pub trait Step {
     fn restore(&mut self, from: &ControllerCheckpoint);
     /// Why the path cannot be followed, found before the first tick, in words.
     fn obstacle(&self) -> Option<&str>;
+    /// A goal beyond reach, found before the first tick, in words.
+    fn warning(&self) -> Option<String>;
 }
 
 impl<const N: usize> Step for Cycle<N> {
@@ -53,6 +55,9 @@ impl<const N: usize> Step for Cycle<N> {
     }
     fn obstacle(&self) -> Option<&str> {
         self.obstacle()
+    }
+    fn warning(&self) -> Option<String> {
+        self.warning()
     }
 }
 

@@ -139,6 +139,9 @@ impl Judge {
         self.joints.tick(&tick, switches, &mut event);
         self.latency.measure_hops(tick.torque);
         self.latency.measure_chain(tick.sensor);
+        if tick.control.clipped != 0 && !self.clipped {
+            event("the goal is beyond reach: it is clipped to the boundary from here on".to_owned());
+        }
         self.clipped |= tick.control.clipped != 0;
         (self.phase, self.refusal) = (tick.torque.phase, tick.control.refusal);
         self.ticks += 1;

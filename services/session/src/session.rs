@@ -80,7 +80,10 @@ pub fn run_loaded(request: &Request, loaded: Loaded, begin: Begin<'_>, observer:
     // Until everything of the run is written.
     let _signals = interrupts()?;
     let Loaded { scenario, robot, graph } = robot::settle(loaded, request.mode, observer)?;
-    chain::try_first_tick(&robot, &scenario).map_err(|error| Failure::Input(format!("{}: {error}", request.scenario)))?;
+    let warning = chain::try_first_tick(&robot, &scenario).map_err(|error| Failure::Input(format!("{}: {error}", request.scenario)))?;
+    if let Some(warning) = warning {
+        observer(Progress::Line(&format!("armplane: {}: {warning}", request.scenario)));
+    }
     let own: Vec<usize> = graph.own_messages().map(|layout| layout.bytes).collect();
     launcher::check_limits(graph.process.len(), &own).map_err(Failure::work)?;
     let results = Results::create(request.out.as_deref(), &scenario.name)?;

@@ -46,6 +46,11 @@ impl<const N: usize> Block<N> {
         block
     }
 
+    /// Whether joint `k` is one of this block's.
+    pub(super) fn has_column(&self, k: usize) -> bool {
+        (self.columns.0..self.columns.1).contains(&k)
+    }
+
     /// σ_i, signed, unit-scaled.
     #[must_use]
     pub fn sigma(&self, i: usize) -> f64 {

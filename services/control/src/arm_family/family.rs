@@ -52,6 +52,8 @@ pub struct Situation<'a, const N: usize> {
     pub rate_max: f64,
     /// Whether the governor may slow the path down.
     pub governed: bool,
+    /// Whether the goal is beyond reach, as the plan of the path has found.
+    pub clips: bool,
 }
 
 /// The singularities of one family of arms, and where their auxiliary coordinates should go.

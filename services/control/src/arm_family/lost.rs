@@ -1,7 +1,7 @@
 //! Lost directions of an arm with spare joints, by number: each measured by a vector, for most of them have codimension two or more.
 //!
 //! # Measure
-//! J has R rows and N > R columns. At a singular posture u is the left null vector of the unit-scaled J, and the joint motions that the other
+//! J has R rows and N > R columns, those of absent joints apart. At a singular posture u is the left null vector of the unit-scaled J, and the joint motions that the other
 //! directions leave free span Π, of dimension d = N − R + 1. Near by, uᵀJ = mᵀ with m in Π: s = |m|/σ_ref ≥ 0, since m = 0 is d conditions, which a
 //! path misses, or passes at a distance of |m|. ζ is the larger half of u, as on any arm by number, and u is carried from tick to tick.
 //!
@@ -121,15 +121,15 @@ struct Lock {
 impl<const N: usize> LostDirections<N> {
     /// The directions of an arm in the posture `screws`, C at `p` from S. `places` are the names to report, in order.
     ///
-    /// Requires fewer task axes than joints. Cost about 5 ms, for the types off the singularities are found by projecting random postures onto them.
+    /// Requires fewer task axes than the `dof` joints. Cost about 5 ms, for the types off the singularities are found by projecting random postures onto them.
     pub(super) fn new(
         (screws, p): (&Screws<N>, Vector3<f64>),
         geometry: Geometry,
-        (length_m, task): (f64, [bool; 6]),
+        (length_m, task, dof): (f64, [bool; 6], usize),
         analysis: &Analysis,
         names: &[Kind],
     ) -> Self {
-        let block = Block::new((0..6).filter(|k| task[*k]), (0, N));
+        let block = Block::new((0..6).filter(|k| task[*k]), (0, dof));
         let mut places = [(Kind::Numeric, Class::Unknown); MAX_SINGULARITIES];
         for (place, name) in places.iter_mut().zip(names) {
             place.0 = *name;
@@ -196,7 +196,7 @@ impl<const N: usize> LostDirections<N> {
         let mut left = f64::INFINITY;
         for _ in 0..steps {
             let m = block.v(i) * block.sigma(i);
-            let mut span = Span { vectors: [SVector::zeros(); N], count: 0 };
+            let mut span = Span::of_absent(&block);
             for j in (0..block.count).filter(|j| *j != i) {
                 span.push(block.v(j));
             }
@@ -328,7 +328,7 @@ impl<const N: usize> LostDirections<N> {
 
     /// The directions orthogonal to Π of entry `k`: the other directions, followed ones by their auxiliary rows.
     fn others(&self, k: usize) -> Span<N> {
-        let mut span = Span { vectors: [SVector::zeros(); N], count: 0 };
+        let mut span = Span::of_absent(&self.block);
         for j in 0..self.block.count {
             match self.entries[..self.count].iter().position(|entry| entry.index == j) {
                 None => span.push(self.block.v(j)),
@@ -341,7 +341,7 @@ impl<const N: usize> LostDirections<N> {
 
     /// Carries every a to the new posture: beyond η_out it is v, else the old one without what has left Π.
     fn carry(&mut self) {
-        let mut span = Span { vectors: [SVector::zeros(); N], count: 0 };
+        let mut span = Span::of_absent(&self.block);
         for j in 0..self.block.count {
             if !self.entries[..self.count].iter().any(|entry| entry.index == j) {
                 span.push(self.block.v(j));

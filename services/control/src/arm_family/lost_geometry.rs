@@ -1,5 +1,6 @@
 //! The geometry of an arm with spare joints: the rows whose rank is watched, and the names of singular postures.
 
+use super::block::Block;
 use super::screws::Screws;
 use crate::linear::{angular, linear, stack};
 use crate::types::Kind;
@@ -86,6 +87,15 @@ pub(super) struct Span<const N: usize> {
 }
 
 impl<const N: usize> Span<N> {
+    /// The joints that the arm does not have: their columns of J are zero, and no motion of theirs counts.
+    pub(super) fn of_absent(block: &Block<N>) -> Self {
+        let mut span = Self { vectors: [SVector::zeros(); N], count: 0 };
+        for k in (0..N).filter(|k| !block.has_column(*k)) {
+            span.push(super::axes::unit(k));
+        }
+        span
+    }
+
     pub(super) fn residual(&self, mut v: SVector<f64, N>) -> SVector<f64, N> {
         for b in &self.vectors[..self.count] {
             v -= b * b.dot(&v);

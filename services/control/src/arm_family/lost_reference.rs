@@ -21,6 +21,9 @@ const LEAVE: f64 = 0.8;
 /// Angle between ζ and where it should be beyond which the path waits, rad; and the remaining motion of a leg below which its direction is undefined, unit-scaled.
 const AWAY: (f64, f64) = (0.1, 0.02);
 
+/// Error along ζ beyond which a goal beyond reach runs away, m: leaving a neighbourhood that can be left costs less.
+const SLIDES: f64 = 0.01;
+
 /// Angle near a quarter turn at which either way round is as good: the one taken before, rad.
 const UNDECIDED: f64 = 1.4;
 
@@ -48,6 +51,7 @@ pub(super) fn fold<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>) ->
 /// Where ζ should be, or how the neighbourhood is left: by the type.
 pub(super) fn direction<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>, memory: &mut Memory) -> Option<Direction> {
     let inside = match s.class {
+        Class::Mixed if slides(s, at, memory) => Some(Direction { weight: 1.0, clipped: true, ..Direction::default() }),
         Class::Mixed => Some(leave(s, at, memory)),
         Class::Type2 => aside(s, at, memory),
         _ => None,
@@ -63,6 +67,16 @@ pub(super) fn direction<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N
     };
     let mix = |inside: f64, outside: f64| inside + share * (outside - inside);
     Some(Direction { error: mix(inside.error * inside.weight, error), rate: mix(inside.rate, rate), weight: 1.0, ..inside })
+}
+
+/// Whether the goal beyond reach runs away along ζ: no self-motion leads there, and the arm stays at the boundary.
+fn slides<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>, memory: &mut Memory) -> bool {
+    let off = s.zeta_B.dot(at.error).abs() / if s.angular { AWAY.0 } else { SLIDES };
+    memory.holding = at.clips && off > if memory.holding { 0.5 } else { 1.0 };
+    if memory.holding {
+        memory.passing = false;
+    }
+    memory.holding
 }
 
 /// Error (rad) and rate (rad/s) by which the auxiliary coordinate follows the path: ζᵀV_d = g·ẏ, damped.

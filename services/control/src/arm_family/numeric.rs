@@ -108,7 +108,7 @@ impl<const N: usize> Numeric<N> {
         let (blocks, block_count) = if spherical {
             ([Block::new(0..3, (0, N - 3)), Block::new(3..6, (N - 3, N))], 2)
         } else {
-            let all = Block::new((0..6).filter(|k| task[*k]), (0, N));
+            let all = Block::new((0..6).filter(|k| task[*k]), (0, robot.dof()));
             ([all, all], 1)
         };
         let place = |block, index| Place { block, index, angular: block == 1, latched: false, flipped: false, verdict: Verdict::default() };

@@ -3,7 +3,7 @@
 
 use super::axes::{EXACT, meeting, three_meet};
 use super::family::{ArmFamily, Posture, Situation};
-use super::lost::LostDirections;
+use super::lost::{FOLLOWED, LostDirections};
 use super::lost_geometry::Geometry;
 use super::lost_reference;
 use super::screws::Screws;
@@ -30,7 +30,7 @@ impl<const N: usize> Redundant<N> {
     #[must_use]
     pub fn new(robot: &Robot, analysis: &Analysis) -> Option<Self> {
         let rows = robot.task.count();
-        if rows == 0 || rows >= N {
+        if rows == 0 || rows >= robot.dof() {
             return None;
         }
         let model = Model::<N>::new(robot, None).ok()?;
@@ -40,10 +40,10 @@ impl<const N: usize> Redundant<N> {
         let S = (N == 7 && robot.task.is_full()).then(|| three_meet(&terms, EXACT)).flatten();
         let C = centre(offset, &terms);
         let names = [Kind::Elbow, Kind::Wrist, Kind::Shoulder, Kind::Numeric];
-        let names = if S.is_some() { &names[..] } else { &[Kind::Numeric; 3][..] };
+        let names = if S.is_some() { &names[..] } else { &[Kind::Numeric; FOLLOWED][..rows.min(FOLLOWED)] };
         let at = AtCentre::new(&terms, &C, &Vector3::zeros());
         let from = (&Screws(at.J), C - S.unwrap_or_default());
-        let scale = (robot.length_m, robot.task.0);
+        let scale = (robot.length_m, robot.task.0, robot.dof());
         Some(Self { offset, lost: LostDirections::new(from, Geometry { S, elbow_apart: false }, scale, analysis, names) })
     }
 }

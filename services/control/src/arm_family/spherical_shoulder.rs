@@ -68,7 +68,7 @@ impl<const N: usize> SphericalShoulder<N> {
         let lost = LostDirections::new(
             (&Screws(at.J), C - geometry.S),
             Geometry { S: Some(geometry.S), elbow_apart: true },
-            (robot.length_m, robot.task.0),
+            (robot.length_m, robot.task.0, robot.dof()),
             analysis,
             &names,
         );

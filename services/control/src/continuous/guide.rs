@@ -30,21 +30,39 @@ const STRAYED: f64 = 0.02;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Guide<const N: usize> {
     plan: Option<PathPlan<N>>,
+    /// Legs of the path, planned or not.
+    legs: usize,
 }
 
 impl<const N: usize> Guide<N> {
-    /// By a plan, or by none.
+    /// By a plan, or by none, for a path of so many `legs`.
     #[must_use]
-    pub fn new(plan: Option<PathPlan<N>>) -> Self {
-        Self { plan }
+    pub fn new(plan: Option<PathPlan<N>>, legs: usize) -> Self {
+        Self { plan, legs }
     }
 
     /// The planned posture at the route's time `route_s` in the leg of this index; `None` where the leg is not planned.
+    ///
+    /// After the last leg it is the posture in which the plan ends. A plan that ends earlier, before a leg whose goal is beyond reach, says nothing
+    /// about that leg.
     #[must_use]
     pub fn at(&self, leg: usize, route_s: f64) -> Option<Sample<N>> {
         let plan = self.plan.as_ref()?;
-        let after = leg == plan.legs() && route_s >= plan.duration_s();
+        let after = leg == self.legs && leg == plan.legs() && route_s >= plan.duration_s();
         (leg < plan.legs() || after).then(|| plan.at(route_s))
+    }
+
+    /// The leg whose goal is beyond reach, before which the plan ends, and the posture in which it does, rad.
+    #[must_use]
+    pub fn beyond_reach(&self) -> Option<(usize, SVector<f64, N>)> {
+        let plan = self.plan.as_ref()?;
+        (plan.legs() < self.legs).then(|| (plan.legs(), plan.at(plan.duration_s()).q))
+    }
+
+    /// Whether the leg of this index is one whose goal is beyond reach, or comes after it.
+    #[must_use]
+    pub fn ends_before(&self, leg: usize) -> bool {
+        self.plan.as_ref().is_some_and(|plan| plan.legs() < self.legs && leg >= plan.legs())
     }
 
     /// The target of an auxiliary coordinate: its gradient times the way to the planned posture.

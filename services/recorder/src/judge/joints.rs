@@ -3,7 +3,7 @@
 use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 use shared_types::bounds::{larger, share, within};
-use shared_types::codes::{PHASE_REFUSED, REFUSAL_LIMIT, REFUSAL_UNLISTED};
+use shared_types::codes::{DRIVE_RATE, DRIVE_SPEED, PHASE_REFUSED, REFUSAL_LIMIT, REFUSAL_UNLISTED};
 use shared_types::summary::{JointSummary, LimitSummary};
 
 use super::histogram::{new, stored};
@@ -141,10 +141,15 @@ impl JointMeter {
         let bit = 1u32 << i;
         let middle = 0.5 * (self.limits.lower[i] + self.limits.upper[i]);
         let stop = if tick.truth.q[i] > middle { "upper stop" } else { "lower stop" };
+        let cut = tick.truth.saturation_mask & bit != 0;
+        let (by_speed, by_rate) = (tick.truth.drive_flags & DRIVE_SPEED != 0, tick.truth.drive_flags & DRIVE_RATE != 0);
+        let is_at_effort = !within(share(tick.truth.tau[i], self.limits.effort[i]), 1.0 - 1e-9) || !(by_speed || by_rate);
         for (is_reached, limit) in [
             (tick.truth.limit_mask & bit != 0, stop),
             (!within(share(tick.truth.qdot[i], self.limits.velocity[i]), 1.0), "speed"),
-            ((tick.torque.saturation_mask | tick.truth.saturation_mask) & bit != 0, "torque"),
+            (tick.torque.saturation_mask & bit != 0 || cut && is_at_effort, "torque"),
+            (cut && !is_at_effort && by_speed, "drive speed"),
+            (cut && !is_at_effort && !by_speed, "drive rate"),
         ] {
             if !is_reached {
                 continue;
@@ -192,6 +197,8 @@ fn reached(limit: &LimitSummary) -> String {
     match limit.limit.as_str() {
         "speed" => format!("{joint} above its speed limit"),
         "torque" => format!("{joint} at its torque limit"),
+        "drive speed" => format!("{joint}'s torque cut by its drive because of the speed"),
+        "drive rate" => format!("{joint}'s torque delayed by its drive because of the rate"),
         stop => format!("{joint} against its {stop}"),
     }
 }

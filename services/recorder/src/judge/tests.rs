@@ -211,6 +211,26 @@ fn every_limit_is_in_the_reason_and_in_the_events() {
     }
 }
 
+/// A drive limits a torque for three reasons; only one of them is the joint's torque limit.
+#[test]
+fn a_drive_that_cuts_a_torque_is_named_with_its_cause() {
+    let reason = |flags: u32, share: f64| {
+        let verdict = judged(10, move |k, m| {
+            if (3..7).contains(&k) {
+                (m.plant_state.saturation_mask, m.plant_state.drive_flags) = (1 << 5, flags);
+                m.plant_state.tau[5] = share * limits().effort[5];
+            }
+        });
+        assert_eq!(verdict.joints.limits.len(), 1, "{:?}", verdict.joints.limits);
+        verdict.reason
+    };
+    let is_told = |reason: String, text: &str| assert!(reason.contains(&format!("{text} for 4 ticks from tick 3 on")), "{reason}");
+    is_told(reason(codes::DRIVE_EFFORT, 1.0), "joint6 at its torque limit");
+    is_told(reason(codes::DRIVE_EFFORT | codes::DRIVE_SPEED, -1.0), "joint6 at its torque limit");
+    is_told(reason(codes::DRIVE_SPEED, 0.3), "joint6's torque cut by its drive because of the speed");
+    is_told(reason(codes::DRIVE_RATE, 0.3), "joint6's torque delayed by its drive because of the rate");
+}
+
 #[test]
 fn a_hold_beyond_the_goal_is_counted_and_named() {
     let held = |mode: u32, off_m: f64| {
