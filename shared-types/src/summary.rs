@@ -161,7 +161,8 @@ pub struct JointSummary {
 pub struct LimitSummary {
     /// The joint's name.
     pub joint: String,
-    /// `"lower stop"`, `"upper stop"`, `"speed"` (above the limit) or `"torque"` (at the limit).
+    /// `"lower stop"`, `"upper stop"`, `"speed"` (above the limit), `"torque"` (at the limit), `"drive speed"` or `"drive rate"` (the drive cut or
+    /// delayed the torque because of that).
     pub limit: String,
     /// The first tick at which it was reached.
     pub first_tick: u64,

@@ -47,12 +47,12 @@ fn two_links() -> Robot {
 #[test]
 fn two_links_stop_at_the_boundary_and_slide_along_it() {
     let two = two_links();
-    // Radially outwards, and past the boundary at an angle.
-    for by in [[0.5, 0.4, 0.0], [0.1, 0.9, 0.0]] {
+    // Outwards, and past the boundary at an angle: there the arm slides at the path's speed, and ζ turns.
+    for (by, across_mm) in [([0.5, 0.4, 0.0], 1.0), ([0.1, 0.9, 0.0], 8.0)] {
         let scenario = beyond(&two, &[0.3, 0.8], by, 2.0);
         assert!(warning(&two, &scenario).is_some_and(|text| text.contains("segment 0 is beyond reach")));
         let (f, retreat) = slides(&two, &scenario);
-        assert!(f.orthogonal_mm < 1.0 && retreat < 1.0, "{by:?}: {retreat} mm, {f:?}");
+        assert!(f.orthogonal_mm < across_mm && retreat < 1.0, "{by:?}: {retreat} mm, {f:?}");
         assert!(f.speed <= 1.0 && f.torque_step <= 0.0501 && !f.refused && f.saturated_ticks == 0, "{by:?}: {f:?}");
     }
 }
@@ -60,11 +60,11 @@ fn two_links_stop_at_the_boundary_and_slide_along_it() {
 #[test]
 fn six_joints_stop_at_the_boundary_and_slide_along_it() {
     let puma = robot("puma560");
-    for by in [[0.25, 0.1, 0.2], [0.1, 0.05, 0.5]] {
+    for (by, across_mm) in [([0.25, 0.1, 0.2], 1.0), ([0.1, 0.05, 0.5], 5.0)] {
         let scenario = beyond(puma, &[0.3, -0.9, 2.0, 0.3, 0.7, 0.1], by, 3.0);
         assert!(warning(puma, &scenario).is_some(), "{by:?}");
         let (f, retreat) = slides(puma, &scenario);
-        assert!(f.orthogonal_mm < 1.0 && f.orthogonal_deg < 0.5 && retreat < 1.0, "{by:?}: {retreat} mm, {f:?}");
+        assert!(f.orthogonal_mm < across_mm && f.orthogonal_deg < 0.5 && retreat < 1.0, "{by:?}: {retreat} mm, {f:?}");
         assert!(f.speed <= 1.0 && f.torque_step <= 0.0501 && !f.refused, "{by:?}: {f:?}");
     }
 }
