@@ -51,7 +51,9 @@ pub(super) fn fold<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>) ->
 /// Where ζ should be, or how the neighbourhood is left: by the type.
 pub(super) fn direction<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>, memory: &mut Memory) -> Option<Direction> {
     let inside = match s.class {
-        Class::Mixed if slides(s, at, memory) => Some(Direction { weight: 1.0, clipped: true, ..Direction::default() }),
+        Class::Mixed | Class::Type2 if at.clips && slides(s, at, memory) => {
+            Some(Direction { weight: 1.0, clipped: true, ..Direction::default() })
+        }
         Class::Mixed => Some(leave(s, at, memory)),
         Class::Type2 => aside(s, at, memory),
         _ => None,
@@ -72,7 +74,7 @@ pub(super) fn direction<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N
 /// Whether the goal beyond reach runs away along ζ: no self-motion leads there, and the arm stays at the boundary.
 fn slides<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>, memory: &mut Memory) -> bool {
     let off = s.zeta_B.dot(at.error).abs() / if s.angular { AWAY.0 } else { SLIDES };
-    memory.holding = at.clips && off > if memory.holding { 0.5 } else { 1.0 };
+    memory.holding = off > if memory.holding { 0.5 } else { 1.0 };
     if memory.holding {
         memory.passing = false;
     }

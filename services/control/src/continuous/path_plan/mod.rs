@@ -114,7 +114,10 @@ pub fn plan<const N: usize>(request: &Request<'_, N>) -> Result<PathPlan<N>, Inf
         Ok(plan) => plan.singular_times(request),
         Err((_, knots)) => schedule::singular_times(request, knots),
     };
-    let redundant = N > request.task.iter().filter(|counts| **counts).count();
+    // An absent joint moves nothing, and is no spare one.
+    let J = request.model.jacobian(&request.q_start);
+    let joints = J.column_iter().filter(|column| column.amax() > 0.0).count();
+    let redundant = joints > request.task.iter().filter(|counts| **counts).count();
     if times.is_empty() && !redundant {
         return quick.map_err(|(error, _)| error);
     }
