@@ -8,6 +8,10 @@ use model::Robot;
 use nalgebra::SVector;
 use shared_types::scenario::{Control, Scenario};
 
+/// Distance from the start posture that the null space of a steered arm answers to, rad: it goes back at 0.1 rad/s. A session leads the arm far from
+/// there, by postures too, and what it asks for next must not set all joints in motion.
+const STEERED: f64 = 0.04;
+
 /// The posture goals of a task.
 #[derive(Clone, Debug)]
 pub(crate) struct Postures<const N: usize> {
@@ -16,6 +20,8 @@ pub(crate) struct Postures<const N: usize> {
     goals: Vec<SVector<f64, N>>,
     /// Whether the scenario commands any of them.
     commanded: bool,
+    /// Whether the run is steered.
+    steered: bool,
 }
 
 impl<const N: usize> Postures<N> {
@@ -25,7 +31,7 @@ impl<const N: usize> Postures<N> {
     /// [`SetupError::Posture`] for a posture that does not fit the robot.
     pub(crate) fn new(robot: &Robot, scenario: &Scenario, q_start: SVector<f64, N>) -> Result<Self, SetupError> {
         let commanded = scenario.segment.iter().any(|segment| segment.posture_deg.is_some());
-        Ok(Self { q_start, goals: posture_goals(robot, scenario, &q_start)?, commanded })
+        Ok(Self { q_start, goals: posture_goals(robot, scenario, &q_start)?, commanded, steered: scenario.servo.is_some() })
     }
 
     /// Posture goal of each leg, rad.
@@ -57,7 +63,9 @@ impl<const N: usize> Postures<N> {
         if let Some(plan) = motion.planned.as_ref().filter(|_| !self.commanded) {
             return (plan.q - now.q) * k_p + (plan.dq * motion.clock - now.qdot) * k_v;
         }
-        let towards = (self.at(path, progress) - now.q) * (0.25 * k_p);
+        let off = self.at(path, progress) - now.q;
+        let off = if self.steered { off * (STEERED / off.amax().max(STEERED)) } else { off };
+        let towards = off * (0.25 * k_p);
         let around = around.and_then(|first| avoidance::around(&now.at.J, task, now.report, first));
         around.map_or(towards, |(rate, weight)| towards * (1.0 - weight) + rate * (k_v * weight)) - now.qdot * k_v
     }

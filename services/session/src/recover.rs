@@ -47,15 +47,23 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
     let mut summary = recorder::rebuild(&robot, &job).map_err(Failure::work)?;
     if !summary.completed {
         INTERRUPTED.clone_into(&mut summary.outcome);
-        summary.reason = match summary.ticks {
-            0 => "the launcher was killed before the messages of a whole tick were kept".to_owned(),
-            ticks => format!("the launcher was killed; recovered from the messages of {ticks} ticks"),
+        summary.reason = match (summary.ticks, &without_messages(&summary)[..]) {
+            (0, []) => "the launcher was killed before the messages of a whole tick were kept".to_owned(),
+            (0, lost) => format!("no tick is whole: the message log of {} is missing, empty or damaged", lost.join(", ")),
+            (ticks, _) => format!("the launcher was killed; recovered from the messages of {ticks} ticks"),
         };
     }
     summary.machine = machine();
     summary.faults = left_in_shared_memory(&job.run).iter().map(|record| fault_summary(&job, record)).collect();
     keep(&folder, &job, &summary)?;
     Ok(summary)
+}
+
+/// The topics without a message, where others have so many that theirs must have been kept, too.
+fn without_messages(summary: &Summary) -> Vec<String> {
+    let most = summary.topics.values().map(|topic| topic.count).max().unwrap_or_default();
+    let lost = summary.topics.iter().filter(|(_, topic)| topic.count == 0 && most > 2 * message_log::BLOCK as u64);
+    lost.map(|(name, _)| format!("`{name}`")).collect()
 }
 
 /// Why a folder without a job has nothing to recover, and the remedy.
