@@ -99,6 +99,31 @@ mod tests {
     }
 
     #[test]
+    fn no_legend_has_more_entries_than_its_plot_has_room_for() {
+        let singularities = ["elbow", "wrist", "overhead"].map(|name| (name.to_owned(), [255; 4])).to_vec();
+        let tested = [3, 6, 7].into_iter().flat_map(|joints| [false, true].map(|faults| (joints, faults)));
+        for ((joints, faults), which) in tested.flat_map(|run| Layout::ALL.map(|layout| (run, layout))) {
+            let subject = Subject {
+                joints,
+                faults,
+                singularities: singularities.clone(),
+                outer: vec![2.0],
+                goal: [Some(1.0); 2],
+                ..Subject::default()
+            };
+            let mut sheet = Sheet::new(which);
+            Desk::new(&mut sheet, &subject).arrange(which);
+            assert!(!sheet.legends.is_empty());
+            for (plot, entries) in &sheet.legends {
+                let is_large = which == Layout::Faults || (which == Layout::Timing && plot.starts_with("Latency"));
+                // Of seven joints four have names of their own.
+                let room = if is_large { 8 } else { 4 + usize::from(joints == 7) };
+                assert!(*entries <= room, "{which:?}, {joints} joints: {plot:?} has {entries} entries");
+            }
+        }
+    }
+
+    #[test]
     fn no_view_has_the_id_of_one_of_another_class_in_any_layout() {
         let mut classes = BTreeMap::new();
         let all: Vec<(String, String)> = Layout::ALL.into_iter().flat_map(views).collect();

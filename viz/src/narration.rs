@@ -441,6 +441,65 @@ mod tests {
         assert!(words.contains("No torque comes: the drives have braked the arm") && !words.contains("Free"), "{words}");
     }
 
+    /// About how wide the viewer draws a text, px: its font in three classes of letters, within 3 % of what it was seen to draw.
+    fn width(text: &str) -> f64 {
+        let of = |letter: char| match letter {
+            '\u{a0}' => 3.08,
+            ' ' | '(' | ')' | '.' | ',' | ':' | 'f' | 'i' | 'j' | 'l' | 'r' | 't' | '1' => 3.6,
+            'm' | 'w' | 'M' | 'W' => 10.0,
+            _ => 6.9,
+        };
+        text.chars().map(of).sum()
+    }
+
+    #[test]
+    fn the_head_is_the_widest_cell_of_every_column_and_the_table_fits_its_pane() {
+        let mut head = String::new();
+        tell_head(&mut head);
+        let cells: Vec<&str> = head.lines().next().unwrap_or("").split('|').map(|cell| cell.trim_matches(' ')).collect();
+        let (first, lost_width, last) = (width(cells[1]), width(cells[2]), width(cells[3]));
+        // The pane is 676 px wide, half of the window, with margins of 14; gaps and frame of the table are 45.
+        assert!(first + lost_width + last + 45.0 <= 676.0 - 2.0 * 14.0, "{first} {lost_width} {last}");
+        for mode in 0..MODES.len() as u32 {
+            // Less the error of `width`.
+            assert!(0.97 * width(doing(mode)) <= last, "{:?} is wider than its column", doing(mode));
+        }
+        assert!(width(lost(true)).max(width(lost(false))) <= lost_width);
+        for ((kind, _), class, joints) in
+            KINDS.iter().flat_map(|kind| TYPES.iter().flat_map(move |class| [(kind, class, 6), (kind, class, 7)]))
+        {
+            // The type is unknown of those found by number only.
+            if *kind != KIND_NUMERIC && class.0 == TYPE_UNKNOWN {
+                continue;
+            }
+            let (name, (colour, _)) = (singularity_name(*kind, 7), named_colour(*kind, 1));
+            // Bold letters are a little wider; less the error of `width`.
+            let present = 1.08 * width(&name) + width(&format!(" ({colour}, {}): {}", class.1, reason(*kind, joints)));
+            assert!(0.97 * present <= first, "{name} {colour} {}: {present} px in {first}", class.1);
+            assert!(1.08 * width(&name) + width(&format!(" ({colour}), 10000.00 to 20000.00 s")) <= first, "{name}");
+        }
+        assert!(width(COLOURS) < 640.0);
+    }
+
+    #[test]
+    fn words_fit_their_pane_whatever_the_number_of_locks() {
+        let (command, torque) = <(ControlState, TorqueCommand)>::default();
+        for locks in 0..=3 {
+            let mut report = SingularityReport { count: 3, ..SingularityReport::default() };
+            for one in &mut report.singularities[..locks] {
+                one.inside = 1;
+            }
+            let row = TickRow::new(
+                0,
+                ByTopic { singularity: Some(&report), control_state: Some(&command), torque: Some(&torque), ..ByTopic::default() },
+            );
+            let words = Situation::of(&row).markdown(&RUN);
+            // 23 px a row, 38 px the headline, 16 px of frame and gap around a table, of the 172 px below the pane's tab and margin.
+            let rows = words.lines().skip(1).filter(|line| !line.is_empty() && !line.starts_with("|--")).count();
+            assert!(38 + 23 * rows + 2 * 16 <= 172, "{locks} locks: {rows} rows");
+        }
+    }
+
     #[test]
     fn every_code_has_a_lane_colour() {
         let lanes = |table: &[Named], states: States| table.iter().all(|(_, name)| states.iter().any(|(state, _)| state == name));

@@ -4,7 +4,7 @@ use re_chunk::EntityPath;
 use re_sdk_types::blueprint::components::Corner2D;
 use shared_types::scenario::Layout;
 
-use super::sheet::{Lines, Sheet};
+use super::sheet::{Lines, Sheet, WITH_FAULT};
 use super::subject::{ACROSS, ALONG, JOINTS, Subject};
 use crate::entity;
 use crate::signals::{Drawn, HOP_NAMES, Signal};
@@ -48,7 +48,7 @@ impl<'a> Desk<'a> {
                 let left = [(2.45, self.sheet.row("", views)), (1.15, self.now())];
                 let torques = self.torques();
                 let (errors, joints, measure) = (self.errors(), self.joints(), self.measure());
-                let others = [self.gravity(), self.governor(), self.auxiliary(), self.singular_values(), self.latency()];
+                let others = [self.gravity(), self.governor(), self.auxiliary(), self.singular_values(), self.latency(Named::Last)];
                 let modes = [self.modes(), self.log()];
                 let right = if self.subject.stands_still {
                     // No singularity is in play: the error first, the joints that move, and the rest in tabs.
@@ -68,18 +68,20 @@ impl<'a> Desk<'a> {
                 self.sheet.row("", cells);
             }
             Layout::Timing => {
-                let upper = [(2.2, self.latency()), (1.0, self.small_world())];
+                let upper = [(2.2, self.latency(Named::All)), (1.0, self.small_world())];
                 let middle = [(1.0, self.lives()), (1.0, self.modes()), (1.0, self.log())];
                 let lower = [(1.0, self.errors()), (1.0, self.governor())];
-                let rows = [(2.0, upper.to_vec()), (1.3, middle.to_vec()), (1.0, lower.to_vec())];
+                let rows = [(2.0, upper.to_vec()), (1.3, middle.to_vec()), (1.2, lower.to_vec())];
                 let cells = rows.map(|(share, row)| (share, self.sheet.row("", row)));
                 self.sheet.column(cells.into());
             }
             Layout::Faults => {
-                let left = [(1.3, self.small_world()), (0.95, self.now()), (1.1, self.log())];
-                let more = [self.errors(), self.torques(), self.joints(), self.measure(), self.governor(), self.latency()];
+                let below = [self.log(), self.modes()];
+                let below = self.sheet.tabs(below.into());
+                let left = [(1.3, self.small_world()), (0.95, self.now()), (1.1, below)];
+                let more = [self.errors(), self.torques(), self.joints(), self.measure(), self.governor(), self.latency(Named::Last)];
                 let more = self.sheet.tabs(more.into());
-                let right = [(2.25, self.lives()), (1.2, more), (1.15, self.modes())];
+                let right = [(2.25, self.lives()), (2.35, more)];
                 // The table of singularities and lines of the log are as wide as in the layout for control.
                 let cells = vec![(1.12, self.sheet.column(left.into())), (1.0, self.sheet.column(right.into()))];
                 self.sheet.row("", cells);
@@ -87,17 +89,23 @@ impl<'a> Desk<'a> {
         }
     }
 
-    /// A line per joint. A legend has room for four names: of two plots side by side the one names the first joints, the other the last.
+    /// A line per joint. A legend has room for four names: of two plots side by side the one names the first joints, the other the last,
+    /// and the others share an entry.
     fn per_joint(&self, drawn: Drawn, named: Named) -> Vec<Lines> {
-        let first = self.subject.joints.div_ceil(2);
-        let is_named = |i: usize| match named {
-            Named::All => true,
-            Named::First => i < first,
-            Named::Last => i >= first,
+        let (count, first) = (self.subject.joints, self.subject.joints.div_ceil(2));
+        let (own, others) = match named {
+            _ if count <= 3 => (0..count, count..count),
+            Named::First => (0..first, first..count),
+            Named::All | Named::Last => (first..count, 0..first),
         };
-        // The others share an entry.
-        let names = (0..self.subject.joints).map(|i| if is_named(i) { format!("q{}", i + 1) } else { "…".to_owned() });
+        let others = self.with_fault(&format!("q{} to q{}", others.start + 1, others.end));
+        let names = (0..count).map(|i| if own.contains(&i) { format!("q{}", i + 1) } else { others.clone() });
         vec![Lines::drawn(drawn, names.collect(), JOINTS)]
+    }
+
+    /// The name of an entry that the bar of faults shares, so that it takes no room of its own.
+    fn with_fault(&self, name: &str) -> String {
+        if self.subject.faults { format!("{name}{WITH_FAULT}") } else { name.to_owned() }
     }
 
     fn singularity_names(&self, prefix: &str) -> Vec<String> {
@@ -148,9 +156,10 @@ impl<'a> Desk<'a> {
 
     /// log₁₀(|s_i| / η_i), the band below 1 hatched.
     fn measure(&mut self) -> EntityPath {
-        let band = Lines::guide("guide:band", "treated as singular", entity::BAND_LINES, [255, 64, 84, 30], 5.0);
+        let singular = self.with_fault(if self.subject.faults { "singular" } else { "treated as singular" });
+        let band = Lines::guide("guide:band", &singular, entity::BAND_LINES, [255, 64, 84, 30], 5.0);
         // In the legend with the band: it has room for few names.
-        let edges = Lines::guide("guide:edge", "treated as singular", self.subject.outer.len(), [190, 195, 205, 150], 1.0);
+        let edges = Lines::guide("guide:edge", &singular, self.subject.outer.len(), [190, 195, 205, 150], 1.0);
         let mut nearness = Lines::drawn(Drawn::Nearness, self.singularity_names(""), self.colours());
         nearness.width = 2.5;
         self.sheet.plot(
@@ -164,18 +173,22 @@ impl<'a> Desk<'a> {
     /// The errors, each with what the goal allows, in powers of ten.
     fn errors(&mut self) -> EntityPath {
         let goal = self.subject.goal;
+        let allowed = self.with_fault("goal");
         let pane = |sheet: &mut Sheet, name: &str, signal, guide, goal: Option<f64>, legend| {
             let names = ["orthogonal to ζ", "along ζ"].map(str::to_owned).to_vec();
             let mut lines = vec![Lines::of(signal, names, [ACROSS, ALONG])];
-            lines.extend(goal.map(|_| Lines::guide(guide, "goal", 1, TOLERANCE, 1.0)));
+            lines.extend(goal.map(|_| Lines::guide(guide, &allowed, 1, TOLERANCE, 1.0)));
             sheet.plot(name, lines, ERRORS, legend)
         };
-        let position = pane(self.sheet, "Position error, 10^y mm", Signal::PositionError, "guide:goal_position", goal[0], None);
-        if self.subject.without_orientation {
+        let (is_alone, corner) = (self.subject.without_orientation, Some(Corner2D::RightTop));
+        // Of two plots side by side the second has the legend of both.
+        let (name, legend) = ("Position error, log10 mm", if is_alone { corner } else { None });
+        let position = pane(self.sheet, name, Signal::PositionError, "guide:goal_position", goal[0], legend);
+        if is_alone {
             return self.sheet.row("Task errors", vec![(1.0, position)]);
         }
-        let (name, legend) = ("Orientation error, 10^y °", Some(Corner2D::RightTop));
-        let orientation = pane(self.sheet, name, Signal::OrientationError, "guide:goal_orientation", goal[1], legend);
+        let name = "Orientation error, log10 °";
+        let orientation = pane(self.sheet, name, Signal::OrientationError, "guide:goal_orientation", goal[1], corner);
         self.sheet.row("Task errors", vec![(1.0, position), (1.0, orientation)])
     }
 
@@ -194,7 +207,7 @@ impl<'a> Desk<'a> {
 
     fn gravity(&mut self) -> EntityPath {
         let name = format!("Gravity torque{}", self.torque_unit());
-        self.sheet.plot(&name, self.per_joint(Drawn::Gravity, Named::All), None, Some(Corner2D::LeftBottom))
+        self.sheet.plot(&name, self.per_joint(Drawn::Gravity, Named::First), None, Some(Corner2D::LeftBottom))
     }
 
     fn joints(&mut self) -> EntityPath {
@@ -210,24 +223,32 @@ impl<'a> Desk<'a> {
     fn governor(&mut self) -> EntityPath {
         let names = ["time", "task torque", "null torque"].map(str::to_owned).to_vec();
         let scales = Lines::of(Signal::Scale, names, [[120, 190, 250, 255], [110, 215, 150, 255], [200, 200, 120, 255]]);
-        let beta = self.per_singularity(Signal::Beta, "β ");
+        let mut beta = self.per_singularity(Signal::Beta, "");
+        beta.name_all(&self.with_fault("β"));
         self.sheet.plot("β (1 hand, 0 null space), governor", vec![scales, beta], Some([-0.05, 1.05]), Some(Corner2D::RightBottom))
     }
 
     fn auxiliary(&mut self) -> EntityPath {
         let mut reference = self.per_singularity(Signal::AuxiliaryReference, "reference ");
+        reference.name_all(&self.with_fault("reference"));
         reference.colours.iter_mut().for_each(|colour| colour[3] = 120);
         let actual = self.per_singularity(Signal::Auxiliary, "");
         self.sheet.plot("Auxiliary coordinates, rad", vec![reference, actual], None, Some(Corner2D::RightTop))
     }
 
     fn singular_values(&mut self) -> EntityPath {
-        let names = (1..=self.subject.joints.min(6)).map(|i| format!("σ{i}")).collect();
+        let count = self.subject.joints.min(6);
+        let between = format!("σ2 to σ{}", count.saturating_sub(1));
+        let names = (1..=count).map(|i| if i == 1 || i == count { format!("σ{i}") } else { between.clone() }).collect();
         self.sheet.plot("Singular values", vec![Lines::of(Signal::SingularValues, names, JOINTS)], None, Some(Corner2D::RightTop))
     }
 
-    fn latency(&mut self) -> EntityPath {
-        let hops = Lines::of(Signal::Latency, HOP_NAMES.map(str::to_owned).to_vec(), JOINTS);
-        self.sheet.plot("Latency per hop, 10^y µs", vec![hops], LATENCIES, Some(Corner2D::RightTop))
+    /// `named`: all hops, where there is room, or the whole way.
+    fn latency(&mut self, named: Named) -> EntityPath {
+        let last = HOP_NAMES.len() - 1;
+        let names =
+            HOP_NAMES.iter().enumerate().map(|(i, name)| if matches!(named, Named::All) || i == last { *name } else { "its parts" });
+        let hops = Lines::of(Signal::Latency, names.map(str::to_owned).collect(), JOINTS);
+        self.sheet.plot("Latency per hop, log10 µs", vec![hops], LATENCIES, Some(Corner2D::RightTop))
     }
 }

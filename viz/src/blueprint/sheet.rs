@@ -49,10 +49,18 @@ impl Lines {
         Self { width, ..Self::new(entity::GUIDES, component, names, vec![colour; count]) }
     }
 
+    /// One name, hence one entry of the legend, for lines that are told apart by colours known from other plots.
+    pub(super) fn name_all(&mut self, name: &str) {
+        self.names.iter_mut().for_each(|each| name.clone_into(each));
+    }
+
     fn new(entity: &'static str, component: &'static str, names: Vec<String>, colours: impl IntoIterator<Item = Rgba>) -> Self {
         Self { entity, component, colours: colours.into_iter().take(names.len()).collect(), names, width: 1.5 }
     }
 }
+
+/// The end of the name of an entry that stands for the bar of faults too.
+pub(super) const WITH_FAULT: &str = "; bar: fault";
 
 /// Colour of a fault in force, as in its lane.
 const FAULT: Rgba = [192, 48, 48, 255];
@@ -75,11 +83,23 @@ pub(super) struct Sheet {
     pub(super) root: Uuid,
     /// Whether plots have a bar for faults in force.
     pub(super) marks_faults: bool,
+    /// Names of plots, and how many entries their legends have.
+    #[cfg(test)]
+    pub(super) legends: Vec<(String, usize)>,
 }
 
 impl Sheet {
     pub(super) fn new(layout: Layout) -> Self {
-        Self { layout, chunks: Vec::new(), ids: 0, views: Vec::new(), root: Uuid::nil(), marks_faults: false }
+        Self {
+            layout,
+            chunks: Vec::new(),
+            ids: 0,
+            views: Vec::new(),
+            root: Uuid::nil(),
+            marks_faults: false,
+            #[cfg(test)]
+            legends: Vec::new(),
+        }
     }
 
     pub(super) fn log(&mut self, path: impl Into<EntityPath>, archetype: &dyn AsComponents) {
@@ -157,8 +177,15 @@ impl Sheet {
     /// A plot of lines over the shared time axis; `range`: fixed y range.
     pub(super) fn plot(&mut self, name: &str, mut lines: Vec<Lines>, range: Option<[f64; 2]>, legend: Option<Corner2D>) -> EntityPath {
         if self.marks_faults {
-            let bar = Lines::drawn(Drawn::Fault, vec!["fault in force".to_owned()], [FAULT]);
+            let shared = lines.iter().flat_map(|lines| &lines.names).find(|name| name.ends_with(WITH_FAULT));
+            let name = shared.cloned().unwrap_or_else(|| "fault in force".to_owned());
+            let bar = Lines::drawn(Drawn::Fault, vec![name], [FAULT]);
             lines.push(Lines { width: 6.0, ..bar });
+        }
+        #[cfg(test)]
+        if legend.is_some() {
+            let names: std::collections::BTreeSet<&String> = lines.iter().flat_map(|lines| &lines.names).collect();
+            self.legends.push((name.to_owned(), names.len()));
         }
         let mut entities: Vec<&str> = lines.iter().map(|lines| lines.entity).collect();
         entities.sort_unstable();
