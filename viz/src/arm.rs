@@ -170,11 +170,21 @@ fn pedestal(base: &mut Mesh, floor: f32, radius: f32) {
     base.add_extrusion(Placement::IDENTITY, &[disc(0.0, 0.0, 1.35 * radius)], -0.025, -0.001, 0.004, DARK);
 }
 
+/// The longest side; m.
+fn extent(geometry: &Geometry) -> f64 {
+    match geometry {
+        Geometry::Box { size } => size.amax(),
+        Geometry::Cylinder { radius, length } | Geometry::Capsule { radius, length } => length.max(2.0 * radius),
+        Geometry::Sphere { radius } => 2.0 * radius,
+    }
+}
+
 /// The robot's own visual geometry; a capsule for a link that has none, and a hand where the arm ends in a flange.
 fn shapes(robot: &Robot, reach: f32) -> (Mesh, Vec<Mesh>) {
     let mut base = Mesh::default();
     let mut links = vec![Mesh::default(); robot.joints.len()];
-    for shape in &robot.shapes {
+    // A shape without extent is none: its link would not be seen.
+    for shape in robot.shapes.iter().filter(|shape| extent(&shape.geometry) > 1e-4 * f64::from(reach)) {
         let (mesh, colour) = match shape.joint {
             None => (&mut base, DARK),
             Some(i) => (&mut links[i], if i % 2 == 0 { SHELL } else { METAL }),
