@@ -57,14 +57,13 @@ pub(crate) struct Ending {
 /// `is_changed`, because the subject is another than the blueprint was sent for, all of its views too.
 pub(crate) fn send_ending(sink: &mut Sink, store: &StoreId, subject: &Subject, which: Layout, ending: &Ending, is_changed: bool) {
     // The ids of the same layout again, without its other chunks.
-    let mut places = Sheet::new(which);
+    let mut places = if is_changed { Sheet::new(which) } else { Sheet::without_chunks(which) };
     Desk::new(&mut places, subject).arrange(which);
     let view = places.view_named(close_up_name(subject));
+    places.make_chunks();
     if is_changed {
         let root = RootContainer(places.root.into());
         places.log("viewport", &ViewportBlueprint::new().with_root_container(root));
-    } else {
-        places.chunks.clear();
     }
     let (min, max) = ending.loop_ns;
     let range = AbsoluteTimeRange(re_sdk_types::datatypes::AbsoluteTimeRange { min: TimeInt(min), max: TimeInt(max) });

@@ -3,6 +3,8 @@
 //! One wide table, one row per tick: every chunk of a file carries the whole schema of its entity, so few wide entities are cheap
 //! where many narrow ones are not. Positions are f64, as they came; the rest is f32, 7 digits, which halves the file.
 
+use std::sync::Arc;
+
 use model::Robot;
 use nalgebra::{Matrix3, Vector3};
 use shared_types::graph::Graph;
@@ -218,7 +220,7 @@ pub fn chain_hops(graph: &Graph) -> Option<ChainHops> {
 /// The names of the processes whose lanes the state timeline has: the writers of [`CHAIN`]'s topics, and the recorder.
 /// Empty where no process is.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Lives(pub(crate) [String; LIVES]);
+pub struct Lives(Arc<[String; LIVES]>);
 
 /// How many.
 pub(crate) const LIVES: usize = 5;
@@ -236,7 +238,7 @@ impl Lives {
                 names[i].clear();
             }
         }
-        Self(names)
+        Self(names.into())
     }
 
     /// Place and name of each.
@@ -249,7 +251,7 @@ impl Default for Lives {
     /// Those of the built-in graph.
     fn default() -> Self {
         use Program::{Analyzer, Controller, Estimator, Plant, Recorder};
-        Self([Plant, Estimator, Analyzer, Controller, Recorder].map(|program| program.name().to_owned()))
+        Self([Plant, Estimator, Analyzer, Controller, Recorder].map(|program| program.name().to_owned()).into())
     }
 }
 

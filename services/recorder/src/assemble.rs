@@ -127,7 +127,10 @@ impl Assembler {
         if tick < self.next {
             return None;
         }
-        let place = self.rows.partition_point(|row| row.tick < tick);
+        // Rows are of ticks on end, but for gaps.
+        let is_at = |place: &usize| self.rows.get(*place).is_some_and(|row| row.tick == tick);
+        let from_front = self.rows.front().and_then(|front| usize::try_from(tick.checked_sub(front.tick)?).ok());
+        let place = from_front.filter(is_at).unwrap_or_else(|| self.rows.partition_point(|row| row.tick < tick));
         if self.rows.get(place).is_none_or(|row| row.tick != tick) {
             let row = self.empty(tick);
             self.rows.insert(place, row);

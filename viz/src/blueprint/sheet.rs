@@ -83,6 +83,8 @@ pub(super) struct Sheet {
     pub(super) root: Uuid,
     /// Whether plots have a bar for faults in force.
     pub(super) marks_faults: bool,
+    /// Whether chunks are made, or ids only.
+    makes_chunks: bool,
     /// Names of plots, and how many entries their legends have.
     #[cfg(test)]
     pub(super) legends: Vec<(String, usize)>,
@@ -97,18 +99,35 @@ impl Sheet {
             views: Vec::new(),
             root: Uuid::nil(),
             marks_faults: false,
+            makes_chunks: true,
             #[cfg(test)]
             legends: Vec::new(),
         }
     }
 
+    /// The ids and views of a layout that has been written, without its chunks.
+    pub(super) fn without_chunks(layout: Layout) -> Self {
+        Self { makes_chunks: false, ..Self::new(layout) }
+    }
+
+    /// From now on chunks are made.
+    pub(super) fn make_chunks(&mut self) {
+        self.makes_chunks = true;
+    }
+
     pub(super) fn log(&mut self, path: impl Into<EntityPath>, archetype: &dyn AsComponents) {
+        if !self.makes_chunks {
+            return;
+        }
         let at = [(Timeline::new_sequence("blueprint"), 0)];
         self.chunks.push(Chunk::builder(path).with_archetype(RowId::new(), at, archetype).build());
     }
 
     /// Two archetypes of one place, in one chunk: each chunk costs a thousand bytes.
     fn log_both(&mut self, path: impl Into<EntityPath>, one: &dyn AsComponents, other: &dyn AsComponents) {
+        if !self.makes_chunks {
+            return;
+        }
         let at = [(Timeline::new_sequence("blueprint"), 0)];
         let components = one.as_serialized_batches().into_iter().chain(other.as_serialized_batches());
         self.chunks.push(Chunk::builder(path).with_serialized_batches(RowId::new(), at, components).build());
