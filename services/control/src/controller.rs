@@ -3,6 +3,7 @@
 use crate::analyzer::Analyzer;
 use crate::arm_family::choice::Family;
 use crate::auxiliary_coordinates::Coordinates;
+use crate::beyond_reach;
 use crate::baselines::hold_and_blend;
 use crate::baselines::resolved_rate::{self, Inverse};
 use crate::centre::AtCentre;
@@ -93,6 +94,12 @@ impl<const N: usize> Controller<N> {
     #[must_use]
     pub fn obstacle(&self) -> Option<&str> {
         self.obstacle.as_deref()
+    }
+
+    /// A goal that no posture of the arm has, found before the first tick, in words.
+    #[must_use]
+    pub fn warning(&self) -> Option<String> {
+        beyond_reach::warning(&self.guide)
     }
 
     /// One tick: the torque for this state.
@@ -207,7 +214,8 @@ impl<const N: usize> Controller<N> {
         let auxiliary = self.coordinates().step(state, now, &motion)?;
         let torques = self.torques(state, now, &motion, &auxiliary)?;
         let kept = self.limits(state, now, &motion, &torques)?;
-        let command = self.with_reach(command::running(state, now, &motion, &auxiliary, &kept, self.scenario.settle_s));
+        let command = command::running(state, now, &motion, &auxiliary, &kept, self.scenario.settle_s);
+        let command = beyond_reach::marked(command, &self.guide, &self.task, &self.scenario.goal);
         self.clock(state, now, &motion, &torques, auxiliary.load);
         Ok(command)
     }
