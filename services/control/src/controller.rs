@@ -3,9 +3,9 @@
 use crate::analyzer::Analyzer;
 use crate::arm_family::choice::Family;
 use crate::auxiliary_coordinates::Coordinates;
-use crate::beyond_reach;
 use crate::baselines::hold_and_blend;
 use crate::baselines::resolved_rate::{self, Inverse};
+use crate::beyond_reach;
 use crate::centre::AtCentre;
 use crate::command;
 use crate::continuous::blended;

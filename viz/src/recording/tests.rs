@@ -9,7 +9,6 @@ use re_log_encoding::DecoderApp;
 use re_log_types::{LogMsg, StoreKind};
 
 use super::*;
-use crate::arm::Figure;
 use crate::entity;
 use crate::signals::{Limits, Lives, Signal, TickRow, sample};
 use crate::storage::RecordError;
@@ -380,33 +379,6 @@ fn a_folder_that_does_not_exist_is_named() {
     let run = about(&scenario, &robot);
     let error = Recording::create(Path::new("/there/is/no/such"), &run).err().expect("no folder");
     assert!(error.to_string().contains("/there/is/no/such/run.rrd") && error.to_string().contains("--out"), "{error}");
-}
-
-#[test]
-fn a_link_whose_shapes_have_no_extent_is_seen() {
-    let mut robot = Robot::builtin("ur5").expect("built in");
-    let of_link = |shape: &&mut model::Shape| shape.joint == Some(2);
-    let emptied = robot.shapes.iter_mut().filter(of_link).map(|shape| shape.geometry = model::Geometry::Box { size: Default::default() });
-    assert!(emptied.count() > 0);
-    let link = &Figure::new(&robot, -0.6).links[2];
-    let apart = |p: &[f32; 3]| glam::Vec3::from_array(*p).distance(glam::Vec3::from_array(link.positions[0]));
-    assert!(link.positions.iter().map(apart).fold(0.0, f32::max) > 0.2);
-}
-
-#[test]
-fn every_built_in_arm_has_a_figure() {
-    for name in Robot::builtin_names() {
-        let robot = Robot::builtin(name).expect("built in");
-        let figure = Figure::new(&robot, -0.6);
-        assert_eq!(figure.links.len(), robot.dof());
-        let meshes = figure.links.iter().chain([&figure.base]);
-        assert!(figure.links.iter().any(|mesh| !mesh.triangles.is_empty()), "{name}");
-        for mesh in meshes {
-            let vertices = mesh.positions.len() as u32;
-            assert!(mesh.triangles.iter().flatten().all(|corner| *corner < vertices));
-            assert!(mesh.positions.iter().flatten().all(|x| x.is_finite() && x.abs() < 3.0), "{name}: a vertex far away");
-        }
-    }
 }
 
 #[test]
