@@ -277,6 +277,14 @@ impl<'a, V: View> Protocol<'a, V> {
         self.view.outages().filter(is_it).map(|outage| outage.at + u64::from(outage.after_outputs > 0)).max().unwrap_or(0)
     }
 
+    /// Likewise for its planned deaths between two ticks: of ticks from `from` on and below this one it has sent messages, and a reader that was not
+    /// yet connected to an incarnation of few ticks has not received them.
+    pub(crate) fn sent_before_planned_death(&self, process: usize, (from, before): (u64, u64)) -> u64 {
+        let is_it = |outage: &Outage| outage.process == process && !outage.is_unplanned && outage.is_death && outage.at < before;
+        let ends = self.view.outages().filter(is_it).map(|outage| outage.at + u64::from(outage.after_outputs > 0));
+        ends.filter(|end| *end > from).max().unwrap_or(0)
+    }
+
     /// For a process that has been started again: a death that came to its predecessor's replacement before that could answer. It must come again,
     /// so that the incarnations are those of the run that is repeated.
     pub(crate) fn downfall_at_start(&self) -> Option<Outage> {

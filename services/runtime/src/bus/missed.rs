@@ -2,6 +2,9 @@
 //!
 //! A writer sends to the retainer first, and the launcher hands over what the retainers hold before it enters a death in the fault table. So a reader
 //! that knows of the death and finds nothing more in its buffer takes from the retainer's file what the dead writer had sent beyond that.
+//!
+//! A planned death kills between two ticks, when all readers have what was sent; but a reader connects to a writer when it next looks, and a writer that
+//! has lived for a few ticks may be gone by then. A gap in the ticks at a planned death is looked up in the retainer, too.
 
 use crate::bus::format::header;
 use crate::bus::recall::oldest_missed;
@@ -43,7 +46,24 @@ impl Missed {
     /// Requires that the buffer was looked at after the fault table was learnt.
     #[inline]
     pub(crate) fn take(&mut self, context: &Context, before: u64) -> Option<Vec<u8>> {
-        if self.is_open(context) && before > self.next { self.look(context, before) } else { None }
+        if self.writer.is_none() || before <= self.next {
+            return None;
+        }
+        let missed = if self.is_open(context) { self.look(context, before) } else { None };
+        if missed.is_some() || before == u64::MAX { missed } else { self.look_back(context, before) }
+    }
+
+    /// After a gap in the ticks: what an incarnation that fell by plan had sent in it.
+    #[cold]
+    fn look_back(&mut self, context: &Context, before: u64) -> Option<Vec<u8>> {
+        let sent = context.protocol().sent_before_planned_death(self.writer?, (self.next, before));
+        if sent <= self.next {
+            return None;
+        }
+        context.await_hand_over(self.topic).ok()?;
+        let missed = self.oldest(context, sent);
+        self.begin_at(missed.as_ref().map_or(sent, |message| header(message).tick.saturating_add(1)));
+        missed
     }
 
     #[cold]
