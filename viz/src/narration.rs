@@ -197,13 +197,15 @@ impl Situation {
                 return text;
             }
             let near = self.singularities[..self.count].iter().enumerate().find(|(_, one)| one.mode != MODE_REGULAR);
-            // A headline of one line: a title may take two, and the table below needs the room.
+            // A headline of one line: a title may take two, and the table below needs the room, of more than two locks all of it.
+            let below = self.past[..self.count].iter().flatten().count() + usize::from(self.servo.is_some());
+            let second = |words: String| if below <= ROOM { words + "\n" } else { String::new() };
             let _ = match near {
                 Some((i, one)) => {
                     let (name, doing) = (singularity_name(one.kind, i), capital(doing(one.mode)));
-                    writeln!(text, "{mark} Near the {name} singularity, free to move\n\n{doing}.\n")
+                    writeln!(text, "{mark} Near the {name} singularity, free to move\n\n{}", second(doing + "."))
                 }
-                None => writeln!(text, "{mark} Free: the hand can move in every direction\n\n{}\n", run.title),
+                None => writeln!(text, "{mark} Free: the hand can move in every direction\n\n{}", second(run.title.to_owned())),
             };
             self.tell_reason(&mut text);
             if self.tell_past(&mut text, run) {
@@ -493,10 +495,16 @@ mod tests {
                 0,
                 ByTopic { singularity: Some(&report), control_state: Some(&command), torque: Some(&torque), ..ByTopic::default() },
             );
-            let words = Situation::of(&row).markdown(&RUN);
+            let situation = Situation::of(&row);
+            let mut afterwards = situation;
+            if locks == 0 {
+                afterwards.past[..3].fill(Some(Stay { first: 100, end: 200, mode: MODE_TRACK }));
+            }
             // 23 px a row, 38 px the headline, 16 px of frame and gap around a table, of the 172 px below the pane's tab and margin.
-            let rows = words.lines().skip(1).filter(|line| !line.is_empty() && !line.starts_with("|--")).count();
-            assert!(38 + 23 * rows + 2 * 16 <= 172, "{locks} locks: {rows} rows");
+            for words in [situation, afterwards].map(|situation| situation.markdown(&RUN)) {
+                let rows = words.lines().skip(1).filter(|line| !line.is_empty() && !line.starts_with("|--")).count();
+                assert!(38 + 23 * rows + 2 * 16 <= 172, "{locks} locks: {rows} rows");
+            }
         }
     }
 
