@@ -46,7 +46,8 @@ pub enum RobotError {
     /// Several movable branches, none of them named as the arm.
     #[error(
         "robot '{robot}' branches at link '{link}' into joints {joints}: only serial chains are supported, \
-         so name the arm's end with `default_frame = \"LINK\"` in its description (the other joints are then held at zero)"
+         so name the arm's end with `--frame LINK`, `frame = \"LINK\"` in a scenario, or `default_frame = \"LINK\"` in its description \
+         (the other joints are then held at zero)"
     )]
     Branches {
         /// The robot's name.

@@ -310,9 +310,11 @@ impl<'a> Tree<'a> {
             for child in self.joints_of(name) {
                 let is_held = rigid.iter().any(|(link, _)| *link == child.child.link);
                 if is_held && self.is_movable(child) {
+                    let why = if self.is_gripper(child) { "is named as a gripper's, or mimics, or is mimicked" } else { "leads elsewhere" };
                     chain.notes.push(format!(
-                        "joint '{}' is not on the way to '{}': it is held at zero, its link part of '{}'",
-                        child.name, chain.tip, rigid[0].0
+                        "joint '{}' {why}: it is held at zero, its link part of '{}'; the arm ends in '{}', and `default_frame = \"LINK\"` in its \
+                         description names another end",
+                        child.name, rigid[0].0, chain.tip
                     ));
                 }
             }
