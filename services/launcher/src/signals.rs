@@ -107,8 +107,8 @@ fn count(signal: i32) {
 fn ignored_signals() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let mask = status.lines().find_map(|line| u64::from_str_radix(line.strip_prefix("SigIgn:")?.trim(), 16).ok());
-    // A shell without job control starts a background command with SIGINT ignored, and yet means it when it sends one.
-    mask.unwrap_or_default() & !(1 << (SIGINT - 1))
+    // A shell without job control starts a background command with SIGINT and SIGQUIT ignored, and yet means them when it sends one.
+    mask.unwrap_or_default() & !(1 << (SIGINT - 1) | 1 << (SIGQUIT - 1))
 }
 
 #[cfg(test)]
