@@ -85,7 +85,7 @@ impl<const N: usize> Coordinates<'_, N> {
                     out.load = out.load.max(Guide::<N>::waiting(target.error, demand.beta));
                 }
                 // While a neighbourhood is left along the self-motion, or ζ turned out of the way, the path waits.
-                if one.mode == Mode::Pass && self.family.get().goes_around().is_some_and(|first| i >= first) {
+                if one.mode == Mode::Pass && self.is_gone_around(i) {
                     out.load = out.load.max(WAIT * (1.0 - demand.beta));
                 }
             }
@@ -106,13 +106,18 @@ impl<const N: usize> Coordinates<'_, N> {
 
     /// Whether a formula of the arm's family gives the singularity at a place of the report.
     fn has_formula(&self, place: usize, s: &Singularity<N>) -> bool {
-        s.kind != Kind::Numeric && self.family.get().goes_around().is_none_or(|first| place < first)
+        s.kind != Kind::Numeric && !self.is_gone_around(place)
+    }
+
+    /// Whether the singularity at a place of the report is one that a self-motion leads around.
+    fn is_gone_around(&self, place: usize) -> bool {
+        self.family.get().goes_around().is_some_and(|first| place >= first)
     }
 
     /// Largest auxiliary rate, rad/s: the scenario's, and for the self-motion of an arm with spare joints a share of what the joints have.
     pub(crate) fn rate_max(&self, place: usize, s: &Singularity<N>) -> f64 {
         let stated = self.control.aux_rate_max.of(s.kind.code());
-        if self.family.get().goes_around().is_none_or(|first| place < first) {
+        if !self.is_gone_around(place) {
             return stated;
         }
         // As fast as a joint may be where only it moves.

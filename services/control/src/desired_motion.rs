@@ -51,7 +51,7 @@ pub(crate) fn desired_motion<const N: usize>(follow: &Followed<'_, N>, state: &m
     let turn_error = rotation_error(&desired.R, &now.terms.X_BE.R, free.as_ref());
     let error = stack(&(desired.p - now.at.p), &turn_error);
     let clips = guide.ends_before(state.progress.leg);
-    // What a goal beyond reach is off by along a lost direction must not take from the answer across it.
+    // The distance to a goal beyond reach along a lost direction must not take from the answer across it.
     let lost = if clips { along_lost(&error, now.report) } else { Vector6::zeros() };
     let bounded = |e: &Vector6<f64>| stack(&clamp_norm(linear(e), POSITION_ERROR_MAX), &clamp_norm(angular(e), ORIENTATION_ERROR_MAX));
     let feedback = bounded(&(error - lost)) + bounded(&lost);

@@ -1,16 +1,13 @@
 //! The path plan of a scenario: made when a controller is, put into words where there is none (+).
 
 use crate::analyzer::Analyzer;
-use crate::continuous::path_plan::inverse::Kinematics;
+use crate::continuous::path_plan::inverse::{Kinematics, LOCKED};
 use crate::continuous::path_plan::{Infeasible, Obstacle, PathPlan, Remedy, Request, plan, remedy};
 use crate::continuous::turn_plan::{self, Room};
 use crate::trajectory::Path;
 use model::{JointKind, Model, Robot};
 use nalgebra::{SVector, Vector3};
 use shared_types::scenario::{Goal, Scenario};
-
-/// Unit-scaled singular value below which a direction is lost.
-const LOCKED: f64 = 2e-3;
 
 /// The plan of the whole path, where the law uses one: under our own laws with the governor on.
 ///

@@ -41,9 +41,9 @@ const MANY_TASKS: u64 = 1024;
 #[derive(Debug, thiserror::Error)]
 #[error("this shell allows {allowed}; a run needs {needed}: raise the limit with `ulimit {remedy}`{}", as_root(.is_hard))]
 pub struct Shortage {
-    /// What it allows.
+    /// The value it allows.
     allowed: String,
-    /// What a run needs.
+    /// The value a run needs.
     needed: String,
     /// Option and value of `ulimit`.
     remedy: String,

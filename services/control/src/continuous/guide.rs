@@ -62,7 +62,7 @@ impl<const N: usize> Guide<N> {
     /// Whether the leg of this index is one whose goal is beyond reach, or comes after it.
     #[must_use]
     pub fn ends_before(&self, leg: usize) -> bool {
-        self.plan.as_ref().is_some_and(|plan| plan.legs() < self.legs && leg >= plan.legs())
+        self.beyond_reach().is_some_and(|(first, _)| leg >= first)
     }
 
     /// The target of an auxiliary coordinate: its gradient times the way to the planned posture.

@@ -43,7 +43,7 @@ impl Ring for HandedOver {
     }
 }
 
-/// What the recorder has taken in of a topic.
+/// Messages of a topic that the recorder has taken in.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 struct Taken {
     count: u64,

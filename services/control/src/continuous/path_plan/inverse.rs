@@ -31,6 +31,9 @@ pub struct Kinematics<'a, const N: usize> {
     pub length_m: f64,
 }
 
+/// Unit-scaled σ below which a posture is exactly singular: a self-motion leaves the pose where it is.
+pub(crate) const LOCKED: f64 = 2e-3;
+
 /// Eigenvectors of JᵀJ, smallest eigenvalue first, with J itself.
 #[derive(Clone, Copy, Debug)]
 pub struct Spectrum<const N: usize> {

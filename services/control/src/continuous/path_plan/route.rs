@@ -7,7 +7,7 @@
 mod closing;
 mod self_motion;
 
-use super::inverse::{Kinematics, SOLVED, Spectrum};
+use super::inverse::{Kinematics, LOCKED, SOLVED, Spectrum};
 use model::Pose;
 use nalgebra::{SVector, Vector6};
 use std::cell::Cell;
@@ -27,8 +27,6 @@ const BUDGET: u32 = 30_000;
 const WIDTH: usize = 20;
 /// Postures nearer to each other than this are one, rad.
 const SAME: f64 = 0.03;
-/// Unit-scaled σ below which a posture is exactly singular: a self-motion leaves the pose where it is.
-const LOCKED: f64 = 2e-3;
 /// σ below which other ways on are looked for.
 const NEAR: f64 = 0.2;
 /// Dampings of a step that may leave the path: a weak one goes around a lock as far as it can, a strong one straight past it; that one grows with the
