@@ -150,6 +150,13 @@ impl Strategy {
         matches!(self, Self::Blended | Self::ChangKhatib)
     }
 
+    /// Whether it controls an arm along a path past singularities: `compare` puts all of these side by side. The two projectors of the paper's Figures 1
+    /// and 2 control the posture of a redundant arm.
+    #[must_use]
+    pub fn follows_paths(self) -> bool {
+        !matches!(self, Self::PseudoInverse | Self::DynamicallyConsistent)
+    }
+
     /// Its name in scenario files.
     #[must_use]
     pub fn name(self) -> &'static str {

@@ -5,24 +5,13 @@ use session::{Failure, load};
 use shared_types::codes::singularity_name;
 use shared_types::scenario::{Scenario, Strategy};
 
-/// The paper's law in both forms, and the baselines.
-const LAWS: [Strategy; 7] = [
-    Strategy::Blended,
-    Strategy::ChangKhatib,
-    Strategy::OperationalSpace,
-    Strategy::DampedLeastSquares,
-    Strategy::TruncatedSvd,
-    Strategy::HoldAndBlend,
-    Strategy::JointPd,
-];
-
 /// The laws of these names; all that are compared by default where there is no name.
 ///
 /// # Errors
 /// [`Failure::Input`] where there is no such law.
 pub fn laws(names: &[String]) -> Result<Vec<Strategy>, Failure> {
     if names.is_empty() {
-        return Ok(LAWS.to_vec());
+        return Ok(Strategy::ALL.into_iter().filter(|law| law.follows_paths()).collect());
     }
     let law = |name: &String| {
         let known = || Strategy::ALL.iter().map(|law| law.name());
