@@ -57,22 +57,7 @@ impl<const N: usize> Coordinates<'_, N> {
                 governed: control.governor,
                 clips: motion.clips,
             };
-            let branch = motion.leg.map_or(0, |leg| leg.branch) + state.servo.branch();
-            let by_type = match &motion.planned {
-                // A fold with a formula keeps it; the plan decides its side.
-                Some(_) if singularity.class == Class::Type1 && self.has_formula(i, singularity) => {
-                    let memory = &mut state.loops[i].memory;
-                    memory.side = self.guide.side(singularity, now.q, state.route_time_s).unwrap_or(memory.side);
-                    self.target(singularity, &situation, 0, memory)
-                }
-                Some(planned) => self.guide.target(singularity, planned, now.q, motion.clock),
-                None => self.target(singularity, &situation, branch, &mut state.loops[i].memory),
-            };
-            let target = match motion.leg.and_then(|leg| leg.reorient.map(|(place, angle)| (place, angle, leg.duration_s))) {
-                Some((place, angle, duration_s)) if place == i => self.reorient(state, now, singularity, angle, duration_s)?,
-                // A planned leg lies within reach: what the formula of a fold misses there is tracking error.
-                _ => Target { clipped: by_type.clipped && motion.planned.is_none(), ..by_type },
-            };
+            let target = self.strategy(i, singularity, state, &situation, (now, motion))?;
             let gains = Gains { k: control.k_aux, k_v: control.k_v, rate_max, slew: control.aux_slew.of(kind) };
             let one = &mut state.loops[i];
             let demand = match control.strategy {
@@ -104,6 +89,34 @@ impl<const N: usize> Coordinates<'_, N> {
         Ok(out)
     }
 
+    /// The target of one singularity: of a commanded turn of ζ, of the planned posture, or of the strategy that its type asks for.
+    fn strategy(
+        &self,
+        place: usize,
+        s: &Singularity<N>,
+        state: &mut State<N>,
+        situation: &Situation<'_, N>,
+        (now, motion): (&Inputs<'_, N>, &Motion<N>),
+    ) -> Result<Target, LawError> {
+        let commanded = motion.leg.and_then(|leg| leg.reorient.map(|(place, angle)| (place, angle, leg.duration_s)));
+        let branch = motion.leg.map_or(0, |leg| leg.branch) + state.servo.branch();
+        let memory = &mut state.loops[place].memory;
+        let target = match &motion.planned {
+            // A fold with a formula keeps it; the plan decides its side.
+            Some(_) if s.class == Class::Type1 && self.has_formula(place, s) => {
+                memory.side = self.guide.side(s, now.q, state.route_time_s).unwrap_or(memory.side);
+                self.by_type(s, situation, 0, memory)
+            }
+            Some(planned) => self.guide.target(s, planned, now.q, motion.clock),
+            None => self.by_type(s, situation, branch, memory),
+        };
+        match commanded {
+            Some((turned, angle, duration_s)) if turned == place => self.reorient(state, now, s, angle, duration_s),
+            // A planned leg lies within reach: what the formula of a fold misses there is tracking error.
+            _ => Ok(Target { clipped: target.clipped && motion.planned.is_none(), ..target }),
+        }
+    }
+
     /// Whether a formula of the arm's family gives the singularity at a place of the report.
     fn has_formula(&self, place: usize, s: &Singularity<N>) -> bool {
         s.kind != Kind::Numeric && !self.is_gone_around(place)
@@ -126,7 +139,7 @@ impl<const N: usize> Coordinates<'_, N> {
     }
 
     /// The target of one auxiliary coordinate: the computed type decides the strategy, for every arm.
-    fn target(&self, s: &Singularity<N>, at: &Situation<'_, N>, branch: i32, memory: &mut Memory) -> Target {
+    fn by_type(&self, s: &Singularity<N>, at: &Situation<'_, N>, branch: i32, memory: &mut Memory) -> Target {
         if memory.side == 0.0 {
             memory.side = if s.s < 0.0 { -1.0 } else { 1.0 };
         }
