@@ -471,7 +471,7 @@ mod tests {
     }
 
     #[test]
-    fn what_makes_no_sense_is_refused_with_its_remedy() {
+    fn a_fault_that_makes_no_sense_is_refused_with_its_remedy() {
         let refused = |text: &str| {
             let fault = parse(text);
             let Complaint { path, message, remedy } = fault.schedule(&graph().target(&fault.process).unwrap(), 1000, 0).unwrap_err();

@@ -15,10 +15,10 @@ pub const JOB: &str = "job.json";
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Mode {
-    /// As fast as the machine allows; every process works on exactly tick k; bit-identical.
+    /// Tick by tick as fast as the machine allows; every process works on exactly tick k, and the same scenario gives the same bytes.
     #[default]
     Lockstep,
-    /// Paced on absolute deadlines.
+    /// On absolute deadlines of a fixed grid; the newest message counts, and what is late is counted.
     Realtime,
 }
 

@@ -46,7 +46,7 @@ pub struct Summary {
     pub joints: JointSummary,
     /// The events at each singularity.
     pub singularities: Vec<SingularitySummary>,
-    /// Null-space turns of singular directions: what was said before each began, and what came of it.
+    /// Null-space turns of singular directions: the planned motion, announced before each began, and the actual one.
     pub turns: Vec<TurnSummary>,
     /// Mode changes, in order.
     pub modes: Vec<ModeChange>,
@@ -60,6 +60,10 @@ pub struct Summary {
     /// Latency of each hop, and of the whole `chain` from the sensor sample to the torque in the plant's hands; µs. In real time the
     /// chain's and the plant's own count from when the tick was due; ticks that never began or were never answered count too.
     pub latency_us: BTreeMap<String, Latency>,
+    /// Figures that are NaN or infinite, by their place in this file, as messages give them that a fault has corrupted: JSON has no such number, the
+    /// largest one stands there instead.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub not_finite: Vec<String>,
     /// The recorder's account.
     pub recorder: RecorderSummary,
     /// The processes.
@@ -98,9 +102,9 @@ pub struct TaskSummary {
     pub position_rms_mm: f64,
     /// Largest orientation error.
     pub orientation_max_deg: f64,
-    /// Largest position error across the singular directions.
+    /// Largest position error orthogonal to the singular directions.
     pub orthogonal_max_mm: f64,
-    /// Largest orientation error across the singular directions.
+    /// Largest orientation error orthogonal to the singular directions.
     pub orthogonal_max_deg: f64,
     /// Position error at the end.
     pub final_position_mm: f64,
@@ -208,14 +212,14 @@ pub struct TurnSummary {
     pub tick: u64,
     /// Which singularity.
     pub singularity: String,
-    /// How far each joint was to move; degrees (mm for prismatic joints).
+    /// Planned motion of each joint; degrees (mm for prismatic joints).
     pub planned_deg: Vec<f64>,
-    /// How long it was to take; s.
+    /// Planned duration; s.
     pub planned_s: f64,
-    /// How far each joint did move.
-    pub moved_deg: Vec<f64>,
-    /// How long it took; ticks.
-    pub took_ticks: u64,
+    /// Actual motion of each joint; degrees (mm for prismatic joints).
+    pub actual_deg: Vec<f64>,
+    /// Actual duration, with the ticks in which the arm was brought to rest meanwhile; ticks.
+    pub actual_ticks: u64,
 }
 
 /// A steered session.

@@ -243,7 +243,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_written_is_read_again_bit_for_bit() {
+    fn a_written_target_is_read_again_bit_for_bit() {
         let text = "# armplane targets 1, length mm\n\n0, twist, hand, 0.2, 5 0 0 0 0 0.1\n0.1, pose, base, 1, 500 0 700 0 1 0 0, keep, 0.05\n\
                     0.2,posture,joints,1, 0.1 0.2 0.3 0.4 0.5 0.6,positive\n0.3,twist,7,1,0 0 0 0 0 0\n0.4,twist,base,1,NaN 0 0 0 0 0\n1,end\n";
         let rows = parse(text, 1000).unwrap();

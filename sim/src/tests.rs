@@ -392,7 +392,7 @@ fn rapier_has_the_same_arm() {
 }
 
 #[test]
-fn what_cannot_be_simulated_is_refused_with_a_reason() {
+fn an_arm_that_cannot_be_simulated_is_refused_with_a_reason() {
     let refused = |robot: &Robot, options: &scenario::Plant, q: &Joints| {
         Plant::<6>::new(robot, "", options, RATE, q).map(|_| ()).unwrap_err().to_string()
     };

@@ -75,7 +75,7 @@ fn the_papers_figures_are_drawn_with_their_numbers() {
 }
 
 #[test]
-fn what_one_thread_cannot_do_is_left_out_and_that_is_said_or_it_is_refused() {
+fn work_beyond_one_thread_is_left_out_by_name_or_refused() {
     let desk = Desk::new();
     let fault = "\n[[fault]]\nprocess = \"controller\"\nkind = \"kill\"\nat_tick = 100\n";
     desk.file("faulty.toml", &[sim::scenarios::text("fig5-wrist-rotation").unwrap(), fault].concat());

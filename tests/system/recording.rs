@@ -204,7 +204,7 @@ fn a_report_stands_alone() {
 }
 
 #[test]
-fn what_is_no_run_is_said_in_one_sentence() {
+fn a_folder_that_is_no_run_is_named_in_one_sentence() {
     let desk = Desk::new();
     std::fs::create_dir(desk.path().join("empty")).expect("a folder");
     desk.run(&[&SHORT[..], &["--out", "plain", "--no-record"]].concat());

@@ -52,7 +52,7 @@ fn a_changed_controller_is_told_where_it_first_differs_and_by_how_much() {
 }
 
 #[test]
-fn what_cannot_be_replayed_says_why() {
+fn a_process_that_cannot_be_replayed_says_why() {
     let desk = Desk::new();
     desk.run(&["--out", "bare", "--no-messages"]);
     desk.run(&["--out", "run"]);
@@ -91,7 +91,7 @@ fn short(fault: &str) -> String {
 }
 
 #[test]
-fn what_a_process_computed_and_a_fault_kept_from_leaving_is_computed_too() {
+fn a_message_that_a_fault_kept_from_leaving_is_computed_too() {
     let desk = Desk::new();
     for (process, fault) in [
         // The filter's state goes on from samples whose estimates were not recorded.

@@ -81,7 +81,7 @@ fn steered_by_lines(desk: &Desk) -> Child {
 }
 
 #[test]
-fn what_is_sent_while_the_run_lasts_is_saved_and_gives_the_same_bytes() {
+fn targets_sent_while_the_run_lasts_are_saved_and_give_the_same_bytes() {
     let desk = Desk::new();
     let mut child = steered_by_lines(&desk);
     let mut lines = child.stdin.take().expect("a pipe");
@@ -148,7 +148,7 @@ fn the_last_target_before_the_end_of_input_is_followed_to_its_end() {
 }
 
 #[test]
-fn what_cannot_be_steered_says_why() {
+fn a_scenario_that_cannot_be_steered_says_why() {
     let desk = Desk::new();
     desk.file("wrong.csv", "# armplane targets 1, length mm\n0, twist, tool, 1, 0 0 0 0 0 0\n");
     desk.file("joints.csv", "# armplane targets 1, length mm\n0, posture, joints, 1, 0 0 0 -1 0 1\n");

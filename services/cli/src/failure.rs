@@ -1,5 +1,6 @@
 //! The exit code of a failed command, and its error as a person or a machine reads it.
 
+use std::io::IsTerminal as _;
 use std::process::ExitCode;
 
 use miette::{LabeledSpan, MietteDiagnostic, NamedSource, Report};
@@ -37,13 +38,30 @@ pub(crate) fn report(failure: Failure, as_json: bool) -> ExitCode {
 /// Prints what is wrong with a command's arguments, or the help that was asked for.
 pub(crate) fn usage(error: &clap::Error) -> ExitCode {
     let code = u8::try_from(error.exit_code()).unwrap_or(2);
-    if error.use_stderr() && std::env::args().any(|argument| argument == "--json") {
-        let text = error.render().to_string();
+    if !error.use_stderr() {
+        // A reader that has gone away is no reason to fail otherwise.
+        let _ = error.print();
+    } else if std::env::args().any(|argument| argument == "--json") {
+        let text = with_remedy(&error.render().to_string());
         let message = text.split("\n\n").next().unwrap_or_default().trim_start_matches("error: ");
         tell(&json!({"error": {"kind": "usage", "exit_code": code, "message": message}}));
     } else {
-        // A reader that has gone away is no reason to fail otherwise.
-        let _ = error.print();
+        let styled = error.render();
+        let text = if std::io::stderr().is_terminal() { styled.ansi().to_string() } else { styled.to_string() };
+        tell(&with_remedy(&text).trim_end());
     }
     ExitCode::from(code)
+}
+
+/// The standard library's words for a text that is no number, with the remedy in their place.
+fn with_remedy(text: &str) -> String {
+    [
+        ("invalid digit found in string", "give a whole number"),
+        ("cannot parse integer from empty string", "give a whole number"),
+        ("number too large to fit in target type", "give a smaller number"),
+        ("invalid float literal", "give a number"),
+        ("cannot parse float from empty string", "give a number"),
+    ]
+    .iter()
+    .fold(text.to_owned(), |text, (words, remedy)| text.replace(words, remedy))
 }

@@ -56,7 +56,7 @@ mod tests {
     proptest! {
         /// An arm that follows what it serves, and turns about k as it likes, sees no error; and its velocity is the one demanded.
         #[test]
-        fn what_is_served_does_not_depend_on_the_free_rotation(
+        fn the_served_directions_do_not_depend_on_the_free_rotation(
             start in prop::array::uniform3(-0.8..0.8_f64),
             w in prop::array::uniform3(-1.0..1.0_f64),
             a in prop::array::uniform3(-1.0..1.0_f64),

@@ -106,8 +106,12 @@ impl<const N: usize> State<N> {
         };
     }
 
-    /// The state that [`save`](Self::save) has written, its torque within the arm's `limits`, N·m.
+    /// The state that [`save`](Self::save) has written, its torque within the arm's `limits`, N·m. One with a mode or a refusal that does not exist is
+    /// damaged: it refuses to go on.
     pub(crate) fn from_checkpoint(from: &ControllerCheckpoint, limits: &SVector<f64, N>) -> Self {
+        let modes = from.loops.map(|one| Mode::from_code(one.mode));
+        let is_damaged = modes.contains(&None) || Refusal::from_code(from.servo.stop).is_none();
+        let refusal = Refusal::from_code(from.refusal).filter(|_| !is_damaged).unwrap_or(Refusal::Checkpoint);
         Self {
             progress: Progress {
                 leg: from.segment as usize,
@@ -119,14 +123,14 @@ impl<const N: usize> State<N> {
             },
             governor: Governor { rate: from.governor_rate, rate_dot: from.governor_rate_dot, demand: from.governor_demand },
             loops: from.loops.map(|one| Loop {
-                mode: Mode::from_code(one.mode).unwrap_or_default(),
+                mode: Mode::from_code(one.mode).unwrap_or(Mode::Regular),
                 rate: one.rate,
                 feed_forward: one.feed_forward,
                 trust: one.trust,
                 memory: Memory { passing: one.passing != 0, holding: one.holding != 0, side: one.side, passage: one.passage },
             }),
             turn: Turn { from: from.turn_from.into(), angle: from.turn_angle, by: joints(&from.turn_dq), duration_s: from.turn_s },
-            refusal: Refusal::from_code(from.refusal).unwrap_or_default(),
+            refusal,
             path_time_s: from.path_time_s,
             route_time_s: from.route_time_s,
             joint_memory: JointMemory {

@@ -118,6 +118,8 @@ coded! {
         Estimate = REFUSAL_ESTIMATE,
         /// The arm was held back or thrown: far from the reference arm.
         Parted = REFUSAL_PARTED,
+        /// The checkpoint that it was restored from is damaged.
+        Checkpoint = REFUSAL_CHECKPOINT,
     }
 }
 

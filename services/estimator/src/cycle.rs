@@ -369,7 +369,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_far_out_of_range_is_answered_with_numbers_and_forgotten() {
+    fn a_sample_far_out_of_range_is_answered_with_numbers_and_forgotten() {
         let robot = Robot::builtin("puma560").unwrap();
         let place = [0.1, -1.2, 1.9, 0.2, 0.5, 0.3, 0.0, 0.0];
         let sample = |tick: u64| {

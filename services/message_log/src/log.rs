@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_kept_comes_back_byte_for_byte_in_less_room() {
+    fn messages_come_back_byte_for_byte_in_less_room() {
         let run = TempDir::new().unwrap();
         let folder = run.path().join("messages");
         let n = 3 * BLOCK as u64 + 5;

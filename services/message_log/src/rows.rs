@@ -40,7 +40,7 @@ pub enum LogError {
         source: std::io::Error,
     },
     /// It was written by a program with other messages.
-    #[error("the messages in {path} have the wire format {found:016x}, this program speaks {ours:016x}: use the program that made the run")]
+    #[error("the messages in {path} have the wire format {found:016x}, this program has {ours:016x}: use the program that made the run")]
     WireFormat {
         /// Which.
         path: PathBuf,

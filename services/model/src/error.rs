@@ -211,7 +211,7 @@ pub enum RobotError {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PostureError {
     /// Wrong number of values.
-    #[error("{actual} joint values given, but the robot has {expected} joints ({joints})")]
+    #[error("{actual} joint values given, but the robot has {expected} joints ({joints}): give {expected}")]
     Length {
         /// Values given.
         actual: usize,

@@ -20,7 +20,7 @@ pub enum RobotFailure {
     },
     /// The two speak different versions.
     #[error(
-        "the robot at {address} speaks version {theirs} of its interface; this program speaks 5 and 10: use a robot system that matches one of them"
+        "the robot at {address} has version {theirs} of the interface; this program has 5 and 10: use a robot system that matches one of them"
     )]
     Version {
         /// Where.

@@ -310,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_refused() {
+    fn a_start_that_does_not_fit_is_refused() {
         let robot = Robot::builtin("puma560").unwrap();
         let refused = |scenario: &Scenario| Cycle::<6>::new(&robot, scenario).err().unwrap().to_string();
         let mut odd = scenario();

@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_stuck_stays_what_it_was() {
+    fn a_stuck_value_stays_as_it_was() {
         let mut hardware_faults = with_fault(Kind::Sensor, Way::Bias, 0.0);
         let scheduled_faults = [hardware_faults.sensor[1].unwrap()];
         hardware_faults.sensor = [None; 2];

@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_is_not_waited_for_for_ever() {
+    fn a_missing_message_is_not_waited_for_for_ever() {
         let mut assembler = assembler(3, 6);
         assembler.row(0).unwrap().put(&SensorSample::default());
         (1..=3).for_each(|tick| fill(&mut assembler, tick));

@@ -19,6 +19,7 @@ use bytemuck::{bytes_of, try_pod_read_unaligned};
 use message_log::{LogWriter, TopicHash};
 use model::Robot;
 use runtime::{Collector, Count, Mode, ProcessError, Shell, write_reserved};
+use serde_json::Value;
 use shared_types::Message;
 use shared_types::graph::Graph;
 use shared_types::job::Job;
@@ -44,7 +45,7 @@ pub const SUMMARY: &str = "summary.json";
 pub const MESSAGES: &str = "messages";
 
 /// Pause between two rounds. To wake up with cold caches costs more than a tick's messages do, so the recorder takes several at a time: in lockstep,
-/// where everybody runs at full speed, so that no process has to wait; in real time far fewer than the buffers hold.
+/// where all processes run at full speed, so that none has to wait; in real time far fewer than the buffers hold.
 const fn pause(mode: Mode) -> Duration {
     match mode {
         Mode::Lockstep => Duration::from_millis(2),
@@ -62,7 +63,7 @@ const HORIZON: u64 = 60_000;
 ///
 /// # Errors
 /// [`ProcessError`] where the recorder cannot begin, the graph breaks, or the summary cannot be written. A recording that fails
-/// (a full disk) does not end the run: it is said in the summary.
+/// (a full disk) does not end the run: the summary names it.
 pub fn run(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<(), ProcessError> {
     // Two recorders would write the same files.
     let _recording = shell.hold("recording")?;
@@ -74,20 +75,27 @@ pub fn run(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<()
         .map_err(|error| ProcessError::setup(format!("cannot write {}: {error}", path.display())))
 }
 
-/// The summary as JSON that reads back. JSON has no infinity, and messages that a fault has corrupted give errors beyond all numbers: they are as
-/// large as a number can be.
+/// The summary as JSON that reads back. JSON has no infinity, and messages that a fault has corrupted give errors beyond all numbers: such a figure is
+/// the largest number there is, and `not_finite` names it.
 fn written(summary: &Summary) -> serde_json::Result<Vec<u8>> {
-    fn bound(value: &mut serde_json::Value) {
+    fn bound(value: &mut Value, path: &str, found: &mut Vec<String>) {
+        let below = |key: &str| if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
         match value {
             // Nothing else is null: what is absent is left out.
-            serde_json::Value::Null => *value = f64::MAX.into(),
-            serde_json::Value::Array(values) => values.iter_mut().for_each(bound),
-            serde_json::Value::Object(values) => values.values_mut().for_each(bound),
+            Value::Null => {
+                *value = f64::MAX.into();
+                found.push(path.to_owned());
+            }
+            Value::Array(values) => values.iter_mut().enumerate().for_each(|(i, value)| bound(value, &below(&i.to_string()), found)),
+            Value::Object(values) => values.iter_mut().for_each(|(key, value)| bound(value, &below(key), found)),
             _ => {}
         }
     }
-    let mut value = serde_json::to_value(summary)?;
-    bound(&mut value);
+    let (mut value, mut found) = (serde_json::to_value(summary)?, Vec::new());
+    bound(&mut value, "", &mut found);
+    if !found.is_empty() {
+        value["not_finite"] = found.into();
+    }
     serde_json::to_vec(&value)
 }
 
@@ -156,7 +164,7 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
     let refused = shell.count(Count::Refused) + shell.count(Count::Fenced);
     tape.lost = shell.sent_by_all().saturating_sub(topics.account().iter().map(|(_, hash)| hash.count()).sum::<u64>() + refused);
     tape.not_drawn = topics.foreign.iter().map(|tap| tap.topic.clone()).collect();
-    Ok(summary(robot, job, shell.mode(), judge.verdict(), &topics.account(), tape))
+    Ok(summary(robot, job, judge.verdict(), &topics.account(), tape))
 }
 
 fn take(row: &Row, judge: &mut Judge, tape: &mut Tape) {
@@ -170,7 +178,7 @@ fn take(row: &Row, judge: &mut Judge, tape: &mut Tape) {
     judge.events().for_each(|(tick, text)| tape.event(tick, Level::Warning, &text));
 }
 
-/// A robot's limits, as the judge wants them.
+/// A robot's limits, in the judge's form.
 #[must_use]
 pub fn limits(robot: &Robot) -> Limits {
     let of = |value: fn(&model::Joint) -> f64| robot.joints.iter().map(value).collect();
@@ -386,12 +394,12 @@ impl Topics {
 }
 
 /// The recorder's part of the summary; the launcher adds the processes.
-fn summary(robot: &Robot, job: &Job, mode: Mode, verdict: Verdict, account: &[(&str, TopicHash)], tape: RecorderSummary) -> Summary {
+fn summary(robot: &Robot, job: &Job, verdict: Verdict, account: &[(&str, TopicHash)], tape: RecorderSummary) -> Summary {
     Summary {
         version: job.version.clone(),
         scenario: job.scenario.name.clone(),
         robot: robot.name.clone(),
-        mode: if mode == Mode::Lockstep { "lockstep" } else { "realtime" }.to_owned(),
+        mode: job.mode.name().to_owned(),
         seed: job.scenario.seed,
         run: job.run.clone(),
         ticks: verdict.ticks,
@@ -411,6 +419,7 @@ fn summary(robot: &Robot, job: &Job, mode: Mode, verdict: Verdict, account: &[(&
         faults: Vec::new(),
         deadlines: Default::default(),
         latency_us: verdict.latency_us,
+        not_finite: Vec::new(),
         recorder: RecorderSummary { messages: account.iter().map(|(_, hash)| hash.count()).sum(), ..tape },
         processes: Vec::new(),
         machine: Default::default(),
@@ -429,5 +438,6 @@ mod tests {
         let read: Summary = serde_json::from_slice(&written(&summary).unwrap()).unwrap();
         assert_eq!((read.ticks, read.task.position_rms_mm, read.task.final_orientation_deg), (7, f64::MAX, f64::MAX));
         assert_eq!(read.joints.q_end, [0.5, f64::MAX]);
+        assert_eq!(read.not_finite, ["joints.q_end.1", "task.final_orientation_deg", "task.position_rms_mm"]);
     }
 }

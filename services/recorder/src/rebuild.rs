@@ -1,8 +1,8 @@
 //! A run's recording and account made again from the messages that it kept: for a run whose launcher was killed.
 
 use model::Robot;
-use runtime::{Mode, ProcessError};
-use shared_types::job::{self, Job};
+use runtime::ProcessError;
+use shared_types::job::{Job, Mode};
 use shared_types::summary::Summary;
 
 use crate::assemble::Row;
@@ -19,8 +19,7 @@ use crate::{MESSAGES, limits, summary, take};
 pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
     let mut rows = MessageRows::open_left(&job.out.join(MESSAGES), &job.graph).map_err(ProcessError::setup)?;
     let mut judge = Judge::new(limits(robot), job.scenario.goal.clone(), job.scenario.duration_s() * f64::from(job.scenario.rate_hz));
-    let mode = if job.mode == job::Mode::Lockstep { Mode::Lockstep } else { Mode::Realtime };
-    if mode == Mode::Realtime {
+    if job.mode == Mode::Realtime {
         judge = judge.on_grid(1_000_000_000 / u64::from(job.scenario.rate_hz));
     }
     let mut tape = Tape::start(robot, job, 1)?;
@@ -34,5 +33,5 @@ pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
         partial.drain(..).for_each(|row| take(&row, &mut judge, &mut tape));
         take(row, &mut judge, &mut tape);
     }
-    Ok(summary(robot, job, mode, judge.verdict(), &rows.account(), tape.finish()))
+    Ok(summary(robot, job, judge.verdict(), &rows.account(), tape.finish()))
 }

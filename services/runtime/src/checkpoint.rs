@@ -103,7 +103,7 @@ impl<C: Checkpoint> CheckpointSlots<C> {
         match found {
             0 => layout.store(ours, Ordering::Relaxed),
             found if found != ours => {
-                return Err(std::io::Error::other(format!("it has the layout {found:016x}, this program speaks {ours:016x}")));
+                return Err(std::io::Error::other(format!("it has the layout {found:016x}, this program has {ours:016x}")));
             }
             _ => {}
         }

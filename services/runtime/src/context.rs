@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use shared_types::fault::{Kind, ScheduledFault, Way};
+use shared_types::job::Mode;
 use shared_types::wire::Header;
 
 use crate::bus::node::Bus;
@@ -18,7 +19,7 @@ use crate::fault::process::{CpuLoad, bus_error, kill_self, stop_self};
 use crate::fault::table::KnownFaults;
 use crate::fault::{burden, clock};
 use crate::lockstep::{Protocol, Report};
-use crate::manifest::{Manifest, Mode};
+use crate::manifest::Manifest;
 use crate::run_dir::RunDir;
 use crate::stamping::Stamping;
 use crate::wait::{Interrupted, Wait, Waited};
@@ -487,7 +488,7 @@ impl Context {
     /// Tells those that wait for no message but for the others' progress that this process has closed a tick.
     #[inline]
     pub(crate) fn report_progress(&self) {
-        // In real time without faults everybody waits for messages alone.
+        // In real time without faults every process waits for messages alone.
         if self.is_unharmed() && !self.is_lockstep() {
             return;
         }

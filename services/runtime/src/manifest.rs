@@ -4,22 +4,13 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
+use shared_types::job::Mode;
 use shared_types::process::MAX_PROCESSES;
 
 use crate::run_dir::RunDir;
 
 /// Beyond it a tick is no whole number of µs, far beyond what any process keeps up with.
 const FASTEST_HZ: u32 = 1_000_000;
-
-/// How time passes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Mode {
-    /// Tick by tick as fast as the machine allows; nothing is lost, no process sleeps, the same bytes every time.
-    Lockstep,
-    /// On absolute deadlines of a fixed grid; the newest message counts, what is late is counted.
-    Realtime,
-}
 
 /// Seeded disturbances of the timing of one process: in a sound lockstep run they change no byte.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -31,7 +22,7 @@ pub struct Disturbance {
     /// The seed of random short pauses before it looks for a message; `None` is no pauses.
     pub pauses: Option<u64>,
     /// It is content with the message of the tick before where the right one has not come yet. That breaks lockstep: what it computes
-    /// depends on who was quicker. It is here to show that such a process is caught.
+    /// depends on the quicker process. It is here to show that such a process is caught.
     pub unordered: bool,
     /// It takes in messages of dead incarnations. It is here to show that the drill catches it.
     #[serde(default)]

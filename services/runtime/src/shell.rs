@@ -8,6 +8,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use shared_types::fault::{Kind, ScheduledFault};
+use shared_types::job::Mode;
 use shared_types::{Checkpoint, Message};
 
 use crate::bus::collector::{Collector, ForeignCollector};
@@ -24,7 +25,7 @@ use crate::control_page::{ANYTHING, ControlPage, ControlPageError, Count, PROGRE
 use crate::disturbance::{self, Pauses};
 use crate::fault::table::FaultTable;
 use crate::lockstep::RECORDER_LAG;
-use crate::manifest::{Manifest, ManifestError, Mode};
+use crate::manifest::{Manifest, ManifestError};
 use crate::realtime;
 use crate::run_dir::{RunDir, RunDirError};
 use crate::stamping::Stamping;

@@ -158,7 +158,7 @@ fn every_wait_ends_by_deadline_limit_or_stop() {
 }
 
 #[test]
-fn who_died_between_sending_and_saying_so_does_not_die_of_it_again() {
+fn a_death_between_sending_and_noting_it_is_not_repeated() {
     let stage = stage(Mode::Realtime);
     let line = stage.control_page.process(1);
     // Ticks 0 to 4 are closed and 5 was sent: by its readers the first tick missed is 6.
@@ -192,7 +192,7 @@ fn a_dead_incarnation_is_fenced_off() {
 }
 
 #[test]
-fn what_is_not_finite_does_not_leave() {
+fn a_message_that_is_not_finite_does_not_leave() {
     let stage = stage(Mode::Lockstep);
     let (plant, estimator) = (stage.shell("plant"), stage.shell("estimator"));
     let (mut sensors, mut inlet) = (plant.writer().unwrap(), estimator.reader::<SensorSample>().unwrap());

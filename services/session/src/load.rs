@@ -78,7 +78,7 @@ impl Source {
                 "scenario",
                 name,
                 scenarios::names(),
-                "or give the path of a scenario file (.toml); see `armplane list`",
+                "or give the path of a scenario file (.toml), see `armplane list`",
             )));
         }
         Ok(Self { file: name.to_owned(), text: read(path)?, folder: path.parent().map(Path::to_owned) })
@@ -139,7 +139,12 @@ impl Source {
             let sentence = format!("{} has {} joints", robot.name, robot.dof());
             return Err(located(Complaint::new(format!("fault.{i}.joint"), sentence, "joints count from 1")));
         }
-        robot.start_posture(&scenario.start).map_err(|error| located(Complaint::new("start", error.to_string(), "")))?;
+        let key = if scenario.start.q_rad.is_some() {
+            "start.q_rad"
+        } else {
+            scenario.start.q_deg.as_ref().map_or("start.posture", |_| "start.q_deg")
+        };
+        robot.start_posture(&scenario.start).map_err(|error| located(Complaint::new(key, error.to_string(), "")))?;
         Ok(())
     }
 
@@ -326,7 +331,8 @@ pub fn unknown<'a>(what: &str, name: &str, known: impl Iterator<Item = &'a str>,
         Some(near) if distance(near) <= 1 + near.len() / 3 => format!("did you mean `{near}`?"),
         _ => format!("there are {}", known.join(", ")),
     };
-    format!("there is no {what} `{name}`: {hint} {more}").trim_end().to_owned()
+    let more = if more.is_empty() { String::new() } else { format!("; {more}") };
+    format!("there is no {what} `{name}`: {hint}{more}")
 }
 
 /// The text of a file that a user named.

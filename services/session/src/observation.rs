@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use runtime::{
-    ControlPage, ControlPageError, Counts, Distribution, FaultRecord, LiveSingularity, LiveState, Manifest, Mode, RunDir, SHM, State, Stop,
+    ControlPage, ControlPageError, Counts, Distribution, FaultRecord, LiveSingularity, LiveState, Manifest, RunDir, SHM, State, Stop,
 };
 use serde::Serialize;
 use shared_types::codes::{self, name_of, singularity_name};
@@ -216,10 +216,7 @@ impl Observer {
         };
         let observation = Observation {
             run: self.name.clone(),
-            mode: match self.manifest.mode {
-                Mode::Lockstep => "lockstep",
-                Mode::Realtime => "realtime",
-            },
+            mode: self.manifest.mode.name(),
             rate_hz: self.manifest.rate_hz,
             processes: (0..now.processes.len()).map(process).collect(),
             drive: name_of(codes::DRIVES, now.arm.drive),

@@ -42,10 +42,7 @@ pub fn plan(job: &Job) -> Result<Plan, Failure> {
             graph::Restart::Always => Restart::Budget { times: 5, back_off: Duration::from_millis(10) },
         },
     });
-    let mode = match job.mode {
-        Mode::Lockstep => runtime::Mode::Lockstep,
-        Mode::Realtime => runtime::Mode::Realtime,
-    };
+    let mode = job.mode;
     let messages = job.graph.own_messages().map(foreign).collect();
     let limits = match job.graph.process.iter().any(|process| process.external || !process.robot.is_empty()) {
         true => Limits { start: None, wait: None, awaits_person: true, ..Limits::of(mode) },

@@ -10,7 +10,7 @@ use shared_types::summary::{Deadlines, FaultSummary, INTERRUPTED, ProcessSummary
 use crate::machine::machine;
 
 /// On every Linux.
-const SIGKILL: i32 = 9;
+const SIGKILL: i32 = rustix::process::Signal::KILL.as_raw();
 
 /// The summary of a run: the recorder's part, completed by what only the launcher knows.
 #[must_use]

@@ -64,8 +64,8 @@ fn tables(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
         writeln!(
             f,
             "           actual:  joints by {} ° in {:.2} s",
-            joints(&turn.moved_deg),
-            turn.took_ticks as f64 / f64::from(summary.rate_hz.max(1))
+            joints(&turn.actual_deg),
+            turn.actual_ticks as f64 / f64::from(summary.rate_hz.max(1))
         )?;
     }
     let percent = |ratio: f64| format!("{:.0} %", ratio * 100.0);
@@ -112,6 +112,9 @@ fn tables(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
         for (cause, count) in &summary.deadlines.by_cause {
             writeln!(f, "           {count} {cause}")?;
         }
+    }
+    if !summary.not_finite.is_empty() {
+        writeln!(f, "not finite {}", summary.not_finite.join(", "))?;
     }
     for fault in summary.faults.iter().filter(|fault| fault.plan.is_some()) {
         let ms = |event: &str, ms: Option<f64>| ms.map(|ms| format!(", {event} after {ms:.2} ms")).unwrap_or_default();

@@ -382,7 +382,7 @@ fn a_folder_that_does_not_exist_is_named() {
 }
 
 #[test]
-fn what_is_recorded_is_read_back() {
+fn a_recording_is_read_back() {
     let folder = std::env::temp_dir().join(format!("armplane-read-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
     let (scenario, robot) = (Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid"), puma());

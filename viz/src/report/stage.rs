@@ -181,7 +181,7 @@ mod tests {
     use glam::Vec2;
 
     #[test]
-    fn what_a_user_named_cannot_end_the_script() {
+    fn a_name_given_by_a_user_cannot_end_the_script() {
         assert_eq!(quoted("a\"</script>\\\n"), "\"a\\\"\\u003c/script\\u003e\\\\\\u000a\"");
         assert_eq!(markup(&[(3, Path::line([Vec2::ZERO, Vec2::X])), (0, Path::default())]), "03M0 0l1 0");
     }

@@ -179,7 +179,7 @@ impl<const N: usize> LostDirections<N> {
         }
         for (place, class) in out.places.iter_mut().zip(types) {
             let most = (0..4).filter(|code| class[*code] > 0).max_by_key(|code| class[*code]);
-            place.1 = most.and_then(|code| Class::from_code(code as u32)).unwrap_or_default();
+            place.1 = most.and_then(|code| Class::from_code(code as u32)).unwrap_or(Class::Unknown);
         }
         out
     }

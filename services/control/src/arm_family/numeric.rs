@@ -330,10 +330,11 @@ impl<const N: usize> ArmFamily<N> for Numeric<N> {
             block.restore(from);
         }
         for (place, from) in self.places.iter_mut().zip(&from.places) {
-            let class = Class::from_code(from.class).unwrap_or_default();
-            let verdict = Verdict { class, kappa_1: from.kappa_1, kappa_2: from.kappa_2, distance: 0.0 };
+            let class = Class::from_code(from.class);
+            let verdict = Verdict { class: class.unwrap_or(Class::Unknown), kappa_1: from.kappa_1, kappa_2: from.kappa_2, distance: 0.0 };
             let index = (from.index as usize).min(self.blocks[place.block].count.saturating_sub(1));
-            let (angular, latched, flipped) = (from.angular != 0, from.latched != 0, from.flipped != 0);
+            // Without a type that exists it is classified again.
+            let (angular, latched, flipped) = (from.angular != 0, from.latched != 0 && class.is_some(), from.flipped != 0);
             *place = Place { angular, latched, flipped, verdict, index, block: place.block };
         }
     }

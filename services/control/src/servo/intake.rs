@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_followed_is_refused_by_its_reason() {
+    fn a_target_that_cannot_be_followed_is_refused_by_its_reason() {
         assert_eq!(check(&pose(), 0, 6), Ok(()));
         let cases = [
             (TargetContent { position: [f64::NAN, 0.0, 0.0], ..pose() }, TARGET_REFUSAL_NUMBER),

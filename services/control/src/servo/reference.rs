@@ -245,7 +245,7 @@ impl<const N: usize> Reference<N> {
             behind_m: from.behind_m,
             refused: from.refused,
             refusal: from.refusal,
-            stop: Refusal::from_code(from.stop).unwrap_or_default(),
+            stop: Refusal::from_code(from.stop).unwrap_or(Refusal::Checkpoint),
             stops: from.stops,
             stopping: from.stopping != 0,
             clipped: from.clipped != 0,

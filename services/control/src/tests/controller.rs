@@ -41,7 +41,7 @@ fn a_restarted_controller_and_analyzer_continue_bit_for_bit() {
 }
 
 #[test]
-fn what_is_not_a_number_is_refused_for_good_and_the_arm_held() {
+fn a_nan_is_refused_for_good_and_the_arm_held() {
     let (_, mut controller, mut analyzer, q) = figure_5();
     let zero = SVector::zeros();
     let report = analyzer.step(&q, &zero, &puma().evaluate(&q, &zero));
@@ -62,6 +62,24 @@ fn a_report_that_makes_no_sense_is_refused() {
     report.singularities[1].aux_row = SVector::zeros();
     let command = controller.step(&q, &zero, &zero, &report);
     assert!(command.refusal == Refusal::Singular && command.phase == Phase::Refused && command.tau.iter().all(|x| x.is_finite()));
+}
+
+#[test]
+fn a_damaged_checkpoint_is_refused_and_the_arm_held() {
+    let (_, controller, mut analyzer, q) = figure_5();
+    let zero = SVector::zeros();
+    let report = analyzer.step(&q, &zero, &puma().evaluate(&q, &zero));
+    let damages: [fn(&mut ControllerCheckpoint); 3] = [|one| one.loops[0].mode = 99, |one| one.refusal = 99, |one| one.servo.stop = 99];
+    for damage in damages {
+        let (_, mut other, ..) = figure_5();
+        let mut checkpoint = ControllerCheckpoint::default();
+        controller.save(&mut checkpoint);
+        damage(&mut checkpoint);
+        other.restore(&checkpoint);
+        let command = other.step(&q, &zero, &zero, &report);
+        assert_eq!((command.phase, command.refusal), (Phase::Refused, Refusal::Checkpoint));
+        assert!(command.tau.iter().all(|x| x.is_finite()));
+    }
 }
 
 #[test]

@@ -240,7 +240,7 @@ mod tests {
             (state.drive, state.drive_flags) = (DRIVE_STOPPING, DRIVE_ABSENT);
             (sample.drive, sample.stale_ticks) = (DRIVE_STOPPING, 400);
         });
-        assert_eq!(fine, Vec::<String>::new(), "who stops without torque keeps every guarantee");
+        assert_eq!(fine, Vec::<String>::new(), "an arm that stops without torque keeps every guarantee");
     }
 
     #[test]

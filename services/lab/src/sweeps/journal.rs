@@ -70,7 +70,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_a_kill_left_half_is_cut_off_and_everything_before_it_stays() {
+    fn a_half_line_of_a_kill_is_cut_off_and_everything_before_it_stays() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("journal");
         let cells = |x: f64| vec![Cell::Absent, Cell::Boolean(true), Cell::Whole(-3), Cell::Number(x), Cell::Text("ζ \"1\"\n2".to_owned())];

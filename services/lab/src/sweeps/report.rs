@@ -110,8 +110,12 @@ impl Report {
 /// file cannot be written.
 pub fn report(request: &ReportRequest<'_>) -> Result<Report, Failure> {
     let folder = request.folder;
-    let manifest = Manifest::read(folder)?
-        .ok_or_else(|| Failure::Input(format!("{} is not the folder of a sweep: there is no sweep.json in it", folder.display())))?;
+    let manifest = Manifest::read(folder)?.ok_or_else(|| {
+        Failure::Input(format!(
+            "{} is not the folder of a sweep: there is no sweep.json in it; give the one that `armplane sweep` has named",
+            folder.display()
+        ))
+    })?;
     let spec: Spec = shared_types::file::parse("sweep.toml", &manifest.sweep_toml, &[])?;
     let keys: Vec<&str> = spec.key.iter().map(|key| key.key.as_str()).collect();
     let map = map_keys(&keys, request.map)?;
@@ -194,7 +198,7 @@ fn listed(outcomes: &[(String, usize)]) -> String {
 fn map_keys<'a>(keys: &[&'a str], wanted: &[String]) -> Result<Vec<&'a str>, Failure> {
     let known = |wanted: &String| {
         let found = keys.iter().find(|key| **key == wanted.as_str()).copied();
-        found.ok_or_else(|| Failure::Input(load::unknown("key", wanted, keys.iter().copied(), "in this sweep")))
+        found.ok_or_else(|| Failure::Input(load::unknown("key of this sweep", wanted, keys.iter().copied(), "")))
     };
     match wanted {
         [] => Ok(keys.iter().copied().take(2).collect()),

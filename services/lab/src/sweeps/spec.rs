@@ -305,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn what_makes_no_sense_is_refused_with_its_line() {
+    fn a_spec_that_makes_no_sense_is_refused_with_its_line() {
         let key = |more: &str| format!("name = \"x\"\nscenario = \"y\"\n[[key]]\nkey = \"start.q_deg.4\"\n{more}\n");
         let cases = [
             ("name = \"x\"\nscenario = \"y\"\n".to_owned(), "the grid is empty"),

@@ -248,7 +248,7 @@ fn shapes_have_their_materials_colours() {
 }
 
 #[test]
-fn what_is_drawn_as_a_mesh_is_shown_as_what_it_collides_as() {
+fn a_mesh_is_shown_as_the_shape_it_collides_as() {
     let body = r#"<visual><geometry><mesh filename="a.dae"/></geometry></visual><collision><origin xyz="0 0 1"/><geometry><capsule radius="0.1" length="0.4"/></geometry></collision>"#;
     let link_a = format!(r#"<link name="a">{BODY}{body}</link>"#);
     let arm = load(&robot(&[link("base"), link_a, joint("revolute", "base", "a", LIMIT)]), "").unwrap();

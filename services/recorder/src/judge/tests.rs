@@ -100,8 +100,23 @@ fn a_turn_is_followed_from_its_announcement_to_its_end() {
     });
     let turn = &verdict.turns[0];
     assert_eq!((verdict.turns.len(), turn.tick, turn.singularity.as_str()), (1, 10, "wrist"));
-    assert!((turn.moved_deg[3] - 1f64.to_degrees()).abs() < 1e-9 && turn.took_ticks == 10, "{turn:?}");
+    assert!((turn.actual_deg[3] - 1f64.to_degrees()).abs() < 1e-9 && turn.actual_ticks == 10, "{turn:?}");
     assert!((turn.planned_deg[3] - 1.5f64.to_degrees()).abs() < 1e-9);
+}
+
+#[test]
+fn a_turn_goes_on_after_ticks_that_only_bring_the_arm_to_rest() {
+    let verdict = judged(30, |k, m| {
+        m.singularity.count = 2;
+        m.singularity.singularities[1].kind = codes::KIND_WRIST;
+        if (10..20).contains(&k) && !(13..16).contains(&k) {
+            (m.control_state.planned, m.control_state.planned_s, m.control_state.planned_dq[3]) = (2, 0.009, 1.5);
+        }
+        m.plant_state.q[3] = 0.1 * k.clamp(10, 20) as f64;
+    });
+    let turn = &verdict.turns[0];
+    assert_eq!((verdict.turns.len(), turn.tick, turn.actual_ticks), (1, 10, 10));
+    assert!((turn.actual_deg[3] - 1f64.to_degrees()).abs() < 1e-9, "{turn:?}");
 }
 
 #[test]

@@ -17,9 +17,10 @@ pub(super) struct TurnMeter {
 struct Turn {
     summary: TurnSummary,
     q_start: Vec<f64>,
-    /// `ControlState::planned` while it lasts, and the task segment; 0 once it is over.
-    planned: u32,
-    segment: u32,
+    /// `ControlState::planned` and the task segment: a segment announces one turn of a singularity.
+    announced: (u32, u32),
+    /// Whether the last command announced it.
+    is_open: bool,
 }
 
 impl TurnMeter {
@@ -27,10 +28,10 @@ impl TurnMeter {
     pub(super) fn tick(&mut self, tick: &Tick<'_>, n: usize) {
         let command = tick.control;
         let place = (command.planned as usize).wrapping_sub(1);
-        let going_on =
-            self.turns.last().is_some_and(|turn| turn.planned != 0 && (turn.planned, turn.segment) == (command.planned, command.segment));
+        let announced = (command.planned, command.segment);
+        let is_new = self.turns.last().is_none_or(|turn| turn.announced != announced);
         if let Some(singularity) = active(tick.report).get(place)
-            && !going_on
+            && is_new
         {
             let summary = TurnSummary {
                 tick: command.header.tick,
@@ -39,19 +40,18 @@ impl TurnMeter {
                 planned_s: command.planned_s,
                 ..TurnSummary::default()
             };
-            let turn = Turn { summary, q_start: tick.truth.q[..n].to_vec(), planned: command.planned, segment: command.segment };
-            self.turns.push(turn);
+            self.turns.push(Turn { summary, q_start: tick.truth.q[..n].to_vec(), announced, is_open: true });
         }
-        if let Some(turn) = self.turns.last_mut()
-            && turn.planned != 0
-        {
-            // In place: nothing is allocated per tick.
-            turn.summary.moved_deg.clear();
-            turn.summary.moved_deg.extend(turn.q_start.iter().zip(&tick.truth.q).map(|(from, to)| (to - from).to_degrees()));
-            turn.summary.took_ticks = command.header.tick.saturating_sub(turn.summary.tick);
-            if command.planned == 0 {
-                turn.planned = 0;
+        if let Some(turn) = self.turns.last_mut() {
+            // A command that only brings the arm to rest announces nothing; the turn goes on after it.
+            let goes_on = command.planned != 0;
+            if turn.is_open || goes_on {
+                // In place: nothing is allocated per tick.
+                turn.summary.actual_deg.clear();
+                turn.summary.actual_deg.extend(turn.q_start.iter().zip(&tick.truth.q).map(|(from, to)| (to - from).to_degrees()));
+                turn.summary.actual_ticks = command.header.tick.saturating_sub(turn.summary.tick);
             }
+            turn.is_open = goes_on;
         }
     }
 

@@ -31,7 +31,7 @@ pub enum TopicError {
     },
     /// Two builds that disagree on the bytes.
     #[error(
-        "topic {topic:?} was made with wire format {found}, this program speaks {ours:016x}: \
+        "topic {topic:?} was made with wire format {found}, this program has {ours:016x}: \
          start all processes from the same build of armplane"
     )]
     WireFormat {

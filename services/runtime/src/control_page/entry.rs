@@ -13,9 +13,9 @@ pub enum State {
     Absent = 0,
     /// Started, opening its ports.
     Starting = 1,
-    /// All its ports are open; it waits for everybody else's.
+    /// All its ports are open; it waits for those of the other processes.
     Ready = 2,
-    /// It is connected to everybody; it waits for the first tick.
+    /// It is connected to all others; it waits for the first tick.
     Connected = 3,
     /// Working.
     Running = 4,

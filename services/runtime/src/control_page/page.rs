@@ -24,7 +24,7 @@ const MAGIC: u64 = u64::from_be_bytes(*b"armbrd\0\x04");
 
 /// How far a run has come in its beginning.
 ///
-/// A message reaches those who are connected when it is sent, and survives its writer only in the buffers of those who were connected
+/// A message reaches the readers that are connected when it is sent, and survives its writer only in the buffers of the readers that were connected
 /// before the writer ended. So first all open their ports, then all connect them, and only then the first message is sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u32)]
@@ -241,7 +241,7 @@ impl ControlPage {
         &self.page().fault_table
     }
 
-    /// Wakes everybody: something has changed that is no message.
+    /// Wakes all processes: a change that is no message.
     pub fn ring_all(&self) {
         for line in &self.page().entries {
             line.doorbell().ring(ANYTHING);

@@ -319,7 +319,7 @@ mod tests {
     }
 
     #[test]
-    fn what_became_of_a_fault_is_told_once() {
+    fn the_course_of_a_fault_is_reported_once() {
         let run = RunDir::create().unwrap();
         let control_page = ControlPage::create(&run).unwrap();
         let table = control_page.fault_table();

@@ -30,8 +30,9 @@ impl<const N: usize> LostDirections<N> {
     pub(in crate::arm_family) fn restore(&mut self, from: &AnalyzerCheckpoint) {
         self.block.restore(&from.blocks[0]);
         for (entry, from) in self.entries.iter_mut().zip(&from.places) {
-            let class = Class::from_code(from.class).unwrap_or_default();
-            let (angular, latched, flipped) = (from.angular != 0, from.latched != 0, from.flipped != 0);
+            let class = Class::from_code(from.class);
+            // Without a type that exists it is classified again.
+            let (angular, latched, flipped) = (from.angular != 0, from.latched != 0 && class.is_some(), from.flipped != 0);
             *entry = Entry {
                 index: (from.index as usize).min(self.block.count.saturating_sub(1)),
                 place: (from.place as usize).min(self.place_count.saturating_sub(1)),
@@ -39,7 +40,7 @@ impl<const N: usize> LostDirections<N> {
                 latched,
                 settled: latched,
                 flipped,
-                verdict: Verdict { class, kappa_1: from.kappa_1, kappa_2: from.kappa_2, distance: 0.0 },
+                verdict: Verdict { class: class.unwrap_or(Class::Unknown), kappa_1: from.kappa_1, kappa_2: from.kappa_2, distance: 0.0 },
                 a: joints(&from.direction),
             };
         }

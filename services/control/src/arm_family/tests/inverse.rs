@@ -69,7 +69,7 @@ fn predicted<const N: usize>(name: &str, place: usize, q: SVector<f64, N>, angle
 }
 
 #[test]
-fn what_is_predicted_keeps_the_hand_still_and_turns_zeta() {
+fn the_predicted_motion_keeps_the_hand_still_and_turns_zeta() {
     for angle in [-1.2, 0.4, 1.5] {
         predicted("puma560", 1, SVector::from([0.3, -1.0, 2.9, 0.2, 0.0, 0.1]), angle);
         predicted("ur5", 1, SVector::from([0.3, -1.2, 1.6, -1.0, 0.0, 0.2]), angle);

@@ -167,7 +167,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_grows_is_named_and_what_an_allocator_keeps_is_not() {
+    fn growth_is_named_and_the_reserve_of_an_allocator_is_not() {
         let before = Usage { resident_kb: 50_000, open_files: 12, threads: 1 };
         assert!(Usage { resident_kb: 60_000, ..before }.grown_since(before).is_empty());
         for (grown, word) in [
