@@ -145,7 +145,7 @@ macro_rules! derive {
 for_each_topic!(derive);
 
 /// The topics that only a steered run has.
-pub const STEERED: [&str; 2] = ["target", "servo_state"];
+pub const STEERED: [&str; 2] = [Target::TOPIC, ServoState::TOPIC];
 
 /// The topics of the control chain in the order of the data: one message of each is once around the loop.
 pub const CHAIN: [&str; 4] = [SensorSample::TOPIC, StateEstimate::TOPIC, SingularityReport::TOPIC, TorqueCommand::TOPIC];
@@ -157,7 +157,7 @@ pub const MAX_TOPICS: usize = 29;
 pub const ALWAYS: [&str; COUNT - STEERED.len()] = {
     let (mut always, mut taken, mut place) = ([""; COUNT - STEERED.len()], 0, 0);
     while place < COUNT {
-        if !is_same(TOPICS[place], STEERED[0]) && !is_same(TOPICS[place], STEERED[1]) {
+        if !is_in(TOPICS[place], &STEERED) {
             always[taken] = TOPICS[place];
             taken += 1;
         }
@@ -165,6 +165,14 @@ pub const ALWAYS: [&str; COUNT - STEERED.len()] = {
     }
     always
 };
+
+const fn is_in(topic: &str, topics: &[&str]) -> bool {
+    let mut place = 0;
+    while place < topics.len() && !is_same(topic, topics[place]) {
+        place += 1;
+    }
+    place < topics.len()
+}
 
 const fn is_same(a: &str, b: &str) -> bool {
     let (a, b) = (a.as_bytes(), b.as_bytes());

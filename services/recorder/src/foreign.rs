@@ -63,7 +63,9 @@ impl ForeignTap {
         let Self { collector, hash, last, keep, kept, .. } = self;
         collector.collect(|message| {
             hash.add_content(content(message));
-            *last = Some(message.to_vec());
+            let last = last.get_or_insert_default();
+            last.clear();
+            last.extend_from_slice(message);
             if let Some(keeping) = keep
                 && let Err(error) = keeping.add(&words(message))
             {
