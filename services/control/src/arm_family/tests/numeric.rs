@@ -7,6 +7,8 @@ use crate::types::{Class, Report, Singularity};
 use model::{Model, Robot};
 use nalgebra::{SVector, Vector6};
 use proptest::prelude::*;
+use proptest::strategy::ValueTree;
+use proptest::test_runner::TestRunner;
 use shared_types::AnalyzerCheckpoint;
 use shared_types::random::Uniform;
 use shared_types::scenario::Analysis;
@@ -224,7 +226,7 @@ fn directions_that_leave_no_other_have_no_nan() {
     assert!(span.any().norm() < 1e-3, "{}", span.any());
 }
 
-/// The same cases every time. Not every random path passes: the gap is measured by the ignored tests below.
+/// The same cases every time. Not every random path passes: `a_direction_jumps_on_few_random_paths` measures on how many a direction jumps.
 fn cases(cases: u32) -> ProptestConfig {
     ProptestConfig { cases, rng_seed: proptest::test_runner::RngSeed::Fixed(3), failure_persistence: None, ..ProptestConfig::default() }
 }
@@ -238,14 +240,21 @@ proptest! {
     }
 }
 
+/// Where two measures of one block meet within a tick, a direction can jump: docs/guarantees.md states on how many paths.
+#[test]
+fn a_direction_jumps_on_few_random_paths() {
+    let mut random = TestRunner::new(cases(1));
+    let paths = (prop::array::uniform7(-2.0..2.0), prop::array::uniform7(-2.0..2.0));
+    let jumps = |_: &u32| {
+        let (a, b) = paths.new_tree(&mut random).expect("every value is allowed").current();
+        continuous_on_every_arm(a, b).is_err()
+    };
+    let count = (0..400).filter(jumps).count();
+    assert!(count <= 3, "{count} of 400 paths");
+}
+
 proptest! {
     #![proptest_config(cases(1200))]
-
-    #[test]
-    #[ignore = "known gap: where two measures of one block meet within a tick, a direction can still jump"]
-    fn measures_and_directions_are_continuous_along_any_path(a in prop::array::uniform7(-2.0..2.0), b in prop::array::uniform7(-2.0..2.0)) {
-        continuous_on_every_arm(a, b)?;
-    }
 
     #[test]
     fn a_restart_changes_nothing_anywhere(q in prop::array::uniform6(-2.0..2.0), qdot in prop::array::uniform6(-1.0..1.0)) {
