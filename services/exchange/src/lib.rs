@@ -26,7 +26,7 @@ mod turn;
 use std::process::Command;
 use std::time::Duration;
 
-use runtime::{Exit, Mode, Origin, ProcessError, Shell, now_ns, unplanned_death};
+use runtime::{Exit, Origin, ProcessError, Shell, now_ns, unplanned_death};
 use shared_types::codes::{REQUEST_START, USE_FEEDBACK, USE_READS, USE_WRITES};
 use shared_types::exchange::EXCHANGE_STATE;
 use shared_types::graph::{Graph, Process, Role};
@@ -52,7 +52,7 @@ pub fn run(shell: &Shell, graph: &Graph, name: &str, dof: usize, length: u64, co
     let topics = topics_of(graph, process)?;
     let manifest = shell.manifest();
     let about = About {
-        is_lockstep: manifest.mode == Mode::Lockstep,
+        is_lockstep: manifest.is_lockstep(),
         rate_hz: manifest.rate_hz,
         dof: dof as u32,
         incarnation: shell.incarnation(),

@@ -7,7 +7,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use shared_types::fault::{Kind, ScheduledFault, Way};
-use shared_types::job::Mode;
 use shared_types::wire::Header;
 
 use crate::bus::node::Bus;
@@ -118,7 +117,7 @@ impl Context {
 
     #[inline]
     pub(crate) fn is_lockstep(&self) -> bool {
-        self.manifest.mode == Mode::Lockstep
+        self.manifest.is_lockstep()
     }
 
     /// Whether this process deliberately takes in messages of dead incarnations.

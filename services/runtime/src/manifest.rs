@@ -127,6 +127,12 @@ pub enum ManifestError {
 }
 
 impl Manifest {
+    /// Whether time passes tick by tick.
+    #[must_use]
+    pub fn is_lockstep(&self) -> bool {
+        self.mode == Mode::Lockstep
+    }
+
     /// All topics of the run, sorted: the index is the topic's bit on every doorbell.
     #[must_use]
     pub fn topics(&self) -> Vec<&str> {

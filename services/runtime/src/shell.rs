@@ -486,7 +486,7 @@ fn settle(manifest: &Manifest, me: usize) {
     let process = &manifest.processes[me];
     let mut missing = Vec::new();
     missing.extend(process.core.and_then(|core| realtime::pin(core).err()));
-    if manifest.mode == Mode::Realtime {
+    if !manifest.is_lockstep() {
         missing.extend(realtime::enter(process.priority));
     }
     if !missing.is_empty() {
