@@ -6,7 +6,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use proc_macro2::{Delimiter, TokenTree};
+use crate::tokens::{Delimiter, TokenTree};
 
 use crate::source::{self, File, Target, is, items, paths, use_tree};
 
@@ -88,7 +88,7 @@ impl<'a> Crate<'a> {
                     item.body.iter().find(|token| matches!(token, TokenTree::Group(group) if group.delimiter() == Delimiter::Brace))
                 {
                     let inside: Vec<String> = path.iter().cloned().chain([name]).collect();
-                    self.read(&group.stream().into_iter().collect::<Vec<_>>(), inside, file);
+                    self.read(group.inside(), inside, file);
                 }
                 continue;
             }
@@ -109,7 +109,7 @@ impl<'a> Crate<'a> {
             return;
         }
         let Some(name) = type_of_impl(body) else { return };
-        for item in items(&block.stream().into_iter().collect::<Vec<_>>()) {
+        for item in items(block.inside()) {
             let method = item.body.iter().position(|token| is(token, "fn")).and_then(|at| item.body.get(at + 1));
             if let Some(TokenTree::Ident(method)) = method {
                 if item.body.first().is_some_and(|word| is(word, "pub")) {
@@ -294,8 +294,8 @@ fn split_uses(tokens: &[TokenTree], uses: &mut Vec<Import>, others: &mut Vec<Tok
             match token {
                 TokenTree::Group(group) if group.delimiter() == Delimiter::Brace => {
                     let mut inside = Vec::new();
-                    split_uses(&group.stream().into_iter().collect::<Vec<_>>(), uses, &mut inside);
-                    others.push(TokenTree::Group(proc_macro2::Group::new(Delimiter::Brace, inside.into_iter().collect())));
+                    split_uses(group.inside(), uses, &mut inside);
+                    others.push(TokenTree::Group(crate::tokens::Group::new(Delimiter::Brace, inside.into_iter().collect())));
                 }
                 other => others.push(other.clone()),
             }

@@ -7,7 +7,7 @@
 
 use std::collections::BTreeSet;
 
-use proc_macro2::{Delimiter, TokenTree};
+use crate::tokens::{Delimiter, TokenTree};
 
 use crate::claims;
 use crate::source::{self, File, Function, documentation, functions, is, is_path_separator, items, name_of, paths, root, walk};
@@ -114,7 +114,7 @@ fn citations(file: &File, tokens: &[TokenTree], found: &mut BTreeSet<Tie>, wrong
         }
         for token in item.body {
             if let TokenTree::Group(group) = token {
-                citations(file, &group.stream().into_iter().collect::<Vec<_>>(), found, wrong);
+                citations(file, group.inside(), found, wrong);
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use proc_macro2::{Delimiter, TokenTree};
+use crate::tokens::{Delimiter, TokenTree};
 
 use crate::source::{self, Function, functions, is, paths, walk};
 
@@ -47,7 +47,7 @@ fn asserts_itself(body: &[TokenTree]) -> bool {
         }
         let TokenTree::Group(group) = token else {
             if let (true, Some(TokenTree::Group(arguments))) = (is_named(&ASSERTIONS), body.get(at + 2))
-                && can_fail(&arguments.stream().into_iter().collect::<Vec<_>>())
+                && can_fail(arguments.inside())
             {
                 return true;
             }
@@ -56,7 +56,7 @@ fn asserts_itself(body: &[TokenTree]) -> bool {
         let over_nothing = at > 1
             && is(&body[at - 2], "in")
             && matches!(&body[at - 1], TokenTree::Group(list) if list.delimiter() == Delimiter::Bracket && list.stream().is_empty());
-        if !over_nothing && asserts_itself(&group.stream().into_iter().collect::<Vec<_>>()) {
+        if !over_nothing && asserts_itself(group.inside()) {
             return true;
         }
     }
@@ -94,7 +94,7 @@ fn silent_ends(body: &[TokenTree]) -> usize {
                 let before: Vec<&TokenTree> = body[..at].iter().rev().take_while(|token| !is(token, ";") && !is(token, "=")).collect();
                 let is_function = before.iter().any(|token| is(token, "fn")) || before.first().is_some_and(|token| is(token, "|"));
                 if !is_function {
-                    found += silent_ends(&group.stream().into_iter().collect::<Vec<_>>());
+                    found += silent_ends(group.inside());
                 }
             }
             _ => {}
@@ -128,7 +128,7 @@ fn silent_conditions(body: &[TokenTree]) -> usize {
 fn every_test_claims_something_and_none_ends_in_silence() {
     let workspace = source::workspace();
     let (mut tests, mut wrong) = (0, Vec::new());
-    for package in &workspace {
+    for package in workspace {
         for target in &package.targets {
             // A test may assert through a helper of another file of its target.
             let all: Vec<Function> = target.files.iter().flat_map(|file| functions(&file.tokens)).collect();
@@ -169,7 +169,7 @@ fn every_test_claims_something_and_none_ends_in_silence() {
 
 #[test]
 fn the_check_sees_a_test_without_a_claim() {
-    let of = |text: &str| functions(&text.parse::<proc_macro2::TokenStream>().unwrap().into_iter().collect::<Vec<_>>());
+    let of = |text: &str| functions(&text.parse::<crate::tokens::TokenStream>().unwrap().into_iter().collect::<Vec<_>>());
     let claims = |text: &str| {
         let all = of(text);
         asserts(&all[0].body, &all)

@@ -8,3 +8,4 @@ mod guarantees;
 mod purity;
 mod rules;
 mod source;
+mod tokens;

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use proc_macro2::{Delimiter, TokenTree};
+use crate::tokens::{Delimiter, TokenTree};
 
 use crate::source::{self, File, Package, is, is_path_separator, paths, tokens_of, use_leaves, walk};
 
@@ -143,7 +143,7 @@ pub(crate) fn impurities(code: &[TokenTree], dependencies: &[String]) -> BTreeSe
 fn rule_2_pure_code_touches_nothing_but_numbers() {
     let (mut checked, mut wrong) = (0, Vec::new());
     let workspace = source::workspace();
-    for package in &workspace {
+    for package in workspace {
         // Of the crates of the workspace, runtime has the clocks and the shared memory; the types of the others are data.
         let is_data = |name: &str| name != "runtime" && workspace.iter().any(|package| package.name == name);
         let dependencies: Vec<String> = package.imports().filter(|name| !is_data(name)).map(|name| name.replace('-', "_")).collect();
@@ -345,7 +345,7 @@ fn replaced_failure(tokens: &[TokenTree], at: usize) -> Option<String> {
     }
     if is(&tokens[begins], "if") && tokens.get(begins + 1).is_some_and(|next| is(next, "let")) {
         let other = tokens.get(end + 1).filter(|token| is(token, "else")).and_then(|_| block(tokens.get(end + 2)?))?;
-        return (!leaves(&other)).then(|| format!("{{ {} }}", other.into_iter().collect::<proc_macro2::TokenStream>()));
+        return (!leaves(&other)).then(|| format!("{{ {} }}", other.into_iter().collect::<crate::tokens::TokenStream>()));
     }
     if !is(&tokens[begins], "match") {
         return None;
@@ -356,7 +356,7 @@ fn replaced_failure(tokens: &[TokenTree], at: usize) -> Option<String> {
         let fails = pattern.iter().any(|token| is(token, "None") || is(token, "Err") || is(token, "_"));
         let value: Vec<TokenTree> = body[place + 2..].iter().take_while(|token| !is(token, ",")).cloned().collect();
         if fails && !leaves(&value) {
-            return Some(value.into_iter().collect::<proc_macro2::TokenStream>().to_string());
+            return Some(value.into_iter().collect::<crate::tokens::TokenStream>().to_string());
         }
     }
     None

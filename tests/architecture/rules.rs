@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use proc_macro2::TokenTree;
+use crate::tokens::TokenTree;
 use shared_types::graph::Graph;
 
 use crate::purity::impurities;

@@ -3,8 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::str::FromStr;
+use std::sync::LazyLock;
 
-use proc_macro2::{Delimiter, Spacing, TokenStream, TokenTree};
+use crate::tokens::{Delimiter, Spacing, TokenStream, TokenTree};
 use serde_json::Value;
 
 /// A package of the workspace.
@@ -93,8 +94,14 @@ pub(crate) fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// The packages of the workspace with all their sources, as `cargo metadata` lists them.
-pub(crate) fn workspace() -> Vec<Package> {
+/// The packages of the workspace with all their sources, read once for all checks.
+pub(crate) fn workspace() -> &'static [Package] {
+    static WORKSPACE: LazyLock<Vec<Package>> = LazyLock::new(packages);
+    &WORKSPACE
+}
+
+/// The packages as `cargo metadata` lists them.
+fn packages() -> Vec<Package> {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let arguments = ["metadata", "--no-deps", "--offline", "--format-version", "1"];
     let output = Command::new(cargo).args(arguments).current_dir(root()).output().expect("cargo metadata starts");
@@ -277,7 +284,7 @@ fn without_tests(tokens: &[TokenTree]) -> Vec<TokenTree> {
                 TokenTree::Group(group) => {
                     let inside: Vec<TokenTree> = group.stream().into_iter().collect();
                     let inside = if group.delimiter() == Delimiter::Brace { without_tests(&inside) } else { inside };
-                    TokenTree::Group(proc_macro2::Group::new(group.delimiter(), inside.into_iter().collect()))
+                    TokenTree::Group(crate::tokens::Group::new(group.delimiter(), inside.into_iter().collect()))
                 }
                 other => other.clone(),
             });
@@ -346,7 +353,7 @@ pub(crate) fn functions(tokens: &[TokenTree]) -> Vec<Function> {
             if let TokenTree::Group(group) = token
                 && group.delimiter() == Delimiter::Brace
             {
-                found.extend(functions(&group.stream().into_iter().collect::<Vec<_>>()));
+                found.extend(functions(group.inside()));
             }
         }
     }
@@ -358,7 +365,7 @@ pub(crate) fn walk(tokens: &[TokenTree], visit: &mut dyn FnMut(&[TokenTree])) {
     visit(tokens);
     for token in tokens {
         if let TokenTree::Group(group) = token {
-            walk(&group.stream().into_iter().collect::<Vec<_>>(), visit);
+            walk(group.inside(), visit);
         }
     }
 }
@@ -399,7 +406,7 @@ fn collect_paths(tokens: &[TokenTree], found: &mut Vec<Vec<String>>) {
                 found.push(path);
             }
             TokenTree::Group(group) => {
-                collect_paths(&group.stream().into_iter().collect::<Vec<_>>(), found);
+                collect_paths(group.inside(), found);
                 at += 1;
             }
             _ => at += 1,
@@ -421,7 +428,7 @@ pub(crate) fn use_tree(tokens: &[TokenTree], before: &[String], found: &mut Vec<
                 }
                 TokenTree::Ident(ident) => path.push(ident.to_string()),
                 TokenTree::Group(group) => {
-                    use_tree(&group.stream().into_iter().collect::<Vec<_>>(), &path, found);
+                    use_tree(group.inside(), &path, found);
                     path.clear();
                     break;
                 }
