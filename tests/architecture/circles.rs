@@ -5,6 +5,7 @@
 //! A method is an edge too where the file of a type calls it and an `impl` block of that type in another file defines it.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 
 use crate::tokens::{Delimiter, TokenTree};
 
@@ -317,6 +318,13 @@ fn called_methods(tokens: &[TokenTree]) -> BTreeSet<String> {
         }
     });
     found
+}
+
+/// For each file of a target, by its path, the files whose items it names.
+pub(crate) fn files_named_by(target: &Target) -> BTreeMap<&Path, Vec<&File>> {
+    let whole = Crate::new(target);
+    let edges = whole.edges().into_iter();
+    edges.map(|(from, to)| (whole.files[from].path.as_path(), to.into_keys().map(|to| whole.files[to]).collect())).collect()
 }
 
 /// The circles of a crate: each a set of files that depend on each other, with one closed way through it.

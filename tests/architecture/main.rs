@@ -5,6 +5,7 @@ mod circles;
 mod citations;
 mod claims;
 mod guarantees;
+mod pure_files;
 mod purity;
 mod rules;
 mod source;

@@ -5,21 +5,20 @@ use std::path::Path;
 
 use crate::tokens::{Delimiter, TokenTree};
 
-use crate::source::{self, File, Package, is, is_path_separator, paths, tokens_of, use_leaves, walk};
+use crate::pure_files::{PURE_CRATES, beyond_the_step, claimed_pure, pure_files};
+use crate::rules::processes;
+use crate::source::{self, is, is_path_separator, paths, tokens_of, use_leaves, walk};
 
-/// Crates in which nothing but numbers is touched.
-const PURE_CRATES: [&str; 4] = ["model", "control", "sim", "chain"];
-/// Rooms of that kind in crates that do other things too, as a file or as a folder: the step of each process, the judge, the order of lockstep.
-const PURE_ROOMS: [&str; 3] = ["cycle", "judge", "lockstep"];
 /// Crates on the way from a sensor sample to a torque.
 const CONTROL_PATH: [&str; 5] = ["model", "control", "estimator", "analyzer", "controller"];
 
-/// Crates that pure code may depend on: pure ones, those whose `cycle.rs` `chain` calls, and libraries that compute or read text.
-const PURE_DEPENDENCIES: [&str; 17] = [
+/// Crates that pure code may depend on: pure ones, processes (their step only), and libraries that compute or read text.
+const PURE_DEPENDENCIES: [&str; 19] = [
     "analyzer",
     "control",
     "controller",
     "estimator",
+    "glam",
     "hdrhistogram",
     "libm",
     "model",
@@ -28,14 +27,17 @@ const PURE_DEPENDENCIES: [&str; 17] = [
     "plant",
     "rapier3d-f64",
     "serde",
+    "serde_json",
     "shared-types",
     "sim",
     "thiserror",
     "toml",
     "urdf-rs",
 ];
+/// The pure parts of other crates.
+const PURE_PARTS: [&str; 2] = ["plotters::style", "viz::plot::digits"];
 /// Modules of the standard library that hold no clock, thread, file, environment or process.
-const PURE_STANDARD: [&str; 20] = [
+const PURE_STANDARD: [&str; 21] = [
     "any",
     "array",
     "borrow",
@@ -44,6 +46,7 @@ const PURE_STANDARD: [&str; 20] = [
     "collections",
     "convert",
     "error",
+    "f32",
     "f64",
     "fmt",
     "iter",
@@ -57,6 +60,8 @@ const PURE_STANDARD: [&str; 20] = [
     "str",
     "sync",
 ];
+/// Pure items of the other modules.
+const PURE_ITEMS: [&str; 2] = ["ptr::eq", "time::Duration"];
 /// The impure parts that these modules hold all the same: shared state, and maps whose order is another in every process.
 const IMPURE: [&str; 16] = [
     "HashMap",
@@ -81,11 +86,6 @@ const IMPURE: [&str; 16] = [
 const FILES: &str =
     "canonicalize exists try_exists is_dir is_file is_symlink metadata symlink_metadata read_dir read_file read_from_file read_link";
 
-fn is_pure(package: &Package, file: &File) -> bool {
-    let is_pure_room = |part: &str| PURE_ROOMS.contains(&part.trim_end_matches(".rs"));
-    PURE_CRATES.contains(&package.name.as_str()) || file.path.iter().filter_map(|part| part.to_str()).any(is_pure_room)
-}
-
 /// The names in code that are not pure: places of the standard library, other names of a crate's root, dependencies outside the list, mutable
 /// or hidden state, output.
 pub(crate) fn impurities(code: &[TokenTree], dependencies: &[String]) -> BTreeSet<String> {
@@ -104,14 +104,16 @@ pub(crate) fn impurities(code: &[TokenTree], dependencies: &[String]) -> BTreeSe
         let first = path[0].as_str();
         let standard = ["std", "core", "alloc"].contains(&first) && path.len() > 1;
         let is_module = |word: &str| word.chars().all(|c| !c.is_uppercase());
-        if standard && is_module(&path[1]) && !PURE_STANDARD.contains(&path[1].as_str()) && path[1..] != ["time", "Duration"] {
+        let is_pure = |rest: &[String]| PURE_STANDARD.contains(&rest[0].as_str()) || PURE_ITEMS.contains(&rest.join("::").as_str());
+        if standard && is_module(&path[1]) && !is_pure(&path[1..]) {
             found.insert(path.join("::"));
         }
         if path.iter().any(|word| IMPURE.contains(&word.as_str()) && (path.len() > 1 || word.chars().any(char::is_uppercase))) {
             found.insert(path.join("::"));
         }
-        let allowed = |name: &str| PURE_DEPENDENCIES.iter().any(|pure| pure.replace('-', "_") == name);
-        if path.len() > 1 && dependencies.iter().any(|name| name == first) && !allowed(first) {
+        let is_allowed = PURE_DEPENDENCIES.iter().any(|pure| pure.replace('-', "_") == first)
+            || PURE_PARTS.iter().any(|part| path.join("::").starts_with(part));
+        if path.len() > 1 && dependencies.iter().any(|name| name == first) && !is_allowed {
             found.insert(path.join("::"));
         }
     }
@@ -144,12 +146,15 @@ fn rule_2_pure_code_touches_nothing_but_numbers() {
     let (mut checked, mut wrong) = (0, Vec::new());
     let workspace = source::workspace();
     for package in workspace {
-        // Of the crates of the workspace, runtime has the clocks and the shared memory; the types of the others are data.
-        let is_data = |name: &str| name != "runtime" && workspace.iter().any(|package| package.name == name);
-        let dependencies: Vec<String> = package.imports().filter(|name| !is_data(name)).map(|name| name.replace('-', "_")).collect();
-        for file in package.code().filter(|file| is_pure(package, file)) {
+        let dependencies: Vec<String> = package.imports().map(|name| name.replace('-', "_")).collect();
+        let is_dependency = |name: &String| package.imports().any(|import| import == name);
+        let processes: Vec<String> = processes().into_iter().filter(is_dependency).collect();
+        for (file, because) in pure_files(package).into_iter().chain(claimed_pure(package).map(|file| (file, file))) {
             checked += 1;
-            wrong.extend(impurities(&file.code, &dependencies).into_iter().map(|word| format!("{} names {word}", file.path.display())));
+            let mut impure = impurities(&file.code, &dependencies);
+            impure.extend(beyond_the_step(&file.code, &processes));
+            let place = format!("{} (pure because of {})", file.path.display(), because.path.display());
+            wrong.extend(impure.into_iter().map(|word| format!("{place} names {word}")));
         }
         if PURE_CRATES.contains(&package.name.as_str()) {
             let others = package.imports().filter(|name| !PURE_DEPENDENCIES.contains(name));
@@ -162,7 +167,8 @@ fn rule_2_pure_code_touches_nothing_but_numbers() {
 
 #[test]
 fn rule_2_the_check_sees_what_is_not_pure() {
-    let seen = |text: &str| !impurities(&tokens_of(text), &["libc".to_owned(), "nalgebra".to_owned()]).is_empty();
+    let dependencies = ["libc", "nalgebra", "message_log", "viz", "session"].map(str::to_owned);
+    let seen = |text: &str| !impurities(&tokens_of(text), &dependencies).is_empty();
     for text in [
         "fn f() { std::fs::read(x); }",
         "fn f() { ::std::fs::read(x); }",
@@ -183,6 +189,10 @@ fn rule_2_the_check_sees_what_is_not_pure() {
         "fn f() { std::path::Path::new(x).exists() }",
         "fn f() { urdf_rs::read_file(p) }",
         "use std::sync::Once;",
+        "fn f() { message_log::read(p) }",
+        "use viz::Recording;",
+        "fn f() { session::load(p) }",
+        "use viz as v;",
     ] {
         assert!(seen(text), "{text}");
     }
@@ -259,8 +269,9 @@ fn owner(before: &[TokenTree]) -> String {
 fn functions_that_differ_between_machines_are_those_of_libm() {
     let mut wrong = Vec::new();
     for package in source::workspace() {
+        let pure = pure_files(package);
         let is_simulated = ["plant", "sim"].contains(&package.name.as_str()) || CONTROL_PATH.contains(&package.name.as_str());
-        for file in package.code().filter(|file| is_simulated || is_pure(&package, file)) {
+        for file in package.code().filter(|file| is_simulated || pure.iter().any(|(one, _)| one.path == file.path)) {
             wrong.extend(platform_calls(&file.code).into_iter().map(|name| format!("{}: {name}", file.path.display())));
         }
     }
@@ -431,7 +442,8 @@ const NO_LIMIT: [(&str, &str); 2] = [
 fn rule_8_nothing_is_silently_repaired() {
     let mut wrong = Vec::new();
     for package in source::workspace() {
-        for file in package.code().filter(|file| is_pure(&package, file) || CONTROL_PATH.contains(&package.name.as_str())) {
+        let (pure, on_path) = (pure_files(package), CONTROL_PATH.contains(&package.name.as_str()));
+        for file in package.code().filter(|file| on_path || pure.iter().any(|(one, _)| one.path == file.path)) {
             if NO_LIMIT.iter().any(|(path, _)| file.path == Path::new(path)) {
                 continue;
             }

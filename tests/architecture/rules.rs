@@ -25,7 +25,7 @@ const SEAMS: [(&str, &[&str]); 8] = [
 const ROOM: usize = 500;
 
 /// The processes that this program contains: those of the graph it ships, and those that other graphs or `--plant` start.
-fn processes() -> Vec<String> {
+pub(crate) fn processes() -> Vec<String> {
     let graph = Graph::parse("services/graph.toml", include_str!("../../services/graph.toml")).unwrap();
     let others = ["operator", "exchange", "plant-fci"].map(str::to_owned);
     graph.process.into_iter().map(|process| process.name).chain(others).collect()

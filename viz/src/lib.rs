@@ -13,7 +13,7 @@
 //!
 //! docs/recording.md reads a recording back in Python.
 //!
-//! PURE inside: `manipulability`, `signals`, `scene`, `arm`, `solid` and `narration` map messages to data; `sink`, `blueprint` and `recording` write them.
+//! `manipulability`, `signals`, `scene`, `arm`, `solid` and `narration` map messages to data; `sink`, `blueprint` and `recording` write them.
 
 #![allow(non_snake_case)]
 

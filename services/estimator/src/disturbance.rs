@@ -1,4 +1,4 @@
-//! The acceleration that the model does not explain: a wrong mass, friction, a payload.
+//! The acceleration that the model does not explain: a wrong mass, friction, a payload. PURE.
 //!
 //! Two low-pass filters of the residual acceleration a = innovation·h/T² + d_e, d_e the share of d that the prediction already contains:
 //!

@@ -1,4 +1,4 @@
-//! To the start posture: one joint-space motion, before the first tick.
+//! To the start posture: one joint-space motion, before the first tick. PURE.
 
 use control::trajectory::quintic;
 use model::Model;

@@ -1,4 +1,4 @@
-//! The pure step of the plant: the robot's state to messages, and the commanded torque to the torque sent.
+//! The pure step of the plant: the robot's state to messages, and the commanded torque to the torque sent. PURE.
 
 use model::{ArmMotion, Model, padded};
 use nalgebra::SVector;

@@ -5,8 +5,8 @@
 //! is commanded. In front of the robot stand the drives of the simulated plant ([`sim::Drive`]): they hold, stop and refuse as they do there.
 //!
 //! ```text
-//! address.rs      fci://HOST[:PORT]              cycle.rs      PURE: from state and command to the torque sent
-//! approach.rs     PURE: to the start posture     description.rs  the robot's own URDF as a robot of armplane
+//! address.rs      fci://HOST[:PORT]              cycle.rs      from state and command to the torque sent
+//! approach.rs     to the start posture           description.rs  the robot's own URDF as a robot of armplane
 //! client.rs       the robot (feature `fci`)      error.rs      failures in words, with a remedy
 //! interface.rs    its constants
 //! ```

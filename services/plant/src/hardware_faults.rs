@@ -1,4 +1,4 @@
-//! Faults that physics sees: encoders that read wrong, drives that do not follow their command.
+//! Faults that physics sees: encoders that read wrong, drives that do not follow their command. PURE.
 
 use nalgebra::SVector;
 use shared_types::fault::{Kind, ScheduledFault, Way};
