@@ -301,7 +301,8 @@ impl<'a, const N: usize> Search<'a, N> {
         }
         if leg.fan {
             let sigma = self.arm.spectrum(&end.q).smallest();
-            cost += (end.t - leg.from_s).min(0.1) * 2.0 * (1.0 - sigma / 0.1).max(0.0).powi(2);
+            let narrow = (1.0 - sigma / 0.1).max(0.0);
+            cost += (end.t - leg.from_s).min(0.1) * 2.0 * (narrow * narrow);
         }
         self.nodes.push(Node { parent: Some(parent), q: end.q, heading, cost, knots });
         Some(self.nodes.len() - 1)
