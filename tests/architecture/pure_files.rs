@@ -50,7 +50,7 @@ pub(crate) fn claimed_pure(package: &Package) -> impl Iterator<Item = &File> {
 }
 
 /// What code names of a process besides its step.
-pub(crate) fn beyond_the_step(code: &[TokenTree], processes: &[String]) -> BTreeSet<String> {
+pub(crate) fn beyond_the_step(code: &[TokenTree], processes: &[&str]) -> BTreeSet<String> {
     let is_process = |word: &String| processes.iter().any(|process| process.replace('-', "_") == *word);
     let named = paths(code).into_iter().filter(|path| path.len() > 1).chain(use_leaves(code).into_iter().map(|(_, path)| path));
     let beyond = named.filter(|path| is_process(&path[0]) && !path.get(1).is_some_and(|part| STEP.contains(&part.as_str())));
@@ -83,7 +83,7 @@ fn the_check_sees_a_helper_of_a_pure_room_and_a_file_that_claims_to_be_pure() {
 
 #[test]
 fn the_check_sees_more_than_the_step_of_a_process() {
-    let seen = |text: &str| beyond_the_step(&tokens_of(text), &["plant".to_owned(), "plant-fci".to_owned()]).len();
+    let seen = |text: &str| beyond_the_step(&tokens_of(text), &["plant", "plant-fci"]).len();
     for text in ["plant::run(shell)", "use plant::{Cycle, run};", "use plant as p;", "use plant::*;", "fn f(x: plant_fci::Address) {}"] {
         assert_eq!(seen(text), 1, "{text}");
     }

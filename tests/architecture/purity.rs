@@ -147,8 +147,8 @@ fn rule_2_pure_code_touches_nothing_but_numbers() {
     let workspace = source::workspace();
     for package in workspace {
         let dependencies: Vec<String> = package.imports().map(|name| name.replace('-', "_")).collect();
-        let is_dependency = |name: &String| package.imports().any(|import| import == name);
-        let processes: Vec<String> = processes().into_iter().filter(is_dependency).collect();
+        let mut processes = processes(workspace);
+        processes.retain(|process| package.imports().any(|import| import == *process));
         for (file, because) in pure_files(package).into_iter().chain(claimed_pure(package).map(|file| (file, file))) {
             checked += 1;
             let mut impure = impurities(&file.code, &dependencies);

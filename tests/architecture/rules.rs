@@ -7,7 +7,7 @@ use crate::tokens::TokenTree;
 use shared_types::graph::Graph;
 
 use crate::purity::impurities;
-use crate::source::{self, File, is, items, paths, tokens_of, use_leaves, walk};
+use crate::source::{self, File, Package, is, items, paths, tokens_of, use_leaves, walk};
 
 /// The only users of a dependency: of all crates whose names begin so, whatever part of a library they are.
 const SEAMS: [(&str, &[&str]); 8] = [
@@ -24,14 +24,18 @@ const SEAMS: [(&str, &[&str]); 8] = [
 /// The length of a room in lines, unit tests not counted.
 const ROOM: usize = 500;
 
-/// The processes that this program contains: those of the graph it ships, and those that other graphs or `--plant` start.
-pub(crate) fn processes() -> Vec<String> {
-    let graph = Graph::parse("services/graph.toml", include_str!("../../services/graph.toml")).unwrap();
-    let others = ["operator", "exchange", "plant-fci"].map(str::to_owned);
-    graph.process.into_iter().map(|process| process.name).chain(others).collect()
+/// The processes: crates that use `runtime`, `launcher` and all that use it apart, which start processes.
+pub(crate) fn processes(workspace: &[Package]) -> Vec<&str> {
+    let uses = |package: &Package, name: &str| package.imports().any(|import| import == name);
+    let mut starters = vec!["launcher"];
+    while let Some(more) =
+        workspace.iter().find(|one| !starters.contains(&one.name.as_str()) && starters.iter().any(|name| uses(one, name)))
+    {
+        starters.push(&more.name);
+    }
+    let names = workspace.iter().filter(|one| uses(one, "runtime")).map(|one| one.name.as_str());
+    names.filter(|name| !starters.contains(name)).collect()
 }
-/// Crates that use `runtime` and are no process: they start processes.
-const NO_PROCESS: [&str; 5] = ["launcher", "session", "lab", "cli", "armplane"];
 
 #[test]
 fn rule_1_shared_types_imports_no_other_crate_of_the_workspace() {
@@ -241,22 +245,32 @@ fn session_and_lab_do_not_print() {
     assert!(prints(&tokens_of("command.stdout(Stdio::piped()); child.stderr.take()")).is_empty(), "a child's output is sent somewhere");
 }
 
+/// The processes that import a process, with it.
+fn imports_of_processes(workspace: &[Package]) -> Vec<(&str, &str)> {
+    let processes = processes(workspace);
+    let importers = workspace.iter().filter(|package| processes.contains(&package.name.as_str()));
+    importers.flat_map(|one| one.imports().filter(|import| processes.contains(import)).map(|import| (one.name.as_str(), import))).collect()
+}
+
 #[test]
 fn rule_4_no_process_imports_another_process() {
-    let (workspace, processes) = (source::workspace(), processes());
-    let mut found = 0;
-    for package in workspace.iter().filter(|package| processes.contains(&package.name)) {
-        found += 1;
-        let others: Vec<&str> = package.imports().filter(|name| processes.iter().any(|process| process == name)).collect();
-        assert_eq!(others, Vec::<&str>::new(), "{} imports a process", package.name);
-    }
-    for package in workspace.iter().filter(|package| package.imports().any(|name| name == "runtime")) {
-        // Processes of other graphs.
-        let is_example = package.targets.iter().flat_map(|target| &target.files).all(|file| file.path.starts_with("examples"));
-        let is_known = processes.contains(&package.name) || is_example || NO_PROCESS.contains(&package.name.as_str());
-        assert!(is_known, "{} uses runtime: a process, or one of NO_PROCESS?", package.name);
-    }
-    assert_eq!(found, processes.len(), "each process of the graph has a crate of its name: {processes:?}");
+    let workspace = source::workspace();
+    assert_eq!(imports_of_processes(workspace), []);
+    let graph = Graph::parse("services/graph.toml", include_str!("../../services/graph.toml")).unwrap();
+    let found = processes(workspace);
+    let missing: Vec<_> = graph.process.iter().map(|process| &process.name).filter(|name| !found.contains(&name.as_str())).collect();
+    assert!(missing.is_empty(), "processes of the graph without a crate of their name that uses `runtime`: {missing:?}");
+    let package = |name: &str, imports: &[&str]| Package {
+        name: name.into(),
+        dependencies: imports.iter().map(|name| ((*name).to_owned(), "normal".to_owned())).collect(),
+        targets: Vec::new(),
+    };
+    let with = |more: Package| {
+        let sample = [package("plant", &["runtime"]), package("launcher", &["runtime"]), package("session", &["launcher", "plant"]), more];
+        imports_of_processes(&sample).len()
+    };
+    assert_eq!(with(package("camera", &["runtime", "plant"])), 1, "a process that no list names");
+    assert_eq!(with(package("cli", &["runtime", "session", "plant"])) + with(package("chain", &["plant"])), 0);
 }
 
 #[test]
@@ -293,7 +307,7 @@ fn included(code: &[TokenTree]) -> usize {
 #[test]
 fn no_code_is_hidden_in_an_included_file() {
     let workspace = source::workspace();
-    let files = workspace.iter().flat_map(source::Package::files);
+    let files = workspace.iter().flat_map(Package::files);
     let wrong: Vec<String> = files.filter(|file| included(&file.tokens) > 0).map(|file| file.path.display().to_string()).collect();
     assert!(wrong.is_empty(), "{wrong:#?}");
     assert_eq!(included(&tokens_of("fn f() { include!(\"hidden.rs\") }")), 1);
