@@ -4,7 +4,8 @@
 //! the process that makes the ticks consumes torque k to get from tick k to tick k + 1.
 //!
 //! ```toml
-//! extends = "armplane"          # or "servo", with an operator that publishes targets: all processes of the built-in graph; one with the name of another takes its place
+//! extends = "armplane"          # all processes of the built-in graph; one with the name of another takes its place
+//!                               # "servo": the same with an operator that publishes targets
 //!
 //! [[topic]]                     # a message that only this graph knows
 //! name = "energy"

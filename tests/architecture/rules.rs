@@ -23,6 +23,8 @@ const SEAMS: [(&str, &[&str]); 8] = [
 
 /// The length of a room in lines, unit tests not counted.
 const ROOM: usize = 500;
+/// The width of a comment in characters, tables apart: rustfmt wraps code at 140 and leaves comments alone.
+const WIDTH: usize = 160;
 
 /// The processes: crates that use `runtime`, `launcher` and all that use it apart, which start processes.
 pub(crate) fn processes(workspace: &[Package]) -> Vec<&str> {
@@ -273,18 +275,26 @@ fn rule_4_no_process_imports_another_process() {
     assert_eq!(with(package("cli", &["runtime", "session", "plant"])) + with(package("chain", &["plant"])), 0);
 }
 
+/// The numbers of the lines that are comments and too wide: a long file could hide in few of them.
+fn wide_comments(text: &str) -> Vec<usize> {
+    let is_wide = |line: &str| line.chars().count() > WIDTH && line.trim_start().starts_with("//") && !line.ends_with('|');
+    text.lines().enumerate().filter(|(_, line)| is_wide(line)).map(|(at, _)| at + 1).collect()
+}
+
 #[test]
 fn a_file_is_one_room() {
-    let mut long = Vec::new();
+    let (line, mut long) = ("words ".repeat(30), Vec::new());
+    assert_eq!(wide_comments(&format!("let x = 1;\n    //! {line}\n//! | {line}|\n/// words\nf({line});")), [2]);
     for package in source::workspace() {
         for file in package.files() {
             let lines = file.lines_of_code();
             if lines > ROOM {
                 long.push(format!("{} has {lines} lines", file.path.display()));
             }
+            long.extend(wide_comments(&file.text).iter().map(|at| format!("{}:{at} is wider than {WIDTH}", file.path.display())));
         }
     }
-    assert!(long.is_empty(), "longer than {ROOM} lines without tests: {long:#?}");
+    assert!(long.is_empty(), "longer than {ROOM} lines without tests, or wider than {WIDTH} characters: {long:#?}");
 }
 
 /// `include!` of a file that these checks would not read; what the build script writes below OUT_DIR is data.

@@ -46,9 +46,9 @@ const PARTED_M: f64 = 0.012;
 impl<const N: usize> Controller<N> {
     /// One tick of a steered run: the torque for this state, towards the target of this tick (`None`: none has come).
     ///
-    /// The law acts on the reference arm, and the arm follows it. A motion that the law refuses for a moment (in a direction that no listed singularity explains)
-    /// brings the reference arm to rest, and from there it goes on. Fills `out` but for its header · Requires a scenario that is steered · Ensures, errors
-    /// as [`step`](Self::step) · Cost that of `step` and about 2 µs, no allocation
+    /// The law acts on the reference arm, and the arm follows it. A motion that the law refuses for a moment (in a direction that no listed
+    /// singularity explains) brings the reference arm to rest, and from there it goes on. Fills `out` but for its header · Requires a scenario that
+    /// is steered · Ensures, errors as [`step`](Self::step) · Cost that of `step` and about 2 µs, no allocation
     pub fn steer(
         &mut self,
         (tick, target): (u64, Option<&TargetContent>),

@@ -98,8 +98,9 @@ pub struct Assembler {
 }
 
 impl Assembler {
-    /// An assembler of ticks that are whole with the messages of the topics `expected`. It waits `patience` ticks for what is missing. Ticks of which nothing has come are given out empty; where there are more
-    /// than `horizon` of them on end they are not, and what comes after them has to wait for its time: the tick may be a wrong one.
+    /// An assembler of ticks that are whole with the messages of the topics `expected`. It waits `patience` ticks for what is missing. Ticks of
+    /// which nothing has come are given out empty; where there are more than `horizon` of them on end they are not, and what comes after them has to
+    /// wait for its time: the tick may be a wrong one.
     #[must_use]
     pub fn new(expected: Set, patience: u64, horizon: u64) -> Self {
         Self { rows: VecDeque::new(), given: None, spare: Vec::new(), next: 0, expected, patience, horizon }

@@ -1,7 +1,7 @@
 //! A run as a library: load its scenario, robot and graph, plan it, launch it, summarise it, keep its results, find it again, export it.
 //!
-//! [`run`] is one run in that order. Nothing starts before everything is validated. This crate prints nothing: what happens while a run lasts goes to an [`Observer`],
-//! and a summary can be shown ([`RunText`]).
+//! [`run`] is one run in that order. Nothing starts before everything is validated. This crate prints nothing: what happens while a run lasts goes
+//! to an [`Observer`], and a summary can be shown ([`RunText`]).
 
 pub mod load;
 pub mod observation;

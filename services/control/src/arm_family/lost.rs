@@ -1,9 +1,10 @@
 //! Lost directions of an arm with spare joints, by number: each measured by a vector, for most of them have codimension two or more.
 //!
 //! # Measure
-//! J has R rows and N > R columns, those of absent joints apart. At a singular posture u is the left null vector of the unit-scaled J, and the joint motions that the other
-//! directions leave free span Π, of dimension d = N − R + 1. Near by, uᵀJ = mᵀ with m in Π: s = |m|/σ_ref ≥ 0, since m = 0 is d conditions, which a
-//! path misses, or passes at a distance of |m|. ζ is the larger half of u, as on any arm by number, and u is carried from tick to tick.
+//! J has R rows and N > R columns, those of absent joints apart. At a singular posture u is the left null vector of the unit-scaled J, and the joint
+//! motions that the other directions leave free span Π, of dimension d = N − R + 1. Near by, uᵀJ = mᵀ with m in Π: s = |m|/σ_ref ≥ 0, since m = 0 is
+//! d conditions, which a path misses, or passes at a distance of |m|. ζ is the larger half of u, as on any arm by number, and u is carried from tick
+//! to tick.
 //!
 //! # Auxiliary coordinate
 //! m may turn by half a turn around the singular posture within a few ticks, so no auxiliary row follows it there. The row is a unit vector a in Π that

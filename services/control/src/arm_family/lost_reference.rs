@@ -18,7 +18,8 @@ const FOLLOW: (f64, f64) = (0.2, 0.1);
 /// Rate at which a neighbourhood is left along the self-motion, rad/s.
 const LEAVE: f64 = 0.8;
 
-/// Angle between ζ and where it should be beyond which the path waits, rad; and the remaining motion of a leg below which its direction is undefined, unit-scaled.
+/// Angle between ζ and where it should be beyond which the path waits, rad; and the remaining motion of a leg below which its direction is
+/// undefined, unit-scaled.
 const AWAY: (f64, f64) = (0.1, 0.02);
 
 /// Error along ζ beyond which a goal beyond reach runs away, m: leaving a neighbourhood that can be left costs less.

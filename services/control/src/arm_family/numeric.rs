@@ -13,7 +13,8 @@
 //!
 //! # Directions
 //! A singular vector of the whole block is part translation, part rotation. ζ is the larger half, made a unit vector: eliminating the rotation's row, not
-//! the singular vector's, keeps translation exact. At a fold the vector is first made orthogonal to every motion that leaves s alone. With a = [u_v/L; u_ω], aᵀJ = σ vᵀ, so modulo the kept rows ζᵀJ = σ/|u_ω|·vᵀ (or σL/|u_v|·vᵀ).
+//! the singular vector's, keeps translation exact. At a fold the vector is first made orthogonal to every motion that leaves s alone. With a =
+//! [u_v/L; u_ω], aᵀJ = σ vᵀ, so modulo the kept rows ζᵀJ = σ/|u_ω|·vᵀ (or σL/|u_v|·vᵀ).
 #![allow(clippy::needless_range_loop, reason = "indices name rows and directions of several arrays at once")]
 
 use super::axes::{frame, meeting};
