@@ -37,7 +37,16 @@ fn is_boolean(tokens: &[TokenTree]) -> bool {
     matches!(tokens, [token] if is(token, "true") || is(token, "false"))
 }
 
-/// Whether the tokens assert something by themselves: a constant asserts nothing, nor does the body of a loop over nothing.
+/// Whether the block at this place is that of an `if` or of a `while let` without an `else`: it may be passed over.
+fn is_passed_over(body: &[TokenTree], at: usize) -> bool {
+    let is_block = |token: &TokenTree| matches!(token, TokenTree::Group(group) if group.delimiter() == Delimiter::Brace);
+    let begin = body[..at].iter().rposition(|token| is(token, ";") || is(token, ",") || is_block(token)).map_or(0, |before| before + 1);
+    let is_conditional = body[begin..at].windows(2).any(|pair| is(&pair[0], "if") || is(&pair[0], "while") && is(&pair[1], "let"));
+    is_block(&body[at]) && is_conditional && !body.get(at + 1).is_some_and(|next| is(next, "else"))
+}
+
+/// Whether the tokens assert something by themselves: a constant asserts nothing, nor does the body of a loop over nothing, nor a block that a
+/// condition passes over.
 fn asserts_itself(body: &[TokenTree]) -> bool {
     for (at, token) in body.iter().enumerate() {
         let is_named = |names: &[&str]| names.iter().any(|name| is(token, name)) && body.get(at + 1).is_some_and(|next| is(next, "!"));
@@ -56,7 +65,7 @@ fn asserts_itself(body: &[TokenTree]) -> bool {
         let over_nothing = at > 1
             && is(&body[at - 2], "in")
             && matches!(&body[at - 1], TokenTree::Group(list) if list.delimiter() == Delimiter::Bracket && list.stream().is_empty());
-        if !over_nothing && asserts_itself(group.inside()) {
+        if !over_nothing && !is_passed_over(body, at) && asserts_itself(group.inside()) {
             return true;
         }
     }
@@ -104,6 +113,17 @@ fn silent_ends(body: &[TokenTree]) -> usize {
     found
 }
 
+/// `let Some(x) = f() else { return };`: a helper that asserts ends for want of something.
+fn silent_elses(body: &[TokenTree]) -> usize {
+    let mut found = 0;
+    walk(body, &mut |tokens| {
+        let is_bare = |block: &[TokenTree]| block.iter().all(|token| is(token, "return") || is(token, ";")) && !block.is_empty();
+        let ends = |block: &TokenTree| matches!(block, TokenTree::Group(group) if is_bare(group.inside()));
+        found += tokens.windows(2).filter(|pair| is(&pair[0], "else") && ends(&pair[1])).count();
+    });
+    found
+}
+
 /// `if has_python(…) { … }` without an `else`: what could not run is reported by `skipped`, not passed over.
 fn silent_conditions(body: &[TokenTree]) -> usize {
     let mut found = 0;
@@ -111,8 +131,8 @@ fn silent_conditions(body: &[TokenTree]) -> usize {
         for (at, _) in tokens.iter().enumerate().filter(|(_, token)| is(token, "if")) {
             let is_block = |token: &TokenTree| matches!(token, TokenTree::Group(group) if group.delimiter() == Delimiter::Brace);
             let Some(block) = tokens[at..].iter().position(is_block).map(|length| at + length) else { continue };
-            let asks =
-                tokens[at..block].iter().any(|token| matches!(token, TokenTree::Ident(name) if name.to_string().starts_with("has_")));
+            let is_question = |pair: &[TokenTree]| pair[0].to_string().starts_with("has_") && matches!(pair[1], TokenTree::Group(_));
+            let asks = tokens[at..block].windows(2).any(is_question);
             let reports = tokens[block..]
                 .iter()
                 .take_while(|token| !is(token, ";"))
@@ -124,33 +144,54 @@ fn silent_conditions(body: &[TokenTree]) -> usize {
     found
 }
 
+/// The properties of the fuzz targets: they take any bytes, and reject those that are no case.
+const PROPERTIES: &str = "tests/system/properties";
+
+const RETURNS: &str = "returns early without `return skipped(why)`";
+const PASSES: &str = "passes over what cannot run without `skipped(why)`";
+
+/// What is wrong with a test, beside the functions of its target that are compiled for tests only.
+fn faults_of_a_test(test: &Function, all: &[Function]) -> Vec<&'static str> {
+    let has = |attribute: &[TokenTree], word: &str| attribute.first().is_some_and(|name| is(name, word));
+    let should_panic = test.attributes.iter().any(|attribute| has(attribute, "should_panic"));
+    let is_bare = test.attributes.iter().any(|attribute| attribute.len() == 1 && has(attribute, "ignore"));
+    let found = [
+        (!should_panic && !asserts(&test.body, all), "asserts nothing"),
+        (silent_ends(&test.body) > 0, RETURNS),
+        (silent_conditions(&test.body) > 0, PASSES),
+        (is_bare, "is ignored without a reason"),
+    ];
+    found.into_iter().filter(|(is_so, _)| *is_so).map(|(_, fault)| fault).collect()
+}
+
+/// What is wrong with a function that tests call and that asserts for them.
+fn faults_of_a_helper(helper: &Function) -> Vec<&'static str> {
+    let mut asserts = false;
+    walk(&helper.body, &mut |tokens| asserts |= asserts_itself(tokens));
+    let found = [(asserts && silent_elses(&helper.body) > 0, RETURNS), (silent_conditions(&helper.body) > 0, PASSES)];
+    found.into_iter().filter(|(is_so, _)| *is_so).map(|(_, fault)| fault).collect()
+}
+
 #[test]
 fn every_test_claims_something_and_none_ends_in_silence() {
     let workspace = source::workspace();
     let (mut tests, mut wrong) = (0, Vec::new());
     for package in workspace {
         for target in &package.targets {
-            // A test may assert through a helper of another file of its target.
-            let all: Vec<Function> = target.files.iter().flat_map(|file| functions(&file.tokens)).collect();
+            // A test may assert through a helper of another file of its target; what is shipped with it asserts nothing for it.
+            let all: Vec<Function> = target.files.iter().flat_map(|file| functions(&file.test_code())).collect();
             for file in &target.files {
-                for function in functions(&file.tokens).iter().filter(|function| function.is_test()) {
-                    tests += 1;
-                    let place = format!("{}: {}", file.path.display(), function.name);
-                    let should_panic =
-                        function.attributes.iter().any(|attribute| attribute.first().is_some_and(|name| is(name, "should_panic")));
-                    if !should_panic && !asserts(&function.body, &all) {
-                        wrong.push(format!("{place} asserts nothing"));
-                    }
-                    if silent_ends(&function.body) > 0 {
-                        wrong.push(format!("{place} returns early without `return skipped(why)`"));
-                    }
-                    if file.path.starts_with("tests/system") && silent_conditions(&function.body) > 0 {
-                        wrong.push(format!("{place} passes over what cannot run without `skipped(why)`"));
-                    }
-                    let bare = function.attributes.iter().any(|attribute| attribute.len() == 1 && is(&attribute[0], "ignore"));
-                    if bare {
-                        wrong.push(format!("{place} is ignored without a reason"));
-                    }
+                for function in functions(&file.test_code()) {
+                    tests += usize::from(function.is_test());
+                    let is_property = file.path.starts_with(PROPERTIES) && !function.is_test();
+                    let faults = if is_property {
+                        Vec::new()
+                    } else if function.is_test() {
+                        faults_of_a_test(&function, &all)
+                    } else {
+                        faults_of_a_helper(&function)
+                    };
+                    wrong.extend(faults.into_iter().map(|fault| format!("{}: {} {fault}", file.path.display(), function.name)));
                 }
             }
         }
@@ -178,6 +219,17 @@ fn the_check_sees_a_test_without_a_claim() {
     assert!(claims("#[test] fn t() { check(3); } fn check(n: u32) { assert!(n > 2); }"), "through a helper");
     assert!(!claims("#[test] fn t() { f().expect(\"a file\"); }"));
     assert!(!claims("#[test] fn t() { f().unwrap(); }") && !claims("#[test] fn t() { check(3); } fn check(_: u32) {}"));
+    assert!(!claims("#[test] fn t() { if let Some(x) = f() { assert!(x); } }"), "passed over where there is none");
+    assert!(
+        !claims("#[test] fn t() { while let Some(x) = f() { assert!(x); } }") && !claims("#[test] fn t() { if f() { assert!(g()); } }")
+    );
+    assert!(claims("#[test] fn t() { if let Some(x) = f() { assert!(x); } else { panic!(); } }"));
+    let shipped = "fn new() { assert!(f()); } #[cfg(test)] mod tests { #[test] fn t() { Foo::new(); } fn check() { assert!(f()); } }";
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("lib.rs"), shipped).unwrap();
+    let names = |file: &source::File| functions(&file.test_code()).into_iter().map(|function| function.name).collect::<Vec<_>>();
+    let files = source::files_of(&folder.path().join("lib.rs"), false);
+    assert_eq!(names(&files[0]), ["t", "check"], "an assertion in the code itself is no claim of a test");
     assert!(!claims("#[test] fn t() { assert!(true); }") && !claims("#[test] fn t() { assert_eq!(1, 1); f(); }"), "constants");
     assert!(!claims("#[test] fn t() { assert!(true, \"{}\", f()); }"), "the text names something, the condition does not");
     assert!(!claims("#[test] fn t() { for x in [] { assert!(f(x)); } }") && claims("#[test] fn t() { for x in [1] { assert!(f(x)); } }"));
@@ -185,6 +237,11 @@ fn the_check_sees_a_test_without_a_claim() {
     assert_eq!(silent("#[test] fn t() { if has_python(\"\") { assert!(f()); } }"), 1);
     assert_eq!(silent("#[test] fn t() { if has_python(\"\") { assert!(f()); } else { skipped(\"no python\") } }"), 0);
     assert_eq!(silent("#[test] fn t() { if !has_python(\"\") { return skipped(\"no python\"); } assert!(f()); }"), 0);
+    let elses = |text: &str| faults_of_a_helper(&of(text)[0]);
+    assert_eq!(elses("fn check(x: u8) { let Ok(y) = f(x) else { return }; assert!(y); }"), [RETURNS]);
+    assert_eq!(elses("fn check(x: u8) { for y in f() { let Ok(z) = y else { return; }; assert!(z); } }"), [RETURNS]);
+    assert!(elses("fn read(x: u8) -> bool { let Ok(y) = f(x) else { return false }; assert!(y); y }").is_empty());
+    assert_eq!(elses("fn check(x: u8) { if has_python(x) { assert!(f(x)); } }"), [PASSES]);
     let ends = |text: &str| silent_ends(&of(text)[0].body);
     assert_eq!(ends("#[test] fn t() { let Some(x) = f() else { return }; assert!(x); }"), 1);
     assert_eq!(ends("#[test] fn t() { let Some(x) = f() else { return skipped(\"no ptrace\") }; assert!(x); }"), 0);

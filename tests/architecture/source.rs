@@ -48,6 +48,11 @@ pub(crate) struct File {
 }
 
 impl File {
+    /// The tokens that are compiled for tests only.
+    pub(crate) fn test_code(&self) -> Vec<TokenTree> {
+        if self.test_only { self.tokens.clone() } else { only_tests(&self.tokens) }
+    }
+
     /// Lines of the file that do not belong to unit tests. The text is formatted: an item ends with its closing brace at the indentation of
     /// its attribute, or with its first semicolon.
     pub(crate) fn lines_of_code(&self) -> usize {
@@ -291,6 +296,16 @@ fn without_tests(tokens: &[TokenTree]) -> Vec<TokenTree> {
         }
     }
     kept
+}
+
+/// The items that are compiled for unit tests only, at every depth.
+fn only_tests(tokens: &[TokenTree]) -> Vec<TokenTree> {
+    let inside = |token: &TokenTree| match token {
+        TokenTree::Group(group) if group.delimiter() == Delimiter::Brace => only_tests(group.inside()),
+        _ => Vec::new(),
+    };
+    let of = |item: Item<'_>| if item.for_tests { item.all.to_vec() } else { item.body.iter().flat_map(inside).collect() };
+    items(tokens).into_iter().flat_map(of).collect()
 }
 
 /// Whether a token is this word or this punctuation mark.
