@@ -9,7 +9,8 @@ use std::path::Path;
 
 use crate::tokens::{Delimiter, TokenTree};
 
-use crate::source::{self, File, Target, is, items, paths, use_tree};
+use crate::source::{self, File, Target};
+use crate::syntax::{is, items, paths, type_of_impl, use_tree};
 
 /// The bindings of one module: items that it defines, names that it imports, modules from which it imports everything.
 #[derive(Default)]
@@ -135,7 +136,7 @@ impl<'a> Crate<'a> {
     /// Methods defined away from the file of their type whose name no other function of the crate has: whoever calls one uses that file.
     fn unique_elsewhere(&self) -> BTreeMap<&str, usize> {
         let mut counts: BTreeMap<String, usize> = BTreeMap::new();
-        for function in self.files.iter().flat_map(|file| source::functions(&file.code)) {
+        for function in self.files.iter().flat_map(|file| crate::syntax::functions(&file.code)) {
             *counts.entry(function.name).or_default() += 1;
         }
         let away = self.methods_elsewhere();
@@ -242,20 +243,6 @@ impl<'a> Crate<'a> {
 
 const KEYWORDS: [&str; 12] = ["use", "impl", "mod", "fn", "struct", "enum", "union", "trait", "type", "const", "static", "macro_rules"];
 
-/// `Type` in `impl<…> Type<…> { … }`.
-fn type_of_impl(body: &[TokenTree]) -> Option<String> {
-    let mut depth = 0_i32;
-    for token in body.iter().skip(1) {
-        match token {
-            token if is(token, "<") => depth += 1,
-            token if is(token, ">") => depth -= 1,
-            TokenTree::Ident(ident) if depth == 0 => return Some(ident.to_string()),
-            _ => {}
-        }
-    }
-    None
-}
-
 /// The tokens of an inline module of a file without its own inline modules, which are looked at by themselves.
 fn module_code(code: &[TokenTree], inline: &[String]) -> Vec<TokenTree> {
     let mut kept = Vec::new();
@@ -307,7 +294,7 @@ fn split_uses(tokens: &[TokenTree], uses: &mut Vec<Import>, others: &mut Vec<Tok
 /// The names in `.name(…)`.
 fn called_methods(tokens: &[TokenTree]) -> BTreeSet<String> {
     let mut found = BTreeSet::new();
-    source::walk(tokens, &mut |tokens| {
+    crate::syntax::walk(tokens, &mut |tokens| {
         for window in tokens.windows(3) {
             if let [dot, TokenTree::Ident(name), TokenTree::Group(group)] = window
                 && is(dot, ".")

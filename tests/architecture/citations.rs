@@ -1,45 +1,67 @@
 //! Each equation of the paper is computed where it is cited and checked where it is computed.
 //!
 //! The documentation of a function cites: `[CK95 Eq. 4]`, and the function computes something. A comment above a test ties the citation to a numeric
-//! check: `// covers: CK95 Eq. 4 (operational_space::new)` names the cited functions by file and name, and the test calls each of them, at most four
-//! calls down, and asserts a number. A figure is cited by the scenario that
+//! check: `// covers: CK95 Eq. 4 (operational_space::new)` names the cited functions by file and name, and the test calls each of them, at most six
+//! calls down, and pins a number down: an equality, an upper bound, or a yes or no to a number. That the formula in the documentation is the one that
+//! the code computes is the numbers' part: it can't be read off the source. A figure is cited by the scenario that
 //! reproduces it (`Chang & Khatib 1995, Figure 5.`) and covered by a test that names this scenario: `// covers: CK95 Figure 5`.
 
 use std::collections::BTreeSet;
+use std::path::Path;
 
-use crate::tokens::{Delimiter, TokenTree};
+use crate::tokens::TokenTree;
 
+use crate::calls::{calls, reached};
 use crate::claims;
-use crate::source::{self, File, Function, documentation, functions, is, is_path_separator, items, name_of, paths, root, walk};
+use crate::source::{self, File, root};
+use crate::syntax::{Function, documentation, functions, is, items, name_of, paths, type_of_impl, walk};
 
 /// Statements and figures of Chang & Khatib 1995.
 const EQUATIONS: [&str; 5] = ["Eq. 1", "Eq. 2", "Eq. 3", "Eq. 4", "Eq. 5"];
-const FIGURES: [&str; 4] = ["Figure 1", "Figure 2", "Figure 4", "Figure 5"];
+const FIGURES: [&str; 5] = ["Figure 1", "Figure 2", "Figure 3", "Figure 4", "Figure 5"];
+/// A figure that shows postures of several scenarios: its name in `figures.json`, and the file that draws it.
+const DRAWN: (&str, &str) = ("fig3", "services/lab/src/studies/figures/locks.rs");
 
 /// An item of the paper and the function (`file::name`) or scenario that stands for it.
 type Tie = (String, String);
 
 /// The equations in `[CK95 Eq. 3, Eq. 5]` and `[CK95 Eq. 3 to 5]`; sections (`[CK95 §4]`) are no equations.
 fn equations(text: &str) -> BTreeSet<String> {
-    let mut found = BTreeSet::new();
-    // A citation between backticks is an example of the form.
+    numbered(&split_citations(text).0)
+}
+
+/// What stands inside of `[CK95 …]`, and the rest of a text. A citation between backticks is an example of the form.
+fn split_citations(text: &str) -> (String, String) {
     let text: String = text.split('`').step_by(2).collect();
-    for citation in text.split("[CK95 ").skip(1).filter_map(|rest| rest.split(']').next()) {
-        for (at, _) in citation.match_indices("Eq. ") {
-            let rest = citation[at + 4..].split([',', '§']).next().unwrap_or_default();
-            let numbers: Vec<u32> = rest.split(|c: char| !c.is_ascii_digit()).filter_map(|number| number.parse().ok()).collect();
-            let last = if rest.contains(" to ") { numbers.get(1) } else { None };
-            if let Some(first) = numbers.first() {
-                found.extend((*first..=*last.unwrap_or(first)).map(|number| format!("Eq. {number}")));
-            }
+    let (mut inside, mut outside) = (String::new(), String::new());
+    for (place, piece) in text.split("[CK95 ").enumerate() {
+        let (cited, rest) = if place == 0 { ("", piece) } else { piece.split_once(']').unwrap_or((piece, "")) };
+        inside += &format!("{cited}, ");
+        outside += rest;
+    }
+    (inside, outside)
+}
+
+/// The numbers of `Eq. 3` and `Eq. 3 to 5`; those of `Eq. 2.31` are another source's.
+fn numbered(text: &str) -> BTreeSet<String> {
+    let mut found = BTreeSet::new();
+    for (at, _) in text.match_indices("Eq. ") {
+        let rest = text[at + 4..].split([',', '§']).next().unwrap_or_default();
+        let after = rest.trim_start_matches(|c: char| c.is_ascii_digit());
+        let numbers: Vec<u32> = rest.split(|c: char| !c.is_ascii_digit()).map_while(|number| number.parse().ok()).collect();
+        let is_other = after.strip_prefix('.').is_some_and(|decimals| decimals.starts_with(|c: char| c.is_ascii_digit()));
+        let second = after.strip_prefix(" to ").and_then(|rest| rest.split(|c: char| !c.is_ascii_digit()).next()?.parse().ok());
+        if let Some(first) = numbers.first().filter(|_| !is_other) {
+            found.extend((*first..=second.unwrap_or(*first)).map(|number| format!("Eq. {number}")));
         }
     }
     found
 }
 
-/// How a covering test names a function of a file.
-fn tie(file: &File, name: &str) -> String {
-    format!("{}::{name}", file.path.file_stem().unwrap_or_default().to_string_lossy())
+/// How a covering test names a function of a file: `file::function` or `file::Type::method`.
+fn tie(file: &File, owner: Option<&str>, name: &str) -> String {
+    let stem = file.path.file_stem().unwrap_or_default().to_string_lossy();
+    [Some(&*stem), owner, Some(name)].into_iter().flatten().collect::<Vec<_>>().join("::")
 }
 
 /// Whether a function of a file does arithmetic or compares, itself or through functions of the same file that it calls.
@@ -70,41 +92,70 @@ fn has_arithmetic(tokens: &[TokenTree]) -> bool {
     })
 }
 
-/// Whether a body asserts a number: an assertion that has a number in its condition, itself or in a function of its target that it calls.
-fn asserts_number(body: &[TokenTree], all: &[Function]) -> bool {
-    let (mut seen, mut waiting) = (BTreeSet::new(), vec![body.to_vec()]);
-    while let Some(body) = waiting.pop() {
-        let mut found = false;
-        walk(&body, &mut |tokens| {
-            for (at, _) in
-                tokens.iter().enumerate().filter(|(_, token)| ["assert", "prop_assert", "assert_eq"].iter().any(|name| is(token, name)))
-            {
+/// Whether a test pins a number down, itself or in a function for tests that it calls: a sign alone does not.
+fn pins_a_number(body: &[TokenTree], helpers: &[Function], ties: &[Tie]) -> bool {
+    let names: Vec<&str> = ties.iter().filter_map(|(_, place)| place.rsplit("::").next()).collect();
+    let mut found = false;
+    for body in reached(body, helpers, CALLS) {
+        walk(body, &mut |tokens| {
+            for (at, token) in tokens.iter().enumerate() {
                 let Some(TokenTree::Group(arguments)) = tokens.get(at + 2) else { continue };
-                let arguments: Vec<TokenTree> = arguments.stream().into_iter().collect();
-                walk(&arguments, &mut |tokens| found |= tokens.iter().any(is_number));
+                let is_equality = ["assert_eq", "prop_assert_eq"].iter().any(|name| is(token, name));
+                let is_assertion = ["assert", "prop_assert"].iter().any(|name| is(token, name));
+                found |= is_equality && has_number(arguments.inside()) || is_assertion && is_pin(arguments.inside(), &names);
             }
         });
-        if found {
-            return true;
-        }
-        for word in paths(&body).into_iter().filter_map(|path| path.last().cloned()).filter(|word| seen.insert(word.clone())) {
-            waiting
-                .extend(all.iter().filter(|function| function.name == word && !function.is_test()).map(|function| function.body.clone()));
-        }
     }
-    false
+    found
+}
+
+/// An equality with a number in it, an upper bound that is a number, or a function of these names that answers yes or no to a number.
+fn is_pin(arguments: &[TokenTree], names: &[&str]) -> bool {
+    let condition: Vec<TokenTree> = arguments.iter().take_while(|token| !is(token, ",")).cloned().collect();
+    let mut found = false;
+    walk(&condition, &mut |tokens| {
+        for (at, token) in tokens.iter().enumerate() {
+            let next = |by: usize| tokens.get(at + by);
+            let is_generic = at > 0 && is(&tokens[at - 1], ":");
+            let is_bound = is(token, "<") && !is_generic && (next(1).is_some_and(is_number) || next(2).is_some_and(is_number));
+            let is_equality = is(token, "=") && next(1).is_some_and(|next| is(next, "=")) && has_number(tokens);
+            let ends = next(2).is_none_or(|next| is(next, "&") || is(next, "|"));
+            let is_answer =
+                names.iter().any(|name| is(token, name)) && next(1).is_some_and(|arguments| has_number(std::slice::from_ref(arguments)));
+            found |= is_bound || is_equality || is_answer && ends;
+        }
+    });
+    found
+}
+
+fn has_number(tokens: &[TokenTree]) -> bool {
+    let mut found = false;
+    walk(tokens, &mut |tokens| found |= tokens.iter().any(is_number));
+    found
 }
 
 fn is_number(token: &TokenTree) -> bool {
     matches!(token, TokenTree::Literal(value) if value.to_string().starts_with(|first: char| first.is_ascii_digit()))
 }
 
+/// The lines of comments that speak of an equation without citing it: no test is tied to them. The head of a file may name the equations that its
+/// functions, or those of the files below it, cite.
+fn loose_mentions(text: &str, cited_below: &BTreeSet<String>) -> Vec<usize> {
+    let is_loose = |line: &str| {
+        let Some((_, comment)) = line.split_once("//").filter(|(code, _)| code.matches('"').count() % 2 == 0) else { return false };
+        let spoken = numbered(&split_citations(comment).1);
+        let is_tie = comment.trim_start().starts_with("covers: CK95 ");
+        !is_tie && !spoken.is_empty() && !(comment.starts_with('!') && spoken.is_subset(cited_below))
+    };
+    text.lines().enumerate().filter(|(_, line)| is_loose(line)).map(|(at, _)| at + 1).collect()
+}
+
 /// The citations of a file, tied to the item that each documents; an error for each at a place that computes nothing.
-fn citations(file: &File, tokens: &[TokenTree], found: &mut BTreeSet<Tie>, wrong: &mut Vec<String>) {
+fn citations(file: &File, tokens: &[TokenTree], owner: Option<&str>, found: &mut BTreeSet<Tie>, wrong: &mut Vec<String>) {
     for item in items(tokens) {
         for equation in equations(&documentation(&item.attributes)) {
             match name_of(&item).filter(|_| !item.inner) {
-                Some(name) if computes(&name, &functions(&file.tokens)) => drop(found.insert((equation, tie(file, &name)))),
+                Some(name) if computes(&name, &functions(&file.tokens)) => drop(found.insert((equation, tie(file, owner, &name)))),
                 Some(name) => wrong.push(format!("{}: {name} cites [CK95 {equation}] and computes nothing", file.path.display())),
                 None => wrong.push(format!(
                     "{}: [CK95 {equation}] stands at a whole file, not at the function that computes it",
@@ -114,7 +165,7 @@ fn citations(file: &File, tokens: &[TokenTree], found: &mut BTreeSet<Tie>, wrong
         }
         for token in item.body {
             if let TokenTree::Group(group) = token {
-                citations(file, group.inside(), found, wrong);
+                citations(file, group.inside(), type_of_impl(item.body).as_deref().or(owner), found, wrong);
             }
         }
     }
@@ -133,41 +184,41 @@ fn named(text: &str, scenarios: &BTreeSet<Tie>) -> Option<Vec<Tie>> {
 }
 
 /// Calls from a test to the function that computes the equation, at most.
-const CALLS: usize = 4;
+const CALLS: usize = 6;
 
-/// Whether the tokens after a name use it: a call, an item of it, its fields; a name alone may be a variable.
-fn is_used(after: &[TokenTree]) -> bool {
-    let is_group = |token: &TokenTree| matches!(token, TokenTree::Group(group) if group.delimiter() != Delimiter::Bracket);
-    after.first().is_some_and(is_group) || is_path_separator(after)
+/// Whether a test uses what a tie names: it calls the function, or it names the scenario.
+fn mentions(body: &[TokenTree], all: &[Function], (item, place): &Tie) -> bool {
+    let bodies = reached(body, all, CALLS);
+    if FIGURES.contains(&item.as_str()) {
+        let (literal, mut found) = (format!("\"{place}\""), false);
+        let mut look = |tokens: &[TokenTree]| found |= tokens.iter().any(|token| token.to_string() == literal);
+        bodies.iter().for_each(|body| walk(body, &mut look));
+        return found;
+    }
+    let calls = |name: &str, owner: Option<&str>| bodies.iter().flat_map(|body| calls(body)).any(|call| call.may_be(name, owner));
+    match place.split("::").collect::<Vec<_>>()[..] {
+        [_, name] => calls(name, None),
+        [_, owner, name] => calls(name, Some(owner)),
+        _ => false,
+    }
 }
 
-/// Whether a body uses something, itself or through functions of its target that it calls.
-fn mentions(body: &[TokenTree], all: &[Function], name: &str) -> bool {
-    let literal = format!("\"{name}\"");
-    let mut seen = BTreeSet::new();
-    let mut bodies = vec![body];
-    for _ in 0..=CALLS {
-        let mut next = Vec::new();
-        for body in bodies {
-            let words: BTreeSet<String> = paths(body).into_iter().flatten().collect();
-            let mut found = false;
-            walk(body, &mut |tokens| {
-                found |= tokens.iter().any(|token| matches!(token, TokenTree::Literal(value) if value.to_string() == literal));
-                found |= tokens.iter().enumerate().any(|(at, token)| is(token, name) && is_used(&tokens[at + 1..]));
-            });
-            if found {
-                return true;
-            }
-            let called = all.iter().filter(|function| words.contains(&function.name) && !function.is_test());
-            next.extend(called.filter(|function| seen.insert(function.name.clone())).map(|function| function.body.as_slice()));
-        }
-        bodies = next;
+/// The functions of a target.
+struct Functions {
+    all: Vec<Function>,
+    /// Those that are compiled for tests only.
+    of_tests: Vec<Function>,
+}
+
+impl Functions {
+    fn of(files: &[File]) -> Self {
+        let all = files.iter().flat_map(|file| functions(&file.tokens)).collect();
+        Self { all, of_tests: files.iter().flat_map(|file| functions(&file.test_code())).collect() }
     }
-    false
 }
 
 /// The ties of the `// covers:` comments of a file.
-fn coverage(file: &File, target: &[Function], scenarios: &BTreeSet<Tie>, found: &mut BTreeSet<Tie>, wrong: &mut Vec<String>) {
+fn coverage(file: &File, target: &Functions, scenarios: &BTreeSet<Tie>, found: &mut BTreeSet<Tie>, wrong: &mut Vec<String>) {
     let all = functions(&file.tokens);
     for (at, line) in file.text.lines().enumerate() {
         let Some(text) = line.trim_start().strip_prefix("// covers: CK95 ") else { continue };
@@ -182,28 +233,31 @@ fn coverage(file: &File, target: &[Function], scenarios: &BTreeSet<Tie>, found: 
             wrong.push(format!("{place}: no test follows"));
             continue;
         };
-        if !claims::asserts(&test.body, target) || !asserts_number(&test.body, target) {
-            wrong.push(format!("{place}: {} asserts no number", test.name));
+        if !claims::asserts(&test.body, &target.of_tests) || !pins_a_number(&test.body, &target.of_tests, &ties) {
+            wrong.push(format!("{place}: {} pins no number down", test.name));
         }
-        for (item, name) in ties {
-            if mentions(&test.body, target, name.rsplit("::").next().unwrap_or_default()) {
-                found.insert((item, name));
+        for tie in ties {
+            if mentions(&test.body, &target.all, &tie) {
+                found.insert(tie);
             } else {
-                wrong.push(format!("{place}: {} does not use {name}", test.name));
+                wrong.push(format!("{place}: {} does not use {}", test.name, tie.1));
             }
         }
     }
 }
 
-/// The figures that each scenario of the program reproduces.
+/// The figures of the paper, each with the scenario that reproduces it or the name of its drawing.
 fn figures() -> BTreeSet<Tie> {
     let mut found = BTreeSet::new();
-    for entry in std::fs::read_dir(root().join("sim/scenarios")).unwrap().flatten() {
-        let text = std::fs::read_to_string(entry.path()).unwrap();
-        let name = entry.path().file_stem().unwrap().to_string_lossy().into_owned();
+    let mut add = |path: &Path, name: &str| {
+        let text = std::fs::read_to_string(path).unwrap();
         let shown = FIGURES.iter().filter(|figure| text.contains(&format!("Chang & Khatib 1995, {figure}.")));
-        found.extend(shown.map(|figure| ((*figure).to_owned(), name.clone())));
+        found.extend(shown.map(|figure| ((*figure).to_owned(), name.to_owned())));
+    };
+    for entry in std::fs::read_dir(root().join("sim/scenarios")).unwrap().flatten() {
+        add(&entry.path(), &entry.path().file_stem().unwrap().to_string_lossy());
     }
+    add(&root().join(DRAWN.1), DRAWN.0);
     found
 }
 
@@ -213,10 +267,21 @@ fn every_citation_is_tied_to_a_numeric_check() {
     let (mut cited, mut covered, mut wrong) = (scenarios.clone(), BTreeSet::new(), Vec::new());
     for package in source::workspace() {
         for target in package.targets.iter().filter(|target| target.name != "architecture") {
-            let all: Vec<Function> = target.files.iter().flat_map(|file| functions(&file.tokens)).collect();
+            let functions = Functions::of(&target.files);
+            let mut of_files: Vec<(&[String], BTreeSet<String>)> = Vec::new();
             for file in &target.files {
-                citations(file, &file.code, &mut cited, &mut wrong);
-                coverage(file, &all, &scenarios, &mut covered, &mut wrong);
+                let mut ties = BTreeSet::new();
+                citations(file, &file.code, None, &mut ties, &mut wrong);
+                of_files.push((&file.module, ties.iter().map(|(equation, _)| equation.clone()).collect()));
+                cited.extend(ties);
+                coverage(file, &functions, &scenarios, &mut covered, &mut wrong);
+            }
+            for file in &target.files {
+                let below = of_files.iter().filter(|(module, _)| module.starts_with(&file.module));
+                let loose = loose_mentions(&file.text, &below.flat_map(|(_, equations)| equations.clone()).collect());
+                wrong.extend(
+                    loose.into_iter().map(|line| format!("{}:{line} names an equation outside of `[CK95 …]`", file.path.display())),
+                );
             }
         }
     }
@@ -243,8 +308,8 @@ fn the_check_sees_what_is_missing() {
         std::fs::write(&path, text).unwrap();
         let file = &source::files_of(&path, false)[0];
         let (mut cited, mut covered, mut wrong) = (BTreeSet::new(), BTreeSet::new(), Vec::new());
-        citations(file, &file.code, &mut cited, &mut wrong);
-        coverage(file, &functions(&file.tokens), &BTreeSet::new(), &mut covered, &mut wrong);
+        citations(file, &file.code, None, &mut cited, &mut wrong);
+        coverage(file, &Functions::of(std::slice::from_ref(file)), &BTreeSet::new(), &mut covered, &mut wrong);
         wrong.len() + cited.symmetric_difference(&covered).count()
     };
     let code = "/// x = 2y [CK95 Eq. 4]\nfn inverse(y: f64) -> f64 { y * 2.0 }\n";
@@ -262,7 +327,7 @@ fn the_check_sees_what_is_missing() {
     );
     assert_eq!(
         wrong_in(&format!("{code}// covers: CK95 Eq. 4 (lib::inverse)\n#[test]\nfn t() {{ let inverse = 1; assert!(inverse > 0); }}")),
-        2,
+        3,
         "a variable of that name"
     );
     assert_eq!(
@@ -276,4 +341,17 @@ fn the_check_sees_what_is_missing() {
     assert_eq!(wrong_in(&format!("{code}{}", test.replace("lib::", "other::"))), 2, "a function of that name elsewhere");
     assert_eq!(wrong_in(&format!("{code}{}", test.replace("inverse(1.0) == 2.0", "inverse(y).is_finite()"))), 1, "no number");
     assert_eq!(wrong_in("//! x = y [CK95 Eq. 4]\n"), 1, "at a file");
+    let sign = test.replace("inverse(1.0) == 2.0", "inverse(1.0) > 0.0");
+    assert_eq!(wrong_in(&format!("{code}{sign}")), 1, "a sign pins nothing down");
+    let told = test.replace("inverse(1.0) == 2.0", "other() == 2.0, \"{}\", \"inverse\"");
+    assert_eq!(wrong_in(&format!("{code}{told}")), 2, "the name in a message");
+    let method = "impl A {\n/// x = 2y [CK95 Eq. 4]\nfn new(y: f64) -> f64 { y * 2.0 }\n}\n// covers: CK95 Eq. 4 (lib::A::new)\n";
+    assert_eq!(wrong_in(&format!("{method}#[test]\nfn t() {{ assert!(A::new(1.0) == 2.0); }}")), 0);
+    assert_eq!(wrong_in(&format!("{method}#[test]\nfn t() {{ assert!(B::new(1.0) == 2.0); }}")), 2, "the `new` of another type");
+    let deep = "impl B { fn new(y: f64) -> f64 { A::new(y) } }\n#[test]\nfn t() { assert!(Vector3::new(1.0) == 2.0); }";
+    assert_eq!(wrong_in(&format!("{method}{deep}")), 2, "a `new` that no call reaches");
+    let none = BTreeSet::new();
+    let text = "/// by Eq. 4\n// [CK95 Eq. 3]\n//! Eq. 3 to 5\nlet x = y; // Eq. 2\nlet x = \"// Eq. 3\";\n// RBDA Eq. 2.31, `Eq. 1`\n// covers: CK95 Eq. 4 (a::b)\n";
+    assert_eq!(loose_mentions(text, &none), [1, 3, 4]);
+    assert_eq!(loose_mentions(text, &set(&["Eq. 3", "Eq. 4", "Eq. 5"])), [1, 4], "the head of a file names what is cited below it");
 }

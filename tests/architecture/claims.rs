@@ -4,7 +4,8 @@ use std::collections::BTreeSet;
 
 use crate::tokens::{Delimiter, TokenTree};
 
-use crate::source::{self, Function, functions, is, paths, walk};
+use crate::source;
+use crate::syntax::{Function, functions, is, paths, walk};
 
 /// Macros that fail a test.
 const ASSERTIONS: [&str; 10] = [

@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use crate::source::{self, File, functions, is};
+use crate::source::{self, File};
+use crate::syntax::{functions, is};
 
 /// A command `cargo test …` of the table: the target that it names, and its filters.
 #[derive(Debug, PartialEq, Eq)]
@@ -36,7 +37,7 @@ fn parse(text: &str) -> Result<Command, String> {
 /// The names of the tests that run of a target's files, as its harness lists them.
 fn tests<'a>(files: impl Iterator<Item = &'a File>) -> Vec<String> {
     let of = |file: &'a File| {
-        let runs = |function: &source::Function| {
+        let runs = |function: &crate::syntax::Function| {
             let is_ignored = function.attributes.iter().any(|attribute| attribute.first().is_some_and(|name| is(name, "ignore")));
             function.is_test() && !is_ignored
         };

@@ -4,7 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use crate::circles::files_named_by;
-use crate::source::{File, Package, Target, documentation, items, paths, tokens_of, use_leaves};
+use crate::source::{File, Package, Target};
+use crate::syntax::{documentation, items, paths, tokens_of, use_leaves};
 use crate::tokens::TokenTree;
 
 /// Crates in which nothing but numbers is touched.

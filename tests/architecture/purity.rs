@@ -5,9 +5,11 @@ use std::path::Path;
 
 use crate::tokens::{Delimiter, TokenTree};
 
+use crate::calls::owner;
 use crate::pure_files::{PURE_CRATES, beyond_the_step, claimed_pure, pure_files};
 use crate::rules::processes;
-use crate::source::{self, is, is_path_separator, paths, tokens_of, use_leaves, walk};
+use crate::source;
+use crate::syntax::{is, is_path_separator, paths, tokens_of, use_leaves, walk};
 
 /// Crates on the way from a sensor sample to a torque.
 const CONTROL_PATH: [&str; 5] = ["model", "control", "estimator", "analyzer", "controller"];
@@ -248,21 +250,6 @@ fn platform_calls(code: &[TokenTree]) -> BTreeSet<String> {
         }
     });
     found
-}
-
-/// The last name before a `::`, generic arguments skipped: `Rotation3` of `nalgebra::Rotation3::<f64>::new`.
-fn owner(before: &[TokenTree]) -> String {
-    let mut depth = 0;
-    for token in before.iter().rev() {
-        match token {
-            token if is(token, ">") => depth += 1,
-            token if is(token, "<") => depth -= 1,
-            TokenTree::Ident(name) if depth == 0 => return name.to_string(),
-            TokenTree::Punct(mark) if depth == 0 && mark.as_char() != ':' => break,
-            _ => {}
-        }
-    }
-    String::new()
 }
 
 #[test]

@@ -7,7 +7,8 @@ use crate::tokens::TokenTree;
 use shared_types::graph::Graph;
 
 use crate::purity::impurities;
-use crate::source::{self, File, Package, is, items, paths, tokens_of, use_leaves, walk};
+use crate::source::{self, File, Package};
+use crate::syntax::{is, items, paths, tokens_of, use_leaves, walk};
 
 /// The only users of a dependency: of all crates whose names begin so, whatever part of a library they are.
 const SEAMS: [(&str, &[&str]); 8] = [

@@ -52,6 +52,7 @@ fn lines_through_exactly_singular_postures_of_an_arm_reach_their_goals() {
     assert!(said.code == 2 && said.err.contains("armplane compare sweep --robot"), "{}", said.err);
 }
 
+// covers: CK95 Figure 3
 #[test]
 fn the_papers_figures_are_drawn_with_their_numbers() {
     let desk = Desk::new();

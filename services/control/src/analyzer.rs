@@ -46,7 +46,7 @@ impl<const N: usize> Analyzer<N> {
         &self.family
     }
 
-    /// One tick: the factors s_i of s(q) = s₁·s₂·…·s_ns (Eq. 1 of the paper), their neighbourhoods D_si, directions ζ_i and types.
+    /// One tick: the factors s_i of s(q) = s₁·s₂·…·s_ns ([`conditioning`]), their neighbourhoods D_si, directions ζ_i and types.
     ///
     /// Units `q` rad, `qdot` rad/s · Frame of every vector in the report: B, at C.
     /// Requires finite `q`, `qdot` and `terms` of this very posture. Cost about 2 µs for six joints, no allocation.

@@ -1,6 +1,6 @@
 //! One rate loop per singularity (+): the weight β of operational control along ζ_i, and the acceleration of the auxiliary coordinate.
 //!
-//! Reduces to the paper's law inside D_si: there β = 0, and the unsaturated loop is the damped potential of Eq. 5, V₀ = ½ k_v K e² with damping
+//! Reduces to the paper's law inside D_si: there β = 0, and the unsaturated loop is the damped potential of the null-space torque, V₀ = ½ k_v K e² with damping
 //! k_v (proof: `inside_a_neighbourhood_the_loop_is_a_damped_potential`). Outside, β = 1 and the loop is not used.
 
 use crate::linear::smoothstep;

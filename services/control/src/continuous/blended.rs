@@ -11,7 +11,7 @@
 //! # The paper's law inside, plain operational-space control outside
 //! With β = 1 the rows span those of J and q̈ = J⁻¹(a* − J̇q̇): operational-space control. With β = 0 let [B | w] be the inverse of the augmented
 //! matrix, so J_r·B = 1, J_r·w = 0, aux·w = 1. Then q̈ = B·r + w·a_aux. The paper's Γ = J_rᵀΛ_r·r + N_T·Γ₀ with Γ₀ = A·w·(a_aux − aux·J̄_r·r)
-//! accelerates J_r·q̈ = r and aux·q̈ = a_aux: the same q̈, because the augmented matrix is regular: Eq. 3 holds exactly (proofs:
+//! accelerates J_r·q̈ = r and aux·q̈ = a_aux: the same q̈, because the augmented matrix is regular: the torque is the paper's exactly (proofs:
 //! `one_solve_gives_the_papers_torque`, `outside_every_neighbourhood_one_solve_is_operational_space_control`).
 
 use crate::law::{Active, LawError, Torques, Wanted};

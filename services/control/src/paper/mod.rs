@@ -11,7 +11,7 @@
 //! | [`switching`] | the transition table: mode and condition to mode | §4 |
 //! | [`chang_khatib`] | torques by the reduced Jacobian and its null space, switched at η | Eq. 3 to 5, §4 |
 //!
-//! Eq. 1, s(q) = s₁·s₂·…, is computed by each [`arm_family`](crate::arm_family).
+//! The factors of s(q) = s₁·s₂·… are computed by each [`arm_family`](crate::arm_family).
 
 pub mod chang_khatib;
 pub mod neighborhood;

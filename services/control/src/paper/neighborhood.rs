@@ -33,7 +33,7 @@ mod tests {
 
     const D: Neighborhood = Neighborhood { eta_in: 0.1, eta_out: 0.2 };
 
-    // covers: CK95 Eq. 2 (neighborhood::update)
+    // covers: CK95 Eq. 2 (neighborhood::Neighborhood::update)
     #[test]
     fn entry_and_exit_are_apart() {
         assert!(!D.update(false, 0.15) && D.update(true, 0.15), "between the thresholds nothing changes");

@@ -121,7 +121,7 @@ mod tests {
     }
 
     proptest! {
-        // covers: CK95 Eq. 4 (operational_space::new)
+        // covers: CK95 Eq. 4 (operational_space::Operational::new)
         #[test]
         fn the_inverse_is_one_and_lambda_is_positive_definite(q in posture(puma())) {
             let kept = reduced(&q);
@@ -133,8 +133,8 @@ mod tests {
             prop_assert!(op.Lambda.symmetric_eigenvalues().min() > 0.0);
         }
 
-        // covers: CK95 Eq. 3 (operational_space::N_T)
-        // covers: CK95 Eq. 3 (operational_space::torque)
+        // covers: CK95 Eq. 3 (operational_space::Operational::N_T)
+        // covers: CK95 Eq. 3 (operational_space::Operational::torque)
         #[test]
         fn the_null_space_is_dynamically_consistent(q in posture(puma()), Gamma_0 in prop::array::uniform6(-10.0..10.0)) {
             let kept = reduced(&q);
@@ -178,7 +178,7 @@ mod tests {
         }
     }
 
-    // covers: CK95 Eq. 3 (operational_space::torque)
+    // covers: CK95 Eq. 3 (operational_space::Operational::torque)
     #[test]
     fn the_pseudo_inverse_disturbs_the_task_and_the_dynamically_consistent_one_does_not() {
         let q = Vector3::new(0.5, 1.0, 0.8);

@@ -68,7 +68,7 @@ fn wanted<'a>(terms: &'a Terms<6>, at: &'a AtCentre<6>, p_EC: &'a Vector3<f64>) 
 
 proptest! {
     // covers: CK95 Eq. 1 (analyzer::conditioning)
-    // covers: CK95 Eq. 1 (puma::measure)
+    // covers: CK95 Eq. 1 (puma::Puma::measure)
     #[test]
     fn the_determinant_is_the_product_of_the_three_factors(q in posture(puma())) {
         let (report, _) = analysed(puma(), "puma560", &q, &Vector6::zeros());

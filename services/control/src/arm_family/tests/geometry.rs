@@ -93,7 +93,7 @@ fn a_guarantee_holds<const N: usize>(name: &str, q: &SVector<f64, N>, qdot: &SVe
 }
 
 proptest! {
-    // covers: CK95 Eq. 1 (parallel_axes::measure)
+    // covers: CK95 Eq. 1 (parallel_axes::ParallelAxes::measure)
     #[test]
     fn the_determinant_of_parallel_axes_is_the_product_of_the_factors(q in posture(&model::<6>("ur5"))) {
         let (report, _) = analysed("ur5", &q, &Vector6::zeros());

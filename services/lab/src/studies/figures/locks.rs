@@ -1,4 +1,4 @@
-//! Figure 3: the three locks of a PUMA side by side.
+//! Chang & Khatib 1995, Figure 3. The three locks of a PUMA side by side.
 
 use nalgebra::Vector3;
 use serde_json::{Map, Value, json};
