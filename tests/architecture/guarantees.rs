@@ -1,4 +1,5 @@
-//! `docs/guarantees.md` names for each guarantee a command that tests it: each is one that cargo takes, and matches a test that runs.
+//! `docs/guarantees.md` names for each guarantee a command that tests it: each is one that cargo takes and that matches
+//! a test that runs, or one that `armplane` takes, as all commands of the documentation are.
 
 use std::path::Path;
 
@@ -47,9 +48,75 @@ fn tests<'a>(files: impl Iterator<Item = &'a File>) -> Vec<String> {
     files.flat_map(of).collect()
 }
 
-/// The commands in backticks of a text.
-fn commands(text: &str) -> Vec<&str> {
-    text.split('`').skip(1).step_by(2).filter(|quoted| quoted.starts_with("cargo ")).collect()
+/// The commands in backticks of a text that begin so.
+fn commands<'a>(text: &'a str, program: &'a str) -> impl Iterator<Item = &'a str> {
+    text.split('`').skip(1).step_by(2).filter(move |quoted| quoted.starts_with(program))
+}
+
+/// The commands of `armplane` in a text: in backticks, or a line each. Options in backticks behind one (`--without hold`) are tried with it.
+fn own_commands(text: &str) -> Vec<String> {
+    let (mut found, mut last, mut is_fenced) = (Vec::new(), "", false);
+    for line in text.lines() {
+        is_fenced ^= line.trim_start().starts_with("```");
+        let is_code = is_fenced || line.starts_with("    ");
+        let own_line = Some(line.trim_start()).filter(|line| is_code && !line.contains('`'));
+        for quoted in line.split('`').skip(1).step_by(2).chain(own_line) {
+            if quoted.starts_with("armplane ") {
+                last = quoted;
+                found.push(quoted.to_owned());
+            } else if quoted.starts_with("--") && quoted.contains(' ') && !last.is_empty() {
+                found.push(format!("{last} {quoted}"));
+            }
+        }
+        last = "";
+    }
+    found
+}
+
+/// The arguments of a command as a shell splits them, up to a comment, a redirection, the next command, or what may stand there (`[RUN]`, `a|b`).
+fn arguments(command: &str) -> Vec<String> {
+    let (mut words, mut is_quoted) = (vec![String::new()], false);
+    for letter in command.chars() {
+        match letter {
+            '"' | '\'' => is_quoted = !is_quoted,
+            ' ' if !is_quoted => words.push(String::new()),
+            _ => words.last_mut().expect("one word at least").push(letter),
+        }
+    }
+    let ends = |word: &String| word.starts_with('[') || ["#", ">", "|", "&", "…", ","].iter().any(|mark| word.contains(mark));
+    words.into_iter().skip(1).take_while(|word| !ends(word)).filter(|word| !word.is_empty()).collect()
+}
+
+/// The reason for which the program does not take these arguments: with `--help` at their end it reads them and does nothing.
+fn refusal(arguments: &[String]) -> Option<String> {
+    let output =
+        std::process::Command::new(env!("CARGO_BIN_EXE_armplane")).args(arguments).arg("--help").output().expect("armplane starts");
+    let reason = String::from_utf8_lossy(&output.stderr).lines().next().unwrap_or_default().to_owned();
+    // A text may name an option without a value for it.
+    (!output.status.success() && !reason.contains("a value is required")).then_some(reason)
+}
+
+#[test]
+fn the_program_takes_every_command_of_its_documentation() {
+    let (mut checked, mut wrong) = (0, Vec::new());
+    let docs = std::fs::read_dir(source::root().join("docs")).unwrap().map(|entry| entry.unwrap().path());
+    for path in docs.filter(|path| path.extension().is_some_and(|end| end == "md")).chain([source::root().join("README.md")]) {
+        for command in own_commands(&std::fs::read_to_string(&path).unwrap()) {
+            checked += 1;
+            let place = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            wrong.extend(refusal(&arguments(&command)).map(|reason| format!("{place}: `{command}`: {reason}")));
+        }
+    }
+    assert!(checked > 50, "{checked} commands: the check looks in the wrong place");
+    assert!(wrong.is_empty(), "{wrong:#?}");
+    assert_eq!(
+        own_commands("`armplane drill`, which fails with `--without hold`\n    armplane list # names\narmplane is `--json`").len(),
+        3
+    );
+    assert_eq!(arguments("armplane bench hop --only \"same core\" > table # all"), ["bench", "hop", "--only", "same core"]);
+    for text in ["armplane verify --kils 500", "armplane nosuch", "armplane drill --without nosuch", "armplane verify --kills many"] {
+        assert!(refusal(&arguments(text)).is_some(), "{text}");
+    }
 }
 
 #[test]
@@ -57,15 +124,17 @@ fn each_guarantee_has_a_command_that_runs_a_test() {
     let text = std::fs::read_to_string(source::root().join("docs/guarantees.md")).expect("the table");
     let workspace = source::workspace();
     let targets = || workspace.iter().flat_map(|package| &package.targets);
-    let (mut rows, mut wrong) = (0, Vec::new());
+    let (mut rows, mut wrong, mut has_command_above) = (0, Vec::new(), false);
     let is_row = |line: &&str| line.starts_with("| ") && !line.starts_with("| assumption");
     for row in text.lines().filter(is_row) {
         rows += 1;
         let test = row.split(" | ").nth(2).unwrap_or_default();
-        if !(test.contains("`armplane ") || test.contains("`cargo test ") || test.starts_with("the same")) {
+        let has_command = commands(test, "armplane ").chain(commands(test, "cargo ")).next().is_some();
+        if !(has_command || test == "the same" && has_command_above) {
             wrong.push(format!("no command: {row}"));
         }
-        for command in commands(test) {
+        has_command_above = has_command;
+        for command in commands(test, "cargo ") {
             let Command { target, filters } = match parse(command) {
                 Ok(command) => command,
                 Err(reason) => {
@@ -92,7 +161,7 @@ fn the_check_sees_a_command_that_tests_nothing() {
     assert!(wrong("cargo test --test system life faults").contains("behind `--`") && wrong("cargo test life").contains("target"));
     let command = parse("cargo test --release --test system -- life faults").unwrap();
     assert_eq!(command, Command { target: "system".into(), filters: vec!["life".into(), "faults".into()] });
-    assert_eq!(commands("`armplane drill`, or `cargo test --lib x`"), ["cargo test --lib x"]);
+    assert_eq!(commands("`armplane drill`, or `cargo test --lib x`", "cargo ").collect::<Vec<_>>(), ["cargo test --lib x"]);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("lib.rs");
     std::fs::write(&path, "#[test] fn runs() { assert!(f()); } #[test] #[ignore = \"long\"] fn waits() { assert!(f()); } fn helper() {}")
