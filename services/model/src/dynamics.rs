@@ -7,7 +7,7 @@ use crate::arm::Model;
 use crate::body::{Moves, column};
 use crate::kinematics::stack;
 use crate::pose::Pose;
-use crate::spatial::{ArticulatedInertia, Force, Motion, RigidInertia, times};
+use crate::spatial::{Force, Motion, ORIGIN, RigidInertia, times};
 use crate::terms::Terms;
 use nalgebra::{SMatrix, SVector, Vector3, Vector6};
 
@@ -20,6 +20,54 @@ pub struct ArmMotion {
     pub V_BE: Vector6<f64>,
     /// Kinetic and potential energy; J.
     pub energy: f64,
+}
+
+/// The links in one state, base axes: joint axes, inertias, and the forces that their motion takes.
+struct Links<const N: usize> {
+    S: [Motion; N],
+    I: [RigidInertia; N],
+    f: [Force; N],
+}
+
+impl<const N: usize> Links<N> {
+    const ZERO: Self = Self { S: [Motion::ZERO; N], I: [RigidInertia::ZERO; N], f: [Force::ZERO; N] };
+}
+
+/// A link's angular velocity and acceleration, and velocity and acceleration of its origin, all at q̈ = 0.
+struct Rates {
+    w: Vector3<f64>,
+    alpha: Vector3<f64>,
+    v: Vector3<f64>,
+    a: Vector3<f64>,
+}
+
+impl Rates {
+    const REST: Self = Self { w: ORIGIN, alpha: ORIGIN, v: ORIGIN, a: ORIGIN };
+
+    /// From the parent link's to this one's: origins `r` apart, the joint at the rate `rate`.
+    #[inline(always)]
+    fn step(&mut self, r: &Vector3<f64>, moves: Moves, rate: &Vector3<f64>) {
+        let w_r = self.w.cross(r);
+        self.v += w_r;
+        self.a += self.alpha.cross(r) + self.w.cross(&w_r);
+        match moves {
+            Moves::Turns => {
+                self.alpha += self.w.cross(rate);
+                self.w += rate;
+            }
+            Moves::Slides => {
+                self.v += rate;
+                self.a += 2.0 * self.w.cross(rate);
+            }
+            Moves::Absent => {}
+        }
+    }
+
+    /// Acceleration of the link's point at `r` from its origin.
+    #[inline(always)]
+    fn acceleration(&self, r: &Vector3<f64>) -> Vector3<f64> {
+        self.a + self.alpha.cross(r) + self.w.cross(&self.w.cross(r))
+    }
 }
 
 impl<const N: usize> Model<N> {
@@ -37,64 +85,26 @@ impl<const N: usize> Model<N> {
 
     /// [`evaluate`](Self::evaluate) into place: `t` is overwritten whole.
     pub fn evaluate_into(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, t: &mut Terms<N>) {
-        let mut S = [Motion::ZERO; N];
-        let mut I = [RigidInertia::ZERO; N];
-        let mut f = [Force::ZERO; N];
-
-        // Outwards. X, ω, α, v, a: pose, angular velocity and acceleration of a link, velocity and acceleration of its
-        // origin, all at q̈ = 0; first the parent's, then this link's.
-        let mut X = Pose::identity();
-        let (mut w, mut alpha) = (Vector3::zeros(), Vector3::zeros());
-        let (mut v, mut a) = (Vector3::zeros(), Vector3::zeros());
-        for i in 0..N {
-            let body = &self.bodies[i];
-            let p_parent = X.p;
-            S[i] = body.step(&mut X, q[i]);
-            let r = X.p - p_parent;
-            let w_r = w.cross(&r);
-            v += w_r;
-            a += alpha.cross(&r) + w.cross(&w_r);
-            let z = column(&X.R, 2);
-            let rate = z * qdot[i];
-            match body.moves {
-                Moves::Turns => {
-                    alpha += w.cross(&rate);
-                    w += rate;
-                }
-                Moves::Slides => {
-                    v += rate;
-                    a += 2.0 * w.cross(&rate);
-                }
-                Moves::Absent => {}
-            }
-            t.z[i] = z;
+        let mut links = Links::ZERO;
+        self.links(q, qdot, Vector3::zeros(), &mut links, |i, X, rates| {
+            t.z[i] = column(&X.R, 2);
             t.p[i] = X.p;
-            t.omega[i] = w;
-            t.alpha_bias[i] = alpha;
-            t.pdot[i] = v;
-            t.pddot_bias[i] = a;
-
-            // Newton and Euler at the centre of mass c; the moment is then taken about the base origin.
-            let c_L = times(&X.R, &body.com);
-            let c = X.p + c_L;
-            let inertia = body.inertia.rotated(&X.R);
-            let force = body.mass * (a + alpha.cross(&c_L) + w.cross(&w.cross(&c_L)));
-            let moment = inertia * alpha + w.cross(&(inertia * w));
-            f[i] = Force { n: moment + c.cross(&force), f: force };
-            I[i] = RigidInertia { m: body.mass, h: body.mass * c, I: inertia.shifted(body.mass, &c) };
-
+            t.omega[i] = rates.w;
+            t.alpha_bias[i] = rates.alpha;
+            t.pdot[i] = rates.v;
+            t.pddot_bias[i] = rates.a;
             if self.ee_body == Some(i) {
-                t.X_BE = X * self.X_LE;
-                let r = t.X_BE.p - X.p;
-                t.Jdot_qdot = stack(&(a + alpha.cross(&r) + w.cross(&w.cross(&r))), &alpha);
+                t.X_BE = *X * self.X_LE;
+                t.Jdot_qdot = stack(&rates.acceleration(&(t.X_BE.p - X.p)), &rates.alpha);
             }
-        }
+        });
         if self.ee_body.is_none() {
             t.X_BE = self.X_LE;
             t.Jdot_qdot = Vector6::zeros();
         }
 
         // Inwards. I, f: composite inertia of, and force on, all links from i on.
+        let Links { S, I, f } = &links;
         let (mut I_c, mut f_c) = (RigidInertia::ZERO, Force::ZERO);
         for i in (0..N).rev() {
             I_c += I[i];
@@ -109,7 +119,37 @@ impl<const N: usize> Model<N> {
             t.coriolis[i] = S[i].dot(&f_c);
             t.gravity[i] = -F.f.dot(&self.gravity);
         }
-        t.J = self.jacobian_at(&S, &t.X_BE.p);
+        t.J = self.jacobian_at(S, &t.X_BE.p);
+    }
+
+    /// Outwards [RBDA Ch. 5]: each link's joint axis, its inertia, and the force that its motion at q̈ = 0 takes, with the base accelerated by `a_B`.
+    #[inline(always)]
+    fn links(
+        &self,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        a_B: Vector3<f64>,
+        links: &mut Links<N>,
+        mut visit: impl FnMut(usize, &Pose, &Rates),
+    ) {
+        let mut X = Pose::identity();
+        let mut rates = Rates { a: a_B, ..Rates::REST };
+        for i in 0..N {
+            let body = &self.bodies[i];
+            let p_parent = X.p;
+            links.S[i] = body.step(&mut X, q[i]);
+            rates.step(&(X.p - p_parent), body.moves, &(column(&X.R, 2) * qdot[i]));
+            visit(i, &X, &rates);
+
+            // Newton and Euler at the centre of mass c; the moment is then taken about the base origin.
+            let c_L = times(&X.R, &body.com);
+            let c = X.p + c_L;
+            let inertia = body.inertia.rotated(&X.R);
+            let force = body.mass * rates.acceleration(&c_L);
+            let moment = inertia * rates.alpha + rates.w.cross(&(inertia * rates.w));
+            links.f[i] = Force { n: moment + c.cross(&force), f: force };
+            links.I[i] = RigidInertia { m: body.mass, h: body.mass * c, I: inertia.shifted(body.mass, &c) };
+        }
     }
 
     /// Mass matrix A(q), armature included: composite-rigid-body algorithm [RBDA Ch. 6].
@@ -205,48 +245,22 @@ impl<const N: usize> Model<N> {
         self.inverse_dynamics(q, qdot, &SVector::zeros())
     }
 
-    /// Forward dynamics q̈ = A⁻¹(τ − C·q̇ − g), armature included: articulated-body algorithm [RBDA Ch. 7].
+    /// Forward dynamics q̈ = A⁻¹(τ − C·q̇ − g), armature included: A by composite inertias, bias torques by Newton and Euler, A = L·D·Lᵀ [RBDA §6.2, 6.5].
+    ///
+    /// For six or seven joints this takes fewer operations than the articulated-body algorithm. Requires A positive definite.
     pub fn forward_dynamics(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, tau: &SVector<f64, N>) -> SVector<f64, N> {
-        let mut S = [Motion::ZERO; N];
-        let mut c = [Motion::ZERO; N];
-        let mut I = [RigidInertia::ZERO; N];
-        let mut p = [Force::ZERO; N];
-        let mut v = Motion::ZERO;
-        self.outwards(q, |i, body, X, S_i| {
-            let s = S_i * qdot[i];
-            v = v + s;
-            c[i] = v.cross(&s);
-            I[i] = body.inertia_at(X);
-            p[i] = v.cross_force(&I[i].times(&v));
-            S[i] = S_i;
-        });
-
-        let mut U = [Force::ZERO; N];
-        let mut D = [0.0; N];
-        let mut u = [0.0; N];
-        let mut I_A = ArticulatedInertia::from(RigidInertia::ZERO);
-        let mut p_A = Force::ZERO;
+        let mut links = Links::ZERO;
+        // Gravity as an upward acceleration of the base.
+        self.links(q, qdot, -self.gravity, &mut links, |_, _, _| {});
+        let Links { S, I, f } = &links;
+        let A = self.composite(S, I);
+        let mut x = *tau;
+        let mut f_c = Force::ZERO;
         for i in (0..N).rev() {
-            I_A += I[i].into();
-            p_A += p[i];
-            U[i] = I_A.times(&S[i]);
-            D[i] = S[i].dot(&U[i]) + self.armature[i];
-            u[i] = tau[i] - S[i].dot(&p_A);
-            // Nothing is handed on to the base, which does not move.
-            if i > 0 {
-                I_A = I_A.without(&U[i], D[i]);
-                p_A += I_A.times(&c[i]) + U[i] * (u[i] / D[i]);
-            }
+            f_c += f[i];
+            x[i] -= S[i].dot(&f_c);
         }
-
-        let mut qddot = SVector::<f64, N>::zeros();
-        let mut a = Motion::along(-self.gravity);
-        for i in 0..N {
-            a = a + c[i];
-            qddot[i] = (u[i] - a.dot(&U[i])) / D[i];
-            a = a + S[i] * qddot[i];
-        }
-        qddot
+        solve(A, x)
     }
 
     /// Kinetic energy ½·q̇ᵀ·A·q̇, the rotors' included, J.
@@ -260,4 +274,29 @@ impl<const N: usize> Model<N> {
         self.outwards(q, |_, body, X, _| V -= body.mass * self.gravity.dot(&X.transform_point(&body.com)));
         V
     }
+}
+
+/// Solves A·x = b for a positive definite A: A = L·D·Lᵀ, in place.
+#[inline(always)]
+fn solve<const N: usize>(mut A: SMatrix<f64, N, N>, mut b: SVector<f64, N>) -> SVector<f64, N> {
+    let mut reciprocal = [0.0; N];
+    for k in 0..N {
+        reciprocal[k] = 1.0 / A[(k, k)];
+        for j in k + 1..N {
+            let l = A[(j, k)] * reciprocal[k];
+            for i in j..N {
+                A[(i, j)] -= A[(i, k)] * l;
+            }
+            b[j] -= b[k] * l;
+        }
+    }
+    for k in (0..N).rev() {
+        // The column k of A is that of L, times D.
+        let mut sum = b[k];
+        for i in k + 1..N {
+            sum -= A[(i, k)] * b[i];
+        }
+        b[k] = sum * reciprocal[k];
+    }
+    b
 }

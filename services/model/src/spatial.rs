@@ -27,11 +27,6 @@ pub(crate) struct Sym3 {
 impl Sym3 {
     pub(crate) const ZERO: Self = Self { xx: 0.0, xy: 0.0, xz: 0.0, yy: 0.0, yz: 0.0, zz: 0.0 };
 
-    #[inline(always)]
-    pub(crate) fn scaled_identity(m: f64) -> Self {
-        Self { xx: m, yy: m, zz: m, ..Self::ZERO }
-    }
-
     /// S + m(cᵀc·1 − ccᵀ): the parallel-axis theorem.
     #[inline(always)]
     pub(crate) fn shifted(&self, m: f64, c: &Vector3<f64>) -> Self {
@@ -44,18 +39,6 @@ impl Sym3 {
             yz: self.yz - h.y * c.z,
             zz: self.zz + h.x * c.x + h.y * c.y,
         }
-    }
-
-    /// S += k·u·uᵀ.
-    #[inline(always)]
-    fn add_outer(&mut self, k: f64, u: &Vector3<f64>) {
-        let ku = k * u;
-        self.xx += ku.x * u.x;
-        self.xy += ku.x * u.y;
-        self.xz += ku.x * u.z;
-        self.yy += ku.y * u.y;
-        self.yz += ku.y * u.z;
-        self.zz += ku.z * u.z;
     }
 }
 
@@ -239,46 +222,5 @@ impl std::ops::AddAssign for RigidInertia {
         self.m += o.m;
         self.h += o.h;
         self.I += o.I;
-    }
-}
-
-/// An articulated-body inertia: [n; f] = [I H; Hᵀ M]·[ω; v] (RBDA §7.1).
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct ArticulatedInertia {
-    I: Sym3,
-    H: Matrix3<f64>,
-    M: Sym3,
-}
-
-impl From<RigidInertia> for ArticulatedInertia {
-    #[inline(always)]
-    fn from(b: RigidInertia) -> Self {
-        Self { I: b.I, H: b.h.cross_matrix(), M: Sym3::scaled_identity(b.m) }
-    }
-}
-
-impl ArticulatedInertia {
-    #[inline(always)]
-    pub(crate) fn times(&self, s: &Motion) -> Force {
-        Force { n: self.I * s.w + self.H * s.v, f: self.H.tr_mul(&s.w) + self.M * s.v }
-    }
-
-    /// self − U·Uᵀ/D.
-    #[inline(always)]
-    pub(crate) fn without(mut self, U: &Force, D: f64) -> Self {
-        let k = -1.0 / D;
-        self.I.add_outer(k, &U.n);
-        self.M.add_outer(k, &U.f);
-        self.H += (k * U.n) * U.f.transpose();
-        self
-    }
-}
-
-impl std::ops::AddAssign for ArticulatedInertia {
-    #[inline(always)]
-    fn add_assign(&mut self, o: Self) {
-        self.I += o.I;
-        self.H += o.H;
-        self.M += o.M;
     }
 }
