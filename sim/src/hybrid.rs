@@ -32,10 +32,11 @@ impl Default for Touch {
     }
 }
 
-/// RK4 for the smooth dynamics, rapier3d for contact, joint stops and dry friction.
+/// Runge–Kutta for the smooth dynamics, rapier3d for contact, joint stops and dry friction.
 ///
-/// Per sub-step of h s: let v_f = v + h·a be rapier's velocities without constraints and v_r, q_r its state with them. Then
-/// dv = v_r − v_f is the constraint impulse alone, and c = q_r − q − h·v_r its position correction, and
+/// A tick in which no constraint can act is one call of [`Smooth::advance`]. Any other has sub-steps of h s: let v_f = v + h·a be rapier's
+/// velocities without constraints and v_r, q_r its state with them. Then dv = v_r − v_f is the constraint impulse alone, and c = q_r − q − h·v_r
+/// its position correction, and
 ///
 /// (q, v) ← RK4(q, v) + (h·dv/2 + c, dv)
 ///
@@ -43,7 +44,9 @@ impl Default for Touch {
 /// position q + h·v_r + c is kept.
 ///
 /// Where no constraint can act, dv is exactly 0 and rapier3d is not asked: no two solids that may touch are
-/// nearer than the contact margin, no joint is beyond its limits, and there is no dry friction.
+/// nearer than the contact margin, no joint is beyond its limits, and there is no dry friction. Of a whole tick of T s this is known when it
+/// is over: the clearance has not run out, and no joint is near a limit at either end. A joint that turns back in between goes beyond both ends
+/// by |Δq̇|·T/8 at constant acceleration; eight times that is kept free.
 pub(crate) struct Hybrid<const N: usize> {
     world: World<N>,
     dry_friction: bool,
@@ -57,6 +60,10 @@ pub(crate) struct Hybrid<const N: usize> {
     touching: bool,
     /// Constraints that pushed in the last sub-step.
     pushing: u32,
+    substeps: u32,
+    /// Length of a tick, and of a sub-step; s.
+    tick_s: f64,
+    h: f64,
     /// Ask rapier3d at every sub-step, needed or not.
     #[cfg(test)]
     pub(crate) always: bool,
@@ -69,11 +76,12 @@ impl<const N: usize> Hybrid<N> {
         smooth: &Smooth<N>,
         q: &SVector<f64, N>,
         options: &shared_types::scenario::Plant,
-        h: f64,
+        tick_s: f64,
     ) -> Result<Self, PlantError> {
         let model = &smooth.model;
         let dry_friction = options.friction && model.coulomb_friction().iter().any(|c| *c > 0.0);
         let X_BL = model.link_poses(q);
+        let h = tick_s / f64::from(options.substeps);
         let world = World::new(robot, q, &X_BL, options.floor_m, options.self_collision, dry_friction, h)?;
         Ok(Self {
             reach: reach(robot, world.solids()),
@@ -84,16 +92,66 @@ impl<const N: usize> Hybrid<N> {
             upper: *model.upper(),
             touching: false,
             pushing: 0,
+            substeps: options.substeps,
+            tick_s,
+            h,
             #[cfg(test)]
             always: false,
         })
     }
 
-    /// One sub-step of `h` s. Adds what constraints did to `touch`, whose force is an impulse here; N·s.
-    pub(crate) fn step(&mut self, smooth: &Smooth<N>, x: &State<N>, tau: &SVector<f64, N>, h: f64, touch: &mut Touch) -> State<N> {
+    /// The state a tick after `x`, and what constraints did meanwhile. A motion that leaves the finite numbers ends there.
+    pub(crate) fn tick(&mut self, smooth: &Smooth<N>, x: &State<N>, tau: &SVector<f64, N>) -> (State<N>, Touch) {
+        let mut touch = Touch::default();
+        if let Some(next) = self.free_tick(smooth, x, tau) {
+            return (next, touch);
+        }
+        let mut state = *x;
+        for _ in 0..self.substeps {
+            state = self.step(smooth, &state, tau, &mut touch);
+            if !state.is_finite() {
+                break;
+            }
+        }
+        touch.force /= self.tick_s;
+        (state, touch)
+    }
+
+    /// The state a tick after `x`; `None` where a constraint may act meanwhile.
+    fn free_tick(&mut self, smooth: &Smooth<N>, x: &State<N>, tau: &SVector<f64, N>) -> Option<State<N>> {
+        if self.may_act(smooth, x) {
+            return None;
+        }
+        let next = smooth.advance(x, tau, self.tick_s);
+        let spare = (next.qdot - x.qdot).abs() * self.tick_s;
+        let moved = self.reach.dot(&((next.q - x.q).abs() + spare));
+        if self.clearance - moved <= NEAR {
+            self.clearance = self.world.clearance(&smooth.model.link_poses(&x.q));
+        }
+        let within = |x: &State<N>| (0..N).all(|i| self.beyond(x, i).0 + spare[i] <= 0.0);
+        // Written so that a NaN is no free motion.
+        if !(within(x) && within(&next) && self.clearance - moved > NEAR) {
+            return None;
+        }
+        #[cfg(test)]
+        if self.always {
+            self.assert_idle(smooth, x, tau);
+        }
+        self.clearance -= moved;
+        self.pushing = 0;
+        Some(next)
+    }
+
+    /// One sub-step. Adds what constraints did to `touch`, whose force is an impulse here; N·s.
+    fn step(&mut self, smooth: &Smooth<N>, x: &State<N>, tau: &SVector<f64, N>, touch: &mut Touch) -> State<N> {
+        let h = self.h;
         let mut next = smooth.rk4(x, tau, h);
         touch.contacts = 0;
-        if self.may_constrain(smooth, x) {
+        #[cfg(test)]
+        let may_act = self.may_act(smooth, x) || self.always;
+        #[cfg(not(test))]
+        let may_act = self.may_act(smooth, x);
+        if may_act {
             let response = self.world.step(x, &smooth.driving(&x.qdot, tau));
             let dv = response.state.qdot - response.free;
             let mut pushing = response.contacts;
@@ -126,7 +184,7 @@ impl<const N: usize> Hybrid<N> {
     }
 
     /// Whether a constraint can act in the sub-step from `x`: false only if none can.
-    fn may_constrain(&mut self, smooth: &Smooth<N>, x: &State<N>) -> bool {
+    fn may_act(&mut self, smooth: &Smooth<N>, x: &State<N>) -> bool {
         // An arm of unbounded reach makes the bound −∞ or NaN, and is looked at every time.
         let mut clear = self.clearance > NEAR;
         if !clear {
@@ -134,11 +192,18 @@ impl<const N: usize> Hybrid<N> {
             clear = self.clearance > NEAR;
         }
         let beyond = (0..N).any(|i| self.beyond(x, i).0 > 0.0);
-        #[cfg(test)]
-        if self.always {
-            return true;
-        }
         self.dry_friction || self.touching || !clear || beyond
+    }
+
+    /// Asks rapier3d about a tick that counts as free.
+    #[cfg(test)]
+    fn assert_idle(&mut self, smooth: &Smooth<N>, x: &State<N>, tau: &SVector<f64, N>) {
+        let mut x = *x;
+        for _ in 0..self.substeps {
+            let response = self.world.step(&x, &smooth.driving(&x.qdot, tau));
+            assert!(response.contacts == 0 && response.state.qdot == response.free, "a constraint acts in free motion");
+            x = smooth.rk4(&x, tau, self.h);
+        }
     }
 
     /// How far joint i is beyond a limit (rad, negative inside), and the sign of the way back.
