@@ -34,7 +34,8 @@ wire! {
 }
 
 wire! {
-    /// A block of the unit-scaled Jacobian, decomposed as Σ u_i σ_i v_iᵀ with signs and order that are continuous in time, but where two of them meet within a tick.
+    /// A block of the unit-scaled Jacobian, decomposed as Σ u_i σ_i v_iᵀ with signs and order that are continuous in time, but where two of them
+    /// meet within a tick.
     BlockCheckpoint {
         /// Row i: the left vector u_i on the block's own rows; dimensionless.
         U: [[f64; 6]; 6],

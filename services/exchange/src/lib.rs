@@ -51,12 +51,7 @@ pub fn run(shell: &Shell, graph: &Graph, name: &str, dof: usize, length: u64, co
     let process = graph.process(name).ok_or_else(|| ProcessError::setup(format!("the graph has no process {name:?}")))?;
     let topics = topics_of(graph, process)?;
     let manifest = shell.manifest();
-    let about = About {
-        is_lockstep: manifest.is_lockstep(),
-        rate_hz: manifest.rate_hz,
-        dof: dof as u32,
-        incarnation: shell.incarnation(),
-    };
+    let about = About { is_lockstep: manifest.is_lockstep(), rate_hz: manifest.rate_hz, dof: dof as u32, incarnation: shell.incarnation() };
     let failed = |error: std::io::Error| ProcessError::setup(format!("cannot make the exchange page of {name}: {error}"));
     let page = Page::create(shell.run_dir(), name, about, &topics).map_err(failed)?;
     cut::explain(name, page.range());
