@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use crate::syntax::{Function, is, is_path_separator, walk};
+use crate::syntax::{Function, is, is_path_separator, paths, walk};
 use crate::tokens::{Delimiter, TokenTree};
 
 /// `qualifier::name(…)`, `.name(…)` or `name(…)`.
@@ -17,7 +17,7 @@ impl Call {
     /// Whether it may call a function of this name in the `impl` block of a type, or of none.
     pub(crate) fn may_be(&self, name: &str, owner: Option<&str>) -> bool {
         let fits = match (&self.qualifier, owner) {
-            (Some(qualifier), Some(owner)) => qualifier == owner || qualifier == "Self",
+            (Some(qualifier), Some(owner)) => qualifier == owner,
             (Some(qualifier), None) => !is_type(qualifier),
             (None, owner) => self.is_method == owner.is_some(),
         };
@@ -29,15 +29,16 @@ fn is_type(name: &str) -> bool {
     name.starts_with(char::is_uppercase)
 }
 
-/// Every call in a body, at every depth.
-pub(crate) fn calls(body: &[TokenTree]) -> BTreeSet<Call> {
+/// Every call in a function, at every depth; `Self` is the type of its `impl` block.
+pub(crate) fn calls(from: &Function) -> BTreeSet<Call> {
     let mut found = BTreeSet::new();
-    walk(body, &mut |tokens| {
+    let named = |word: String| if word == "Self" { from.owner.clone().unwrap_or(word) } else { word };
+    walk(&from.body, &mut |tokens| {
         for (at, token) in tokens.iter().enumerate() {
             let TokenTree::Ident(name) = token else { continue };
             if is_called(&tokens[at + 1..]) {
                 let is_qualified = at > 2 && is_path_separator(&tokens[at - 2..]);
-                let qualifier = is_qualified.then(|| owner(&tokens[..at - 2])).filter(|name| !name.is_empty());
+                let qualifier = is_qualified.then(|| named(owner(&tokens[..at - 2]))).filter(|name| !name.is_empty());
                 found.insert(Call { name: name.to_string(), qualifier, is_method: at > 0 && is(&tokens[at - 1], ".") });
             }
         }
@@ -75,15 +76,32 @@ pub(crate) fn owner(before: &[TokenTree]) -> String {
     String::new()
 }
 
-/// A body and the bodies of the functions of its target that it calls, at most so many calls down.
-pub(crate) fn reached<'a>(body: &'a [TokenTree], all: &'a [Function], depth: usize) -> Vec<&'a [TokenTree]> {
-    let mut seen = BTreeSet::new();
-    let (mut found, mut last) = (vec![body], vec![body]);
+/// The functions of a target that a call may be. Of several free ones of a name those of the caller's file, or of the module before the name, come
+/// first; of several methods those of a type that the caller names. A method of which there are many else is none of them: which is not in the text.
+fn candidates<'a>(call: &Call, from: &Function, all: &'a [Function]) -> Vec<&'a Function> {
+    let fits = |one: &&Function| !one.is_test() && call.may_be(&one.name, one.owner.as_deref());
+    let found: Vec<&Function> = all.iter().filter(fits).collect();
+    let near = call.qualifier.as_deref().filter(|qualifier| !is_type(qualifier)).unwrap_or(&from.home);
+    let named: Vec<String> = if call.is_method { paths(&from.body).into_iter().flatten().collect() } else { Vec::new() };
+    let is_near = |one: &&Function| one.owner.as_ref().map_or(one.home == near, |owner| named.contains(owner));
+    let nearest: Vec<&Function> = found.iter().copied().filter(is_near).collect();
+    match (nearest.is_empty(), call.is_method && found.len() > METHODS) {
+        (false, _) => nearest,
+        (true, true) => Vec::new(),
+        (true, false) => found,
+    }
+}
+
+/// Methods of one name that are all followed, at most.
+const METHODS: usize = 4;
+
+/// A function and those of its target that it calls, at most so many calls down.
+pub(crate) fn reached<'a>(from: &'a Function, all: &'a [Function], depth: usize) -> Vec<&'a Function> {
+    let mut seen: BTreeSet<*const Function> = BTreeSet::new();
+    let (mut found, mut last) = (vec![from], vec![from]);
     for _ in 0..depth {
-        let called: BTreeSet<Call> = last.into_iter().flat_map(calls).collect();
-        let next = all.iter().enumerate().filter(|(_, one)| !one.is_test());
-        let next = next.filter(|(_, one)| called.iter().any(|call| call.may_be(&one.name, one.owner.as_deref())));
-        last = next.filter(|(at, _)| seen.insert(*at)).map(|(_, one)| one.body.as_slice()).collect();
+        let next = last.iter().flat_map(|one| calls(one).into_iter().flat_map(|call| candidates(&call, one, all)));
+        last = next.filter(|one| seen.insert(std::ptr::from_ref(*one))).collect();
         found.extend(&last);
     }
     found

@@ -14,7 +14,7 @@ use crate::tokens::TokenTree;
 use crate::calls::{calls, reached};
 use crate::claims;
 use crate::source::{self, File, root};
-use crate::syntax::{Function, documentation, functions, is, items, name_of, paths, type_of_impl, walk};
+use crate::syntax::{Function, documentation, functions, functions_of, is, items, name_of, paths, type_of_impl, walk};
 
 /// Statements and figures of Chang & Khatib 1995.
 const EQUATIONS: [&str; 5] = ["Eq. 1", "Eq. 2", "Eq. 3", "Eq. 4", "Eq. 5"];
@@ -58,10 +58,13 @@ fn numbered(text: &str) -> BTreeSet<String> {
     found
 }
 
+fn home(file: &File) -> std::borrow::Cow<'_, str> {
+    file.path.file_stem().unwrap_or_default().to_string_lossy()
+}
+
 /// How a covering test names a function of a file: `file::function` or `file::Type::method`.
 fn tie(file: &File, owner: Option<&str>, name: &str) -> String {
-    let stem = file.path.file_stem().unwrap_or_default().to_string_lossy();
-    [Some(&*stem), owner, Some(name)].into_iter().flatten().collect::<Vec<_>>().join("::")
+    [Some(&*home(file)), owner, Some(name)].into_iter().flatten().collect::<Vec<_>>().join("::")
 }
 
 /// Whether a function of a file does arithmetic or compares, itself or through functions of the same file that it calls.
@@ -93,11 +96,11 @@ fn has_arithmetic(tokens: &[TokenTree]) -> bool {
 }
 
 /// Whether a test pins a number down, itself or in a function for tests that it calls: a sign alone does not.
-fn pins_a_number(body: &[TokenTree], helpers: &[Function], ties: &[Tie]) -> bool {
+fn pins_a_number(test: &Function, helpers: &[Function], ties: &[Tie]) -> bool {
     let names: Vec<&str> = ties.iter().filter_map(|(_, place)| place.rsplit("::").next()).collect();
     let mut found = false;
-    for body in reached(body, helpers, CALLS) {
-        walk(body, &mut |tokens| {
+    for one in reached(test, helpers, CALLS) {
+        walk(&one.body, &mut |tokens| {
             for (at, token) in tokens.iter().enumerate() {
                 let Some(TokenTree::Group(arguments)) = tokens.get(at + 2) else { continue };
                 let is_equality = ["assert_eq", "prop_assert_eq"].iter().any(|name| is(token, name));
@@ -187,15 +190,15 @@ fn named(text: &str, scenarios: &BTreeSet<Tie>) -> Option<Vec<Tie>> {
 const CALLS: usize = 6;
 
 /// Whether a test uses what a tie names: it calls the function, or it names the scenario.
-fn mentions(body: &[TokenTree], all: &[Function], (item, place): &Tie) -> bool {
-    let bodies = reached(body, all, CALLS);
+fn mentions(test: &Function, all: &[Function], (item, place): &Tie) -> bool {
+    let functions = reached(test, all, CALLS);
     if FIGURES.contains(&item.as_str()) {
         let (literal, mut found) = (format!("\"{place}\""), false);
         let mut look = |tokens: &[TokenTree]| found |= tokens.iter().any(|token| token.to_string() == literal);
-        bodies.iter().for_each(|body| walk(body, &mut look));
+        functions.iter().for_each(|one| walk(&one.body, &mut look));
         return found;
     }
-    let calls = |name: &str, owner: Option<&str>| bodies.iter().flat_map(|body| calls(body)).any(|call| call.may_be(name, owner));
+    let calls = |name: &str, owner: Option<&str>| functions.iter().flat_map(|one| calls(one)).any(|call| call.may_be(name, owner));
     match place.split("::").collect::<Vec<_>>()[..] {
         [_, name] => calls(name, None),
         [_, owner, name] => calls(name, Some(owner)),
@@ -212,14 +215,14 @@ struct Functions {
 
 impl Functions {
     fn of(files: &[File]) -> Self {
-        let all = files.iter().flat_map(|file| functions(&file.tokens)).collect();
-        Self { all, of_tests: files.iter().flat_map(|file| functions(&file.test_code())).collect() }
+        let all = files.iter().flat_map(|file| functions_of(&home(file), &file.tokens)).collect();
+        Self { all, of_tests: files.iter().flat_map(|file| functions_of(&home(file), &file.test_code())).collect() }
     }
 }
 
 /// The ties of the `// covers:` comments of a file.
 fn coverage(file: &File, target: &Functions, scenarios: &BTreeSet<Tie>, found: &mut BTreeSet<Tie>, wrong: &mut Vec<String>) {
-    let all = functions(&file.tokens);
+    let all = functions_of(&home(file), &file.tokens);
     for (at, line) in file.text.lines().enumerate() {
         let Some(text) = line.trim_start().strip_prefix("// covers: CK95 ") else { continue };
         let place = format!("{}:{}", file.path.display(), at + 1);
@@ -233,11 +236,11 @@ fn coverage(file: &File, target: &Functions, scenarios: &BTreeSet<Tie>, found: &
             wrong.push(format!("{place}: no test follows"));
             continue;
         };
-        if !claims::asserts(&test.body, &target.of_tests) || !pins_a_number(&test.body, &target.of_tests, &ties) {
+        if !claims::asserts(&test.body, &target.of_tests) || !pins_a_number(test, &target.of_tests, &ties) {
             wrong.push(format!("{place}: {} pins no number down", test.name));
         }
         for tie in ties {
-            if mentions(&test.body, &target.all, &tie) {
+            if mentions(test, &target.all, &tie) {
                 found.insert(tie);
             } else {
                 wrong.push(format!("{place}: {} does not use {}", test.name, tie.1));

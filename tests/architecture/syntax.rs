@@ -156,6 +156,8 @@ pub(crate) struct Function {
     pub(crate) name: String,
     /// The type of its `impl` block.
     pub(crate) owner: Option<String>,
+    /// The name of its file without extension; empty where it does not matter.
+    pub(crate) home: String,
     /// The inside of each `#[…]`.
     pub(crate) attributes: Vec<Vec<TokenTree>>,
     pub(crate) body: Vec<TokenTree>,
@@ -170,8 +172,14 @@ impl Function {
 
 /// Every function at every depth, those inside macros included.
 pub(crate) fn functions(tokens: &[TokenTree]) -> Vec<Function> {
+    functions_of("", tokens)
+}
+
+/// The same of a file of this name.
+pub(crate) fn functions_of(home: &str, tokens: &[TokenTree]) -> Vec<Function> {
     let mut found = Vec::new();
     add_functions(tokens, None, &mut found);
+    found.iter_mut().for_each(|function: &mut Function| home.clone_into(&mut function.home));
     found
 }
 
@@ -180,7 +188,7 @@ fn add_functions(tokens: &[TokenTree], owner: Option<&str>, found: &mut Vec<Func
         let is_function = item.body.iter().take(6).any(|token| is(token, "fn"));
         if let (true, Some(name), Some(TokenTree::Group(block))) = (is_function, name_of(&item), item.body.last()) {
             let owner = owner.map(str::to_owned);
-            found.push(Function { name, owner, attributes: item.attributes.clone(), body: block.inside().to_vec() });
+            found.push(Function { name, owner, home: String::new(), attributes: item.attributes.clone(), body: block.inside().to_vec() });
         }
         let implemented = type_of_impl(item.body);
         for token in item.body {
