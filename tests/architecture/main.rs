@@ -8,6 +8,7 @@ mod claims;
 mod guarantees;
 mod pure_files;
 mod purity;
+mod repairs;
 mod rules;
 mod source;
 mod syntax;

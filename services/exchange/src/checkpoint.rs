@@ -12,3 +12,25 @@ wire! {
         state: [u8; EXCHANGE_STATE],
     }
 }
+
+impl ProgramCheckpoint {
+    /// The bytes that count; `None` where it counts more than it has.
+    pub(crate) fn used(&self) -> Option<&[u8]> {
+        self.state.get(..usize::try_from(self.bytes).ok()?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bytemuck::Zeroable;
+
+    use super::*;
+
+    #[test]
+    fn a_damaged_length_is_refused_and_not_shortened() {
+        let with = |bytes: u64| ProgramCheckpoint { bytes, ..ProgramCheckpoint::zeroed() };
+        assert_eq!(with(3).used(), Some(&[0; 3][..]));
+        assert_eq!(with(EXCHANGE_STATE as u64).used().map(<[u8]>::len), Some(EXCHANGE_STATE));
+        assert!(with(EXCHANGE_STATE as u64 + 1).used().is_none() && with(u64::MAX).used().is_none());
+    }
+}

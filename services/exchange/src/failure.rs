@@ -44,6 +44,10 @@ pub enum Failure {
     )]
     State { process: String, tick: u64, found: usize },
     #[error(
+        "the checkpoint with which the program of {process} was to go on is damaged: it counts {found} bytes, and has room for {EXCHANGE_STATE}; run again"
+    )]
+    Damaged { process: String, found: u64 },
+    #[error(
         "the program of {process} wrote a number that is not finite into {field} of `{topic}` at tick {tick}; every number of a message is finite"
     )]
     NotFinite { process: String, tick: u64, topic: &'static str, field: String },

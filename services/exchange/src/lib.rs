@@ -28,7 +28,6 @@ use std::time::Duration;
 
 use runtime::{Exit, Origin, ProcessError, Shell, now_ns, unplanned_death};
 use shared_types::codes::{REQUEST_START, USE_FEEDBACK, USE_READS, USE_WRITES};
-use shared_types::exchange::EXCHANGE_STATE;
 use shared_types::graph::{Graph, Process, Role};
 use shared_types::layout::MessageLayout;
 
@@ -95,8 +94,8 @@ fn take_part(
     }
     let mut checkpoint = shell.checkpoint::<ProgramCheckpoint>().map_err(ProcessError::from)?;
     if let Some(last) = checkpoint.previous() {
-        let bytes = usize::try_from(last.bytes).unwrap_or(EXCHANGE_STATE).min(EXCHANGE_STATE);
-        program.page.put_state(&last.state[..bytes]);
+        let damaged = || Failure::Damaged { process: process.name.clone(), found: last.bytes };
+        program.page.put_state(last.used().ok_or_else(|| Ended::Theirs(0, damaged()))?);
     }
     if program.ask(REQUEST_START, 0).map_err(|failure| Ended::Theirs(0, failure))? == Answer::Stopped {
         return Ok(());

@@ -121,7 +121,8 @@ impl Live {
     fn receive(&mut self, tick: u64, cycle: &mut Cycle) {
         let mut line = [0; LINE];
         while let Ok(length) = self.socket.recv(&mut line) {
-            let text = std::str::from_utf8(&line[..length]).unwrap_or_default();
+            // A line that is no text has a character in it that stands for what is none, so it is no target either.
+            let text = &*String::from_utf8_lossy(&line[..length]);
             if text == Servo::CLOSE {
                 self.ends = Some(self.is_over.max(tick));
                 continue;
