@@ -148,7 +148,8 @@ fn loose_mentions(text: &str, cited_below: &BTreeSet<String>) -> Vec<usize> {
         let Some((_, comment)) = line.split_once("//").filter(|(code, _)| code.matches('"').count() % 2 == 0) else { return false };
         let spoken = numbered(&split_citations(comment).1);
         let is_tie = comment.trim_start().starts_with("covers: CK95 ");
-        !is_tie && !spoken.is_empty() && !(comment.starts_with('!') && spoken.is_subset(cited_below))
+        let is_of_a_head = comment.starts_with('!') && spoken.is_subset(cited_below);
+        !(is_tie || is_of_a_head || spoken.is_empty())
     };
     text.lines().enumerate().filter(|(_, line)| is_loose(line)).map(|(at, _)| at + 1).collect()
 }

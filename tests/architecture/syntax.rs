@@ -204,10 +204,10 @@ fn add_functions(tokens: &[TokenTree], owner: Option<&str>, found: &mut Vec<Func
 /// `Type` in `impl<…> Type<…> { … }` and in `impl<…> Trait for Type<…> { … }`.
 pub(crate) fn type_of_impl(body: &[TokenTree]) -> Option<String> {
     let head = body.iter().take_while(|token| !is(token, "where"));
-    let mut words = head.skip_while(|token| !is(token, "impl")).skip(1).peekable();
+    let words = head.skip_while(|token| !is(token, "impl")).skip(1);
     body.first().filter(|first| is(first, "impl") || is(first, "unsafe"))?;
     let (mut depth, mut last) = (0_i32, None);
-    while let Some(token) = words.next() {
+    for token in words {
         match token {
             token if is(token, "<") => depth += 1,
             token if is(token, ">") => depth -= 1,

@@ -103,7 +103,7 @@ impl IntoIterator for TokenStream {
     type IntoIter = std::vec::IntoIter<TokenTree>;
 
     fn into_iter(self) -> Self::IntoIter {
-        self.0.to_vec().into_iter()
+        Vec::from(&*self.0).into_iter()
     }
 }
 
