@@ -38,12 +38,22 @@ fn is_boolean(tokens: &[TokenTree]) -> bool {
     matches!(tokens, [token] if is(token, "true") || is(token, "false"))
 }
 
-/// Whether the block at this place is that of an `if` or of a `while let` without an `else`: it may be passed over.
+/// Whether the block at this place may be passed over: that of an `if` or of a `while let` without an `else`, or of a `match` with an arm that does
+/// nothing.
 fn is_passed_over(body: &[TokenTree], at: usize) -> bool {
-    let is_block = |token: &TokenTree| matches!(token, TokenTree::Group(group) if group.delimiter() == Delimiter::Brace);
-    let begin = body[..at].iter().rposition(|token| is(token, ";") || is(token, ",") || is_block(token)).map_or(0, |before| before + 1);
-    let is_conditional = body[begin..at].windows(2).any(|pair| is(&pair[0], "if") || is(&pair[0], "while") && is(&pair[1], "let"));
-    is_block(&body[at]) && is_conditional && !body.get(at + 1).is_some_and(|next| is(next, "else"))
+    let inside = |token: &TokenTree| match token {
+        TokenTree::Group(group) if group.delimiter() == Delimiter::Brace => Some(group.stream()),
+        _ => None,
+    };
+    let Some(block) = inside(&body[at]) else { return false };
+    let ends = |token: &TokenTree| is(token, ";") || is(token, ",") || inside(token).is_some();
+    let head = &body[body[..at].iter().rposition(ends).map_or(0, |before| before + 1)..at];
+    let is_conditional = head.windows(2).any(|pair| is(&pair[0], "if") || is(&pair[0], "while") && is(&pair[1], "let"));
+    let is_nothing = |token: &TokenTree| matches!(token, TokenTree::Group(group) if group.inside().is_empty());
+    let arms: Vec<TokenTree> = block.into_iter().collect();
+    let is_idle = |arm: &[TokenTree]| is(&arm[0], "=") && is(&arm[1], ">") && is_nothing(&arm[2]);
+    let has_idle_arm = head.iter().any(|token| is(token, "match")) && arms.windows(3).any(is_idle);
+    has_idle_arm || is_conditional && !body.get(at + 1).is_some_and(|next| is(next, "else"))
 }
 
 /// Whether the tokens assert something by themselves: a constant asserts nothing, nor does the body of a loop over nothing, nor a block that a
@@ -225,6 +235,9 @@ fn the_check_sees_a_test_without_a_claim() {
         !claims("#[test] fn t() { while let Some(x) = f() { assert!(x); } }") && !claims("#[test] fn t() { if f() { assert!(g()); } }")
     );
     assert!(claims("#[test] fn t() { if let Some(x) = f() { assert!(x); } else { panic!(); } }"));
+    assert!(!claims("#[test] fn t() { match f() { Some(x) => assert!(x), None => {} } }"));
+    assert!(!claims("#[test] fn t() { match f() { Some(x) => { assert!(x); } _ => () } }"));
+    assert!(claims("#[test] fn t() { match f() { Some(x) => assert!(x), None => panic!() } }"));
     let shipped = "fn new() { assert!(f()); } #[cfg(test)] mod tests { #[test] fn t() { Foo::new(); } fn check() { assert!(f()); } }";
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("lib.rs"), shipped).unwrap();
