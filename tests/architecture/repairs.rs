@@ -175,14 +175,14 @@ fn rule_8_nothing_is_silently_repaired() {
             let path = file.path.display();
             let is_numeric = CONTROL_PATH.contains(&name) || pure.iter().any(|(one, _)| one.path == file.path);
             if is_numeric || processes.contains(&name) || name == "runtime" {
-                wrong.extend(replaced_codes(&file.code).into_iter().map(|what| format!("{path}: {what}")));
-            }
-            if is_numeric {
                 let mut repairs = silent_repairs(&file.code);
                 if NO_LIMIT.iter().any(|(path, _)| file.path == Path::new(path)) {
                     repairs.pop();
                 }
+                repairs.extend(replaced_codes(&file.code));
                 wrong.extend(repairs.into_iter().map(|what| format!("{path}: {what}")));
+            }
+            if is_numeric {
                 floored.extend(floored_divisors(&file.code).into_iter().map(|what| format!("{path}: {what}")));
             }
         }
