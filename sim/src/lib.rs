@@ -2,9 +2,9 @@
 //!
 //! PURE: no clock, thread, file, environment or unseeded randomness. Same inputs, same bits.
 //!
-//! - [`Plant`] integrates the arm. `"reference"`: classical Runge–Kutta of the smooth dynamics, nothing else.
-//!   `"rapier"` (the default): the same integrator carries the state, and rapier3d computes the effect of contact, joint stops and dry
-//!   friction do to it.
+//! - [`Plant`] integrates the arm. `"reference"`: Runge–Kutta of the smooth dynamics, nothing else. `"rapier"` (the default): the same integrator
+//!   carries the state, and rapier3d computes the effect of contact and joint stops on it. Dry friction of an arm that touches nothing is solved
+//!   here.
 //! - [`Encoders`] read the joints: quantised, with noise that is a function of (seed, tick, joint).
 //! - [`Drive`] turns commanded torque into applied torque: it checks, limits and reports, and stops the arm by itself when
 //!   commands cease.
@@ -12,6 +12,7 @@
 #![allow(non_snake_case)]
 
 mod drive;
+mod dry_friction;
 mod encoder;
 mod error;
 mod hybrid;

@@ -319,6 +319,22 @@ fn dry_friction_stops_and_holds_as_coulomb_says() {
 }
 
 #[test]
+fn dry_friction_is_that_of_rapier() {
+    let arm = Model::<6>::new(&puma(), None).unwrap();
+    let with = scenario::Plant { friction: true, floor_m: Some(-0.9), ..options(PlantModel::Rapier) };
+    let [mut own, mut rapiers] = [0, 1].map(|_| plant(&free_puma(), &with, &nominal()));
+    rapiers.always_ask();
+    for tick in 0..500 {
+        let tau = waving(&arm, tick);
+        own.step(&tau).unwrap();
+        rapiers.step(&tau).unwrap();
+    }
+    let (moved, error) = ((own.state().q - nominal()).amax(), (own.state().q - rapiers.state().q).amax());
+    println!("dry friction: {error:.1e} rad from rapier3d's after {moved:.2} rad");
+    assert!(moved > 0.2 && error < 1e-6, "{error:e} rad after {moved} rad");
+}
+
+#[test]
 fn other_rates_and_sub_steps_work() {
     let robot = free_puma();
     let fall = |rate: u32, substeps: u32| {

@@ -64,7 +64,7 @@ mod floor {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PlantModel {
-    /// rapier3d for contact, limits and dry friction; exact Runge–Kutta for the smooth dynamics.
+    /// rapier3d for contact and limits, dry friction, exact Runge–Kutta for the smooth dynamics.
     #[default]
     Rapier,
     /// Runge–Kutta alone.
