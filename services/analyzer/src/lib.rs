@@ -14,6 +14,8 @@ pub use cycle::Cycle;
 pub trait Step {
     /// The report for an estimate, at its tick.
     fn step(&mut self, estimate: &StateEstimate, out: &mut SingularityReport);
+    /// Leaves out singular values and whatever follows from them alone.
+    fn leave_out_conditioning(&mut self);
     /// Writes what must survive a restart.
     fn save(&self, out: &mut AnalyzerCheckpoint);
     /// Takes up what [`save`](Self::save) has written.
@@ -23,6 +25,9 @@ pub trait Step {
 impl<const N: usize> Step for Cycle<N> {
     fn step(&mut self, estimate: &StateEstimate, out: &mut SingularityReport) {
         self.step(estimate, out);
+    }
+    fn leave_out_conditioning(&mut self) {
+        self.leave_out_conditioning();
     }
     fn save(&self, out: &mut AnalyzerCheckpoint) {
         self.save(out);
