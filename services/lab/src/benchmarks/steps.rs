@@ -8,7 +8,7 @@ use nalgebra::SVector;
 use runtime::now_ns;
 use session::load::Loaded;
 use session::{Failure, Steering, Targets};
-use shared_types::scenario::Scenario;
+use shared_types::scenario::{PlantModel, Scenario};
 
 use super::distribution::{Distribution, Row as BenchRow, histogram};
 use crate::studies::steered::twists;
@@ -71,7 +71,7 @@ fn terms<const N: usize>(robot: &Robot, name: &str) -> Result<Vec<BenchRow>, Fai
     ])
 }
 
-/// The pure steps over a whole scenario, hand in hand; the last row is all of them as the chain runs them.
+/// The pure steps over a whole scenario, hand in hand; the last rows are all of them as the chain runs them.
 pub fn steps(robot: &Robot, scenario: &Scenario, which: &str) -> Result<Vec<BenchRow>, Failure> {
     let mut plant = plant::cycle(robot, scenario).map_err(Failure::work)?;
     let mut estimator = estimator::cycle(robot, scenario).map_err(Failure::work)?;
@@ -104,19 +104,30 @@ pub fn steps(robot: &Robot, scenario: &Scenario, which: &str) -> Result<Vec<Benc
     if which == "plant" {
         return Ok(vec![BenchRow::alone("plant", "sample", of(0)), BenchRow::alone("plant", "move", of(4))]);
     }
-    let mut chain = Chain::new(robot, scenario).map_err(Failure::work)?;
-    let mut whole = histogram();
-    while !chain.is_over() {
-        let began = now_ns();
-        chain.step(black_box(&mut m));
-        whole.saturating_record(now_ns() - began);
-    }
+    let mut whole = |name: &str, scenario: &Scenario, with_conditioning: bool| -> Result<BenchRow, Failure> {
+        let chain = Chain::new(robot, scenario).map_err(Failure::work)?;
+        let mut chain = if with_conditioning { chain } else { chain.without_conditioning() };
+        let mut times = histogram();
+        while !chain.is_over() {
+            let began = now_ns();
+            chain.step(black_box(&mut m));
+            times.saturating_record(now_ns() - began);
+        }
+        Ok(BenchRow::alone("control", name, Distribution::of(&times)))
+    };
+    let mut exact = scenario.clone();
+    exact.plant.model = PlantModel::Reference;
+    let mut rubbing = scenario.clone();
+    rubbing.plant.friction = true;
     Ok(vec![
         BenchRow::alone("control", "estimator", of(1)),
         BenchRow::alone("control", "analyzer", of(2)),
         BenchRow::alone("control", "controller", of(3)),
         BenchRow::alone("control", "controller, steered", steered(robot)?),
-        BenchRow::alone("control", "whole tick, one thread", Distribution::of(&whole)),
+        whole("whole tick, one thread", scenario, true)?,
+        whole("whole tick, exact plant", &exact, true)?,
+        whole("whole tick, exact plant, no singular values", &exact, false)?,
+        whole("whole tick, dry friction", &rubbing, true)?,
     ])
 }
 
