@@ -1,5 +1,5 @@
-//! The pure cycles allocate nothing: whole scenarios, tick by tick, with a counting allocator; by formula, by geometry and by number, six joints and
-//! seven, through their locks.
+//! The pure cycles allocate nothing: whole scenarios, tick by tick, with a counting allocator; by formula, by geometry and by number,
+//! six joints and seven, through their locks.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -65,6 +65,26 @@ fn no_cycle_allocates() {
             }
         });
         assert_eq!(count, 0, "{name}: allocations in {ticks} ticks");
+    }
+}
+
+#[test]
+fn the_judge_allocates_where_something_happens_and_not_tick_by_tick() {
+    for name in ["fig5-wrist-rotation", "straight-up", "iiwa-posture"] {
+        let (robot, scenario) = parsed(name, &[]);
+        let planned_ticks = scenario.duration_s() * f64::from(scenario.rate_hz);
+        let mut judge = recorder::Judge::new(recorder::limits(&robot), scenario.goal.clone(), planned_ticks).at_rate(scenario.rate_hz);
+        let (mut chain, mut tick) = (Chain::new(&robot, &scenario).unwrap(), Tick::default());
+        let (mut ticks, mut with_allocations) = (0, 0);
+        while !chain.is_over() && ticks < 2_000 {
+            chain.step(&mut tick);
+            ticks += 1;
+            let lent = tick.lent();
+            let whole = recorder::Tick::of(&lent).expect("a chain answers every tick");
+            with_allocations += u64::from(counted(|| judge.tick(std::hint::black_box(whole))) > 0);
+        }
+        // The first tick makes its tables; a turn, a limit reached and a new range of a histogram make room for themselves.
+        assert!(ticks > 500 && with_allocations * 50 < ticks, "{name}: {with_allocations} of {ticks} ticks allocate");
     }
 }
 
