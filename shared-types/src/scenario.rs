@@ -121,6 +121,12 @@ impl Scenario {
         Ok(scenario)
     }
 
+    /// The end-effector frame, where it is not the robot's own.
+    #[must_use]
+    pub fn frame(&self) -> Option<&str> {
+        Some(self.frame.as_str()).filter(|frame| !frame.is_empty())
+    }
+
     /// Time step; s.
     #[must_use]
     pub fn dt_s(&self) -> f64 {

@@ -28,7 +28,7 @@ fn nominal() -> Joints {
 
 /// A tick of the plant in a world, after `settle` ticks, with gravity compensated but for `extra`.
 fn tick(bencher: Bencher, options: &scenario::Plant, settle: u32, extra: Joints) {
-    let mut plant = Plant::<6>::new(&robot(), "", options, 1000, &nominal()).unwrap();
+    let mut plant = Plant::<6>::new(&robot(), None, options, 1000, &nominal()).unwrap();
     let start = nominal();
     let mut step = move || {
         let x = *plant.state();

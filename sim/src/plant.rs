@@ -37,7 +37,13 @@ impl<const N: usize> Plant<N> {
     ///
     /// # Errors
     /// [`PlantError`]: a posture outside the limits or in the floor, a number out of range, an arm that cannot be simulated.
-    pub fn new(robot: &Robot, frame: &str, options: &scenario::Plant, rate_hz: u32, q_start: &SVector<f64, N>) -> Result<Self, PlantError> {
+    pub fn new(
+        robot: &Robot,
+        frame: Option<&str>,
+        options: &scenario::Plant,
+        rate_hz: u32,
+        q_start: &SVector<f64, N>,
+    ) -> Result<Self, PlantError> {
         check(rate_hz > 0, "rate_hz", rate_hz.into(), "at least 1")?;
         check(options.substeps > 0, "plant.substeps", options.substeps.into(), "at least 1")?;
         let factor = options.mass_factor;
@@ -50,7 +56,7 @@ impl<const N: usize> Plant<N> {
             joint.mass *= factor;
             joint.inertia *= factor;
         }
-        let model = Model::new(&robot, (!frame.is_empty()).then_some(frame))?;
+        let model = Model::new(&robot, frame)?;
         robot.check_posture(&q_start.as_slice()[..robot.dof()])?;
         if model.mass_matrix(q_start).cholesky().is_none() {
             return Err(PlantError::SingularMass { robot: robot.name });

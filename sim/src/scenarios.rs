@@ -23,7 +23,7 @@ mod tests {
 
     fn starts<const N: usize>(robot: &Robot, scenario: &Scenario, q: &[f64]) -> Result<(), PlantError> {
         let q = model::embedded::<N>(q);
-        Plant::<N>::new(robot, &scenario.frame, &scenario.plant, scenario.rate_hz, &q).map(|_| ())
+        Plant::<N>::new(robot, scenario.frame(), &scenario.plant, scenario.rate_hz, &q).map(|_| ())
     }
 
     #[test]

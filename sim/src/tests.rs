@@ -36,7 +36,7 @@ fn options(model: PlantModel) -> scenario::Plant {
 }
 
 fn plant(robot: &Robot, options: &scenario::Plant, q: &Joints) -> Plant<6> {
-    Plant::new(robot, "", options, RATE, q).unwrap()
+    Plant::new(robot, None, options, RATE, q).unwrap()
 }
 
 /// A torque that swings the arm about: gravity's share and a slow wave.
@@ -184,7 +184,7 @@ fn rod(length: f64, mass: f64) -> Robot {
 fn a_resting_arm_presses_on_the_floor_with_the_weight_it_must() {
     let (length, mass, height) = (1.0, 4.0, -0.3);
     let world = scenario::Plant { floor_m: Some(height), ..scenario::Plant::default() };
-    let mut arm = Plant::<1>::new(&rod(length, mass), "", &world, RATE, &SVector::<f64, 1>::new(0.0)).unwrap();
+    let mut arm = Plant::<1>::new(&rod(length, mass), None, &world, RATE, &SVector::<f64, 1>::new(0.0)).unwrap();
     let zero = SVector::<f64, 1>::zeros();
     let tip = |arm: &Plant<1>| length * libm::sin(arm.state().q[0]) - 0.05 - height;
     let (mut deepest, mut impact): (f64, f64) = (0.0, 0.0);
@@ -339,7 +339,7 @@ fn other_rates_and_sub_steps_work() {
     let robot = free_puma();
     let fall = |rate: u32, substeps: u32| {
         let options = scenario::Plant { substeps, ..options(PlantModel::Rapier) };
-        let mut arm = Plant::<6>::new(&robot, "", &options, rate, &nominal()).unwrap();
+        let mut arm = Plant::<6>::new(&robot, None, &options, rate, &nominal()).unwrap();
         (0..rate / 2).for_each(|_| arm.step(&Joints::zeros()).unwrap());
         arm.state().q
     };
@@ -368,7 +368,7 @@ fn every_built_in_arm_and_one_with_massless_links_can_be_simulated() {
     }
     let robot = Robot::builtin("planar3r").unwrap();
     let bent = SVector::<f64, 3>::from_column_slice(&robot.postures["bent"]);
-    let mut arm = Plant::<3>::new(&robot, "", &scenario::Plant::default(), RATE, &bent).unwrap();
+    let mut arm = Plant::<3>::new(&robot, None, &scenario::Plant::default(), RATE, &bent).unwrap();
     (0..1000).for_each(|_| arm.step(&SVector::zeros()).unwrap());
     assert!(arm.state().is_finite());
 }
@@ -379,7 +379,7 @@ fn motion_diverges_before_its_energy_is_no_number() {
     let bent = SVector::<f64, 3>::from_column_slice(&robot.postures["bent"]);
     for model in [PlantModel::Rapier, PlantModel::Reference] {
         let options = scenario::Plant { model, ..scenario::Plant::default() };
-        let mut arm = Plant::<3>::new(&robot, "", &options, RATE, &bent).unwrap();
+        let mut arm = Plant::<3>::new(&robot, None, &options, RATE, &bent).unwrap();
         // An arm without limits, pushed ever harder.
         let diverged = (0..400).find(|k| {
             let is_over = arm.step(&SVector::from([10_f64.powi(*k), 0.0, -(10_f64.powi(*k))])).is_err();
@@ -410,7 +410,7 @@ fn rapier_has_the_same_arm() {
 #[test]
 fn an_arm_that_cannot_be_simulated_is_refused_with_a_reason() {
     let refused = |robot: &Robot, options: &scenario::Plant, q: &Joints| {
-        Plant::<6>::new(robot, "", options, RATE, q).map(|_| ()).unwrap_err().to_string()
+        Plant::<6>::new(robot, None, options, RATE, q).map(|_| ()).unwrap_err().to_string()
     };
     let floor = scenario::Plant { floor_m: Some(0.2), ..options(PlantModel::Rapier) };
     assert!(refused(&puma(), &floor, &nominal()).contains("starts in the floor at z = 0.2 m"));
@@ -430,7 +430,7 @@ fn an_arm_that_cannot_be_simulated_is_refused_with_a_reason() {
         (joint.mass, joint.inertia, joint.armature) = (0.0, nalgebra::Matrix3::zeros(), 0.0);
     }
     assert!(refused(&weightless, &options(PlantModel::Rapier), &nominal()).contains("singular"));
-    assert!(matches!(Plant::<5>::new(&puma(), "", &options(PlantModel::Rapier), RATE, &SVector::zeros()), Err(PlantError::Model(_))));
+    assert!(matches!(Plant::<5>::new(&puma(), None, &options(PlantModel::Rapier), RATE, &SVector::zeros()), Err(PlantError::Model(_))));
 }
 
 #[test]

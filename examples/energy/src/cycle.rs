@@ -15,8 +15,7 @@ pub(crate) struct Cycle {
 impl Cycle {
     /// # Errors
     /// [`ModelError`] where the robot has no such frame.
-    pub(crate) fn new(robot: &Robot, frame: &str) -> Result<Self, ModelError> {
-        let frame = Some(frame).filter(|frame| !frame.is_empty());
+    pub(crate) fn new(robot: &Robot, frame: Option<&str>) -> Result<Self, ModelError> {
         Ok(Self { arm: Model::new(robot, frame)?, peak_kinetic_j: 0.0 })
     }
 

@@ -37,7 +37,7 @@ fn run() -> Result<(), ProcessError> {
     let job = shell.job()?;
     let RobotText { name, description, urdf } = job.robot;
     let robot = Robot::from_source(&RobotSource { name, description, urdf }).map_err(ProcessError::setup)?;
-    let mut cycle = Cycle::new(&robot, &job.scenario.frame).map_err(ProcessError::setup)?;
+    let mut cycle = Cycle::new(&robot, job.scenario.frame()).map_err(ProcessError::setup)?;
     let mut estimates = shell.reader::<StateEstimate>()?;
     let mut energies = shell.writer::<Energy>()?;
     // The state of the last tick before a death: a replacement goes on from it.

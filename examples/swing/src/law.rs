@@ -28,8 +28,7 @@ impl Law {
     /// # Errors
     /// The missing part of the scenario, in words.
     pub(crate) fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, String> {
-        let frame = Some(scenario.frame.as_str()).filter(|frame| !frame.is_empty());
-        let arm = Model::new(robot, frame).map_err(|error| error.to_string())?;
+        let arm = Model::new(robot, scenario.frame()).map_err(|error| error.to_string())?;
         let start = robot.start_posture(&scenario.start).map_err(|error| error.to_string())?;
         let first = scenario.segment.first().ok_or("the scenario has no segment")?;
         let goal = first.posture_deg.as_ref().ok_or("the first segment has no posture_deg")?;

@@ -20,7 +20,7 @@ impl<const N: usize> Cycle<N> {
     /// # Errors
     /// [`SetupError`] where the robot does not have `N` joints, or no such frame.
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, SetupError> {
-        let frame = (!scenario.frame.is_empty()).then_some(scenario.frame.as_str());
+        let frame = scenario.frame();
         Ok(Self { model: Model::new(robot, frame)?, analyzer: Analyzer::new(robot, &scenario.analysis), with_conditioning: true })
     }
 

@@ -130,7 +130,7 @@ pub(crate) fn run<const N: usize>(scenario: &Scenario, plant: Plant, each: impl 
 
 /// The same on any robot.
 pub(crate) fn run_on<const N: usize>(robot: &Robot, scenario: &Scenario, plant: Plant, mut each: impl FnMut(usize, &Tick<N>)) -> Figures {
-    let frame = (!scenario.frame.is_empty()).then_some(scenario.frame.as_str());
+    let frame = scenario.frame();
     let model = Model::<N>::new(robot, frame).unwrap();
     let truth = if plant.mass_factor > 0.0 { Model::new(&heavier(robot, plant.mass_factor), frame).unwrap() } else { model.clone() };
     let q_start = crate::start_posture::<N>(robot, scenario).unwrap();

@@ -20,7 +20,7 @@ impl<const N: usize> Cycle<N> {
     /// # Errors
     /// [`SetupError`] where the scenario does not fit the robot.
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, SetupError> {
-        let frame = (!scenario.frame.is_empty()).then_some(scenario.frame.as_str());
+        let frame = scenario.frame();
         let q_start = start_posture(robot, scenario)?;
         Ok(Self { controller: Controller::new(Model::new(robot, frame)?, robot, scenario, q_start)?, dof: robot.dof() })
     }

@@ -20,8 +20,7 @@ const PATIENCE_S: f64 = 3.0;
 const GOOD_RATE: f64 = 0.99;
 
 pub(crate) fn run(shell: &Shell, robot: &Robot, scenario: &Scenario, address: &Address) -> Result<(), ProcessError> {
-    let model =
-        Model::<JOINTS>::new(robot, (!scenario.frame.is_empty()).then_some(scenario.frame.as_str())).map_err(ProcessError::setup)?;
+    let model = Model::<JOINTS>::new(robot, scenario.frame()).map_err(ProcessError::setup)?;
     let start = embedded::<JOINTS>(&robot.start_posture(&scenario.start).map_err(ProcessError::setup)?);
     if scenario.rate_hz != RATE_HZ {
         let sentence = format!("{} runs at {} Hz, the robot at {RATE_HZ}: leave `rate_hz` out", scenario.name, scenario.rate_hz);

@@ -51,12 +51,12 @@ impl<const N: usize> Cycle<N> {
         let options = &scenario.plant;
         let start = robot.start_posture(&scenario.start)?;
         // The drives' model is the description's, without the simulated deviation from it.
-        let known = Model::new(robot, (!scenario.frame.is_empty()).then_some(scenario.frame.as_str()))?;
+        let known = Model::new(robot, scenario.frame())?;
         let start = model::embedded(&start);
         let longest = scenario.at_most((f64::from(TaskEnd::LONGEST) * scenario.duration_s() * f64::from(scenario.rate_hz)).round() as u64);
         let drive = Drive::new(known, scenario.rate_hz, options.hold_ticks, &start);
         Ok(Self {
-            plant: Plant::new(robot, &scenario.frame, options, scenario.rate_hz, &start)?,
+            plant: Plant::new(robot, scenario.frame(), options, scenario.rate_hz, &start)?,
             acted: drive.applied().tau,
             drive,
             hardware_faults: HardwareFaults::new(scenario.dt_s()),

@@ -112,8 +112,7 @@ impl Source {
     /// # Errors
     /// [`Failure::File`] where there is no such robot, or its description is invalid.
     pub fn robot(&self, scenario: &Scenario) -> Result<Robot, Failure> {
-        let frame = Some(scenario.frame.as_str()).filter(|frame| !frame.is_empty());
-        robot(&scenario.robot, self.folder.as_deref(), frame).map_err(|failure| match failure {
+        robot(&scenario.robot, self.folder.as_deref(), scenario.frame()).map_err(|failure| match failure {
             Failure::Input(sentence) => self.located(Complaint::new("robot", sentence, "")),
             other => other,
         })
@@ -125,9 +124,9 @@ impl Source {
     /// [`Failure::File`] where its frame, its faults or its start posture do not fit.
     pub fn check(&self, scenario: &Scenario, robot: &Robot, graph: &Graph) -> Result<(), Failure> {
         let located = |complaint: Complaint| self.located(complaint);
-        if !scenario.frame.is_empty() && !robot.frames.iter().any(|frame| frame.name == scenario.frame) {
+        if let Some(frame) = scenario.frame().filter(|frame| !robot.frames.iter().any(|known| known.name == *frame)) {
             let names = robot.frames.iter().map(|frame| frame.name.as_str());
-            return Err(located(Complaint::new("frame", unknown("frame", &scenario.frame, names, ""), "")));
+            return Err(located(Complaint::new("frame", unknown("frame", frame, names, ""), "")));
         }
         if scenario.servo.is_some() && !graph.process("controller").is_some_and(|one| one.reads.iter().any(|topic| topic == "target")) {
             let remedy = "extends = \"servo\" in the graph";

@@ -104,8 +104,8 @@ impl Recording {
 
     fn begin(storage: Box<dyn Storage>, part: u32, run: &RunInfo, options: Options) -> Result<Self, RecordError> {
         let RunInfo { scenario, robot, .. } = *run;
-        let frame = Some(scenario.frame.as_str()).filter(|frame| !frame.is_empty());
-        let arm = Model::new(robot, frame).map_err(|error| RecordError::Arm { robot: robot.name.clone(), reason: error.to_string() })?;
+        let arm = Model::new(robot, scenario.frame())
+            .map_err(|error| RecordError::Arm { robot: robot.name.clone(), reason: error.to_string() })?;
         let floor_m = scenario.plant.floor_m.map_or(0.0, |height| height as f32);
         let figure = Figure::new(robot, floor_m);
         let rate = f64::from(scenario.rate_hz);

@@ -33,16 +33,16 @@ pub(super) struct Fall {
 }
 
 /// The fall of an arm whose drive of any one joint fails for `seconds`, and whose joints are at most so fast before; `frame` is its end-effector, the
-/// robot's own where empty.
+/// robot's own where there is none.
 ///
 /// # Errors
 /// [`Refused`] where the arm has no model.
-pub(super) fn fall(robot: &Robot, frame: &str, speed: &[f64], seconds: f64) -> Result<Fall, Refused> {
+pub(super) fn fall(robot: &Robot, frame: Option<&str>, speed: &[f64], seconds: f64) -> Result<Fall, Refused> {
     with_dof!(robot.dof(), N => sized::<N>(robot, frame, speed, seconds)).unwrap_or_else(|| Err(Refused::size(robot)))
 }
 
-fn sized<const N: usize>(robot: &Robot, frame: &str, speed: &[f64], seconds: f64) -> Result<Fall, Refused> {
-    let model = Model::<N>::new(robot, (!frame.is_empty()).then_some(frame)).map_err(Refused::because)?;
+fn sized<const N: usize>(robot: &Robot, frame: Option<&str>, speed: &[f64], seconds: f64) -> Result<Fall, Refused> {
+    let model = Model::<N>::new(robot, frame).map_err(Refused::because)?;
     let mut most = Fall::default();
     for posture in 0..POSTURES {
         let at = |joint: usize| {
@@ -93,7 +93,7 @@ mod tests {
 
     fn of(name: &str, speed: f64, seconds: f64) -> Fall {
         let robot = Robot::builtin(name).unwrap();
-        fall(&robot, "", &[speed; 8], seconds).unwrap()
+        fall(&robot, None, &[speed; 8], seconds).unwrap()
     }
 
     #[test]
@@ -114,9 +114,9 @@ mod tests {
     fn without_weight_an_arm_only_goes_on_as_it_was() {
         let mut robot = Robot::builtin("puma560").unwrap();
         robot.joints.iter_mut().for_each(|joint| joint.mass = 0.0);
-        let still = fall(&robot, "", &[0.0; 6], 0.5).unwrap();
+        let still = fall(&robot, None, &[0.0; 6], 0.5).unwrap();
         assert!(still.joint_rad < 1e-9, "{still:?}");
-        let moving = fall(&robot, "", &[0.2; 6], 0.5).unwrap();
+        let moving = fall(&robot, None, &[0.2; 6], 0.5).unwrap();
         assert!((0.1..0.2).contains(&moving.joint_rad), "{moving:?}");
     }
 }

@@ -262,14 +262,14 @@ impl<'a> Drill<'a> {
         let longest = plan.iter().filter(|fault| fault.kind == Kind::Drive).map(length_s).reduce(f64::max);
         let fastest = |joint: usize| base.truth.iter().fold(0.0_f64, |most, state| most.max(state.qdot[joint].abs()));
         let speed: Vec<f64> = (0..MAX_DOF).map(fastest).collect();
-        let fall = |seconds| fall(self.robot, &self.job.scenario.frame, &speed, seconds).map_err(Failure::input);
+        let fall = |seconds| fall(self.robot, self.job.scenario.frame(), &speed, seconds).map_err(Failure::input);
         longest.map(fall).transpose()
     }
 }
 
 /// All messages of a topic, to the last whole block.
-fn whole<M: Message>(mut kept: LogReader<M>) -> Vec<M> {
-    std::iter::from_fn(|| kept.next_message().ok().flatten()).collect()
+fn whole<M: Message>(mut log: LogReader<M>) -> Vec<M> {
+    std::iter::from_fn(|| log.next_message().ok().flatten()).collect()
 }
 
 /// Whether a fault takes the simulated world with it: then the run ends, cleanly, and there is no arm to be judged any more.

@@ -111,8 +111,7 @@ impl Trace {
 }
 
 fn sized<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<Trace, Refused> {
-    let frame = (!scenario.frame.is_empty()).then_some(scenario.frame.as_str());
-    let model = Model::<N>::new(robot, frame).map_err(Refused::because)?;
+    let model = Model::<N>::new(robot, scenario.frame()).map_err(Refused::because)?;
     let is_planar = !robot.task.0[2];
     let mut trace = Trace { samples: Vec::new(), dt: scenario.dt_s() };
     chain::run(robot, scenario, |tick| {
