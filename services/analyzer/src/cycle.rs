@@ -5,6 +5,18 @@ use model::{Model, Robot, joints};
 use shared_types::scenario::Scenario;
 use shared_types::{AnalyzerCheckpoint, SingularityReport, StateEstimate};
 
+/// The pure step of an arm of any number of joints.
+pub trait Step {
+    /// The report for an estimate, at its tick. No allocation.
+    fn step(&mut self, estimate: &StateEstimate, out: &mut SingularityReport);
+    /// Leaves singular values, and whatever follows from them alone, at zero in every report.
+    fn leave_out_conditioning(&mut self);
+    /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its input.
+    fn save(&self, out: &mut AnalyzerCheckpoint);
+    /// Takes up what [`save`](Self::save) has written: the next step continues bit for bit.
+    fn restore(&mut self, from: &AnalyzerCheckpoint);
+}
+
 /// One arm's analysis, tick by tick.
 #[derive(Clone, Debug)]
 pub struct Cycle<const N: usize> {
@@ -20,27 +32,24 @@ impl<const N: usize> Cycle<N> {
     /// # Errors
     /// [`SetupError`] where the robot does not have `N` joints, or no such frame.
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, SetupError> {
-        let frame = scenario.frame();
-        Ok(Self { model: Model::new(robot, frame)?, analyzer: Analyzer::new(robot, &scenario.analysis), with_conditioning: true })
+        Ok(Self { model: Model::new(robot, scenario.frame())?, analyzer: Analyzer::new(robot, &scenario.analysis), with_conditioning: true })
     }
+}
 
-    /// Leaves singular values, rank, condition, determinant and manipulability at zero in every report, which takes half the time: no law reads them.
-    pub fn leave_out_conditioning(&mut self) {
+impl<const N: usize> Step for Cycle<N> {
+    fn leave_out_conditioning(&mut self) {
         self.with_conditioning = false;
     }
 
-    /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its input.
-    pub fn save(&self, out: &mut AnalyzerCheckpoint) {
+    fn save(&self, out: &mut AnalyzerCheckpoint) {
         self.analyzer.save(out);
     }
 
-    /// Takes up what [`save`](Self::save) has written: the next step continues bit for bit.
-    pub fn restore(&mut self, from: &AnalyzerCheckpoint) {
+    fn restore(&mut self, from: &AnalyzerCheckpoint) {
         self.analyzer.restore(from);
     }
 
-    /// The report for an estimate, at its tick. No allocation.
-    pub fn step(&mut self, estimate: &StateEstimate, out: &mut SingularityReport) {
+    fn step(&mut self, estimate: &StateEstimate, out: &mut SingularityReport) {
         let (q, qdot) = (joints(&estimate.q), joints(&estimate.qdot));
         let terms = self.model.evaluate(&q, &qdot);
         let report = match self.with_conditioning {

@@ -6,6 +6,30 @@ use nalgebra::SVector;
 use shared_types::scenario::Scenario;
 use shared_types::{ControlState, ControllerCheckpoint, Header, ServoState, SingularityReport, StateEstimate, Target, TorqueCommand};
 
+/// The pure step of an arm of any number of joints.
+pub trait Step {
+    /// The torque for an estimate and the report of the same tick, and what the law did to arrive at it, at that tick. No allocation; a report
+    /// that cannot be read is refused.
+    fn step(&mut self, estimate: &StateEstimate, report: &SingularityReport, state: &mut ControlState, torque: &mut TorqueCommand);
+    /// The same towards the target of this tick, in a scenario that is steered; `None`: none has come.
+    fn steer(
+        &mut self,
+        inputs: (&StateEstimate, &SingularityReport),
+        target: Option<&Target>,
+        servo: &mut ServoState,
+        state: &mut ControlState,
+        torque: &mut TorqueCommand,
+    );
+    /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its inputs.
+    fn save(&self, out: &mut ControllerCheckpoint);
+    /// Takes up what [`save`](Self::save) has written: the next step continues bit for bit.
+    fn restore(&mut self, from: &ControllerCheckpoint);
+    /// Why the path cannot be followed, found before the first tick, in words.
+    fn obstacle(&self) -> Option<&str>;
+    /// A goal beyond reach, found before the first tick, in words.
+    fn warning(&self) -> Option<String>;
+}
+
 /// One arm's control law, tick by tick.
 #[derive(Clone, Debug)]
 pub struct Cycle<const N: usize> {
@@ -20,36 +44,34 @@ impl<const N: usize> Cycle<N> {
     /// # Errors
     /// [`SetupError`] where the scenario does not fit the robot.
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, SetupError> {
-        let frame = scenario.frame();
         let q_start = start_posture(robot, scenario)?;
-        Ok(Self { controller: Controller::new(Model::new(robot, frame)?, robot, scenario, q_start)?, dof: robot.dof() })
+        Ok(Self { controller: Controller::new(Model::new(robot, scenario.frame())?, robot, scenario, q_start)?, dof: robot.dof() })
     }
 
-    /// Why the path cannot be followed, found before the first tick.
-    #[must_use]
-    pub fn obstacle(&self) -> Option<&str> {
+    /// Position, velocity and disturbance torque of the arm's own joints.
+    fn own(&self, estimate: &StateEstimate) -> [SVector<f64, N>; 3] {
+        [&estimate.q, &estimate.qdot, &estimate.tau_disturbance].map(|values| embedded::<N>(&values[..self.dof]))
+    }
+}
+
+impl<const N: usize> Step for Cycle<N> {
+    fn obstacle(&self) -> Option<&str> {
         self.controller.obstacle()
     }
 
-    /// A goal beyond reach, found before the first tick, in words.
-    #[must_use]
-    pub fn warning(&self) -> Option<String> {
+    fn warning(&self) -> Option<String> {
         self.controller.warning()
     }
 
-    /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its inputs.
-    pub fn save(&self, out: &mut ControllerCheckpoint) {
+    fn save(&self, out: &mut ControllerCheckpoint) {
         self.controller.save(out);
     }
 
-    /// Takes up what [`save`](Self::save) has written: the next step continues bit for bit.
-    pub fn restore(&mut self, from: &ControllerCheckpoint) {
+    fn restore(&mut self, from: &ControllerCheckpoint) {
         self.controller.restore(from);
     }
 
-    /// The torque for an estimate and the report of the same tick, and what the law did to arrive at it, at that tick. No allocation; a report
-    /// that cannot be read is refused.
-    pub fn step(&mut self, estimate: &StateEstimate, report: &SingularityReport, state: &mut ControlState, torque: &mut TorqueCommand) {
+    fn step(&mut self, estimate: &StateEstimate, report: &SingularityReport, state: &mut ControlState, torque: &mut TorqueCommand) {
         let [q, qdot, tau_disturbance] = self.own(estimate);
         let command = match wire::report(report) {
             Ok(report) => self.controller.step(&q, &qdot, &tau_disturbance, &report),
@@ -59,8 +81,7 @@ impl<const N: usize> Cycle<N> {
         torque.tau[self.dof..].fill(0.0);
     }
 
-    /// The same towards the target of this tick, in a scenario that is steered; `None`: none has come.
-    pub fn steer(
+    fn steer(
         &mut self,
         (estimate, report): (&StateEstimate, &SingularityReport),
         target: Option<&Target>,
@@ -77,10 +98,5 @@ impl<const N: usize> Cycle<N> {
         };
         wire::command_messages(tick, &command, state, torque);
         torque.tau[self.dof..].fill(0.0);
-    }
-
-    /// Position, velocity and disturbance torque of the arm's own joints.
-    fn own(&self, estimate: &StateEstimate) -> [SVector<f64, N>; 3] {
-        [&estimate.q, &estimate.qdot, &estimate.tau_disturbance].map(|values| embedded::<N>(&values[..self.dof]))
     }
 }

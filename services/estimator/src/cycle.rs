@@ -7,6 +7,18 @@ use shared_types::codes::DRIVE_BRAKED;
 use shared_types::scenario::Scenario;
 use shared_types::{EstimatorCheckpoint, Header, SensorSample, StateEstimate};
 
+/// The pure step of an arm of any number of joints.
+pub trait Step {
+    /// The estimate at the sample's tick.
+    fn step(&mut self, sample: &SensorSample, out: &mut StateEstimate);
+    /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its input.
+    fn save(&self, out: &mut EstimatorCheckpoint);
+    /// Takes up what [`save`](Self::save) has written: the next step continues bit for bit.
+    fn restore(&mut self, from: &EstimatorCheckpoint);
+    /// Whether a reading of the last sample was set aside.
+    fn rejects(&self) -> bool;
+}
+
 /// A predictor–corrector observer per joint with the arm's own dynamics as its predictor.
 ///
 /// Between two samples the state follows the model under the torque that the drives report; the encoder then corrects
@@ -102,9 +114,10 @@ impl<const N: usize> Cycle<N> {
             state: None,
         })
     }
+}
 
-    /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its input.
-    pub fn save(&self, out: &mut EstimatorCheckpoint) {
+impl<const N: usize> Step for Cycle<N> {
+    fn save(&self, out: &mut EstimatorCheckpoint) {
         *out = self.state.map_or_else(EstimatorCheckpoint::default, |state| EstimatorCheckpoint {
             tick: state.tick,
             q: padded(&state.q),
@@ -119,8 +132,7 @@ impl<const N: usize> Cycle<N> {
         });
     }
 
-    /// Takes up what [`save`](Self::save) has written: the next step continues bit for bit.
-    pub fn restore(&mut self, from: &EstimatorCheckpoint) {
+    fn restore(&mut self, from: &EstimatorCheckpoint) {
         let take = |values: &[f64]| SVector::from_column_slice(&values[..N]);
         self.state = (from.samples > 0).then(|| State {
             tick: from.tick,
@@ -137,14 +149,11 @@ impl<const N: usize> Cycle<N> {
         });
     }
 
-    /// Whether a reading of the last sample was set aside.
-    #[must_use]
-    pub fn rejects(&self) -> bool {
+    fn rejects(&self) -> bool {
         self.state.is_some_and(|state| state.rejected_ticks.iter().any(|ticks| *ticks > 0))
     }
 
-    /// The estimate at the sample's tick.
-    pub fn step(&mut self, sample: &SensorSample, out: &mut StateEstimate) {
+    fn step(&mut self, sample: &SensorSample, out: &mut StateEstimate) {
         let mut measured = SVector::<f64, N>::from_column_slice(&sample.q_encoder[..N]);
         let tau = SVector::<f64, N>::from_column_slice(&sample.tau_drive[..N]);
         let tick = sample.header.tick;
@@ -194,7 +203,9 @@ impl<const N: usize> Cycle<N> {
             stale_ticks: sample.stale_ticks,
         };
     }
+}
 
+impl<const N: usize> Cycle<N> {
     /// Decides whether a joint's reading is accepted; the prediction stands in for one that is set aside.
     fn weigh(&self, joint: usize, measured: &mut f64, predicted: &mut State<N>) {
         let rejected = predicted.rejected_ticks[joint];

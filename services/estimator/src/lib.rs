@@ -4,47 +4,19 @@
 mod cycle;
 mod disturbance;
 
-use model::{Refused, Robot, with_dof};
+use model::{Refused, Robot};
 use runtime::{ProcessError, Shell};
 use shared_types::scenario::Scenario;
 use shared_types::{EstimatorCheckpoint, SensorSample, StateEstimate};
 
-pub use cycle::Cycle;
-
-/// The pure step, whatever the number of joints; compiled once per number, here.
-pub trait Step {
-    /// The estimate at the sample's tick.
-    fn step(&mut self, sample: &SensorSample, out: &mut StateEstimate);
-    /// Writes what must survive a restart.
-    fn save(&self, out: &mut EstimatorCheckpoint);
-    /// Takes up what [`save`](Self::save) has written.
-    fn restore(&mut self, from: &EstimatorCheckpoint);
-    /// Whether a reading of the last sample was set aside.
-    fn rejects(&self) -> bool;
-}
-
-impl<const N: usize> Step for Cycle<N> {
-    fn step(&mut self, sample: &SensorSample, out: &mut StateEstimate) {
-        self.step(sample, out);
-    }
-    fn save(&self, out: &mut EstimatorCheckpoint) {
-        self.save(out);
-    }
-    fn restore(&mut self, from: &EstimatorCheckpoint) {
-        self.restore(from);
-    }
-    fn rejects(&self) -> bool {
-        self.rejects()
-    }
-}
+pub use cycle::{Cycle, Step};
 
 /// The step for an arm of as many joints as `robot` has.
 ///
 /// # Errors
-/// [`Refused`] where robot and scenario do not fit, or the program is not built for that number of joints.
+/// [`Refused`] where robot and scenario do not fit, or the arm has more joints than the program is built for.
 pub fn cycle(robot: &Robot, scenario: &Scenario) -> Result<Box<dyn Step>, Refused> {
-    with_dof!(robot.dof(), N => Cycle::<N>::new(robot, scenario).map(|cycle| Box::new(cycle) as Box<dyn Step>).map_err(Refused::because))
-        .unwrap_or_else(|| Err(Refused::size(robot)))
+    model::boxed!(robot, N => Cycle::<N>::new(robot, scenario), dyn Step)
 }
 
 /// Estimates until the run stops.

@@ -6,9 +6,6 @@
 use crate::robot::Robot;
 use nalgebra::SVector;
 
-/// Sizes for which the program is compiled. One more is one more arm in [`with_dof`](crate::with_dof), and the time to compile it.
-pub const SIZES: [usize; 3] = [6, 7, 8];
-
 /// Why something cannot be built for a robot, in one sentence.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
@@ -34,30 +31,45 @@ pub fn embedded<const N: usize>(values: &[f64]) -> SVector<f64, N> {
     SVector::from_fn(|i, _| values.get(i).copied().unwrap_or_default())
 }
 
-/// Evaluates an expression with the smallest size that holds `$dof` joints as a constant; `None` if there is none.
-///
-/// ```
-/// let robot = model::Robot::builtin("planar3r")?;
-/// assert_eq!(model::with_dof!(robot.dof(), N => N), Some(6));
-/// # Ok::<(), model::RobotError>(())
-/// ```
-#[macro_export]
-macro_rules! with_dof {
-    ($dof:expr, $N:ident => $body:expr) => {
-        match $dof {
-            1..=6 => {
-                const $N: usize = 6;
-                Some($body)
-            }
-            7 => {
-                const $N: usize = 7;
-                Some($body)
-            }
-            8 => {
-                const $N: usize = 8;
-                Some($body)
-            }
-            _ => None,
+/// Makes [`SIZES`] and [`with_dof`] of one list. `$d` is the dollar sign of the macro that is made.
+macro_rules! sizes {
+    ($d:tt $($size:literal),+) => {
+        /// Sizes for which the program is compiled, in order. One more is one more literal below, and the time to compile it.
+        pub const SIZES: [usize; [$($size),+].len()] = [$($size),+];
+
+        /// Evaluates an expression with the smallest size that holds `$dof` joints as a constant; `None` if there is none.
+        ///
+        /// ```
+        /// let robot = model::Robot::builtin("planar3r")?;
+        /// assert_eq!(model::with_dof!(robot.dof(), N => N), Some(6));
+        /// assert_eq!(model::with_dof!(model::SIZES[2] + 1, N => N), None);
+        /// # Ok::<(), model::RobotError>(())
+        /// ```
+        #[macro_export]
+        macro_rules! with_dof {
+            ($d dof:expr, $d N:ident => $d body:expr) => {
+                match $d dof {
+                    0 => None,
+                    $(dof if dof <= $size => {
+                        const $d N: usize = $size;
+                        Some($d body)
+                    })+
+                    _ => None,
+                }
+            };
         }
+    };
+}
+
+sizes!($ 6, 7, 8);
+
+/// Builds a process's step in the size of `$robot`: `$step` gives it for `$N` joints or an error, and it is boxed as `$Step`.
+///
+/// The value is a `Result<Box<$Step>, Refused>`, refused for the step's own reason or for an arm that no size holds.
+#[macro_export]
+macro_rules! boxed {
+    ($robot:expr, $N:ident => $step:expr, $Step:ty) => {
+        $crate::with_dof!($robot.dof(), $N => $step.map(|step| Box::new(step) as Box<$Step>).map_err($crate::Refused::because))
+            .unwrap_or_else(|| Err($crate::Refused::size($robot)))
     };
 }

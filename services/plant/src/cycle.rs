@@ -25,6 +25,22 @@ pub enum SetupError {
     Model(#[from] ModelError),
 }
 
+/// The pure step of an arm of any number of joints.
+pub trait Step {
+    /// The sensors' readings at `tick`, and the truth; incarnation and stamps are the caller's to fill.
+    ///
+    /// A pure function of the state and `tick`: asking twice gives the same.
+    fn sample(&self, tick: u64, sample: &mut SensorSample, truth: &mut PlantState);
+    /// Advances one tick under `command` (`None`: none came); its header gives its age.
+    fn step(&mut self, command: Option<&TorqueCommand>);
+    /// Takes up the faults that concern `tick`, before its sample.
+    fn apply_faults(&mut self, tick: u64, scheduled_faults: &[ScheduledFault]);
+    /// Whether there is nothing more to simulate: the task is done; or the controller refused to go on, and the arm has had
+    /// 2 s to come to rest; or the motion left the finite numbers; or the run is 20 times as long as planned, or as long as the interrupted one
+    /// that it repeats.
+    fn is_over(&self) -> bool;
+}
+
 /// The arm, its drives and its encoders, from tick to tick.
 ///
 /// Between tick k and k + 1 the torque commanded from the sample of tick k acts.
@@ -67,11 +83,10 @@ impl<const N: usize> Cycle<N> {
             diverged: false,
         })
     }
+}
 
-    /// The sensors' readings at `tick`, and the truth; incarnation and stamps are the caller's to fill.
-    ///
-    /// A pure function of the state and `tick`: asking twice gives the same.
-    pub fn sample(&self, tick: u64, sample: &mut SensorSample, truth: &mut PlantState) {
+impl<const N: usize> Step for Cycle<N> {
+    fn sample(&self, tick: u64, sample: &mut SensorSample, truth: &mut PlantState) {
         let (x, touch, applied) = (self.plant.state(), self.plant.touch(), self.drive.applied());
         let header = Header { tick, ..Header::default() };
         *sample = SensorSample {
@@ -103,14 +118,12 @@ impl<const N: usize> Cycle<N> {
         };
     }
 
-    /// Takes up the faults that concern `tick`, before its sample.
-    pub fn apply_faults(&mut self, tick: u64, scheduled_faults: &[ScheduledFault]) {
+    fn apply_faults(&mut self, tick: u64, scheduled_faults: &[ScheduledFault]) {
         let reading = self.encoders.read(tick, &self.plant.state().q);
         self.hardware_faults.begin(scheduled_faults, &reading, &self.acted);
     }
 
-    /// Advances one tick under `command` (`None`: none came); its header gives its age.
-    pub fn step(&mut self, command: Option<&TorqueCommand>) {
+    fn step(&mut self, command: Option<&TorqueCommand>) {
         let tau = command.map(|command| embedded::<N>(&command.tau[..self.dof]));
         let age = command.map_or(0, |command| self.ticks.saturating_sub(command.header.tick));
         let x = self.plant.state();
@@ -128,11 +141,7 @@ impl<const N: usize> Cycle<N> {
         self.ticks += 1;
     }
 
-    /// Whether there is nothing more to simulate: the task is done; or the controller refused to go on, and the arm has had
-    /// 2 s to come to rest; or the motion left the finite numbers; or the run is 20 times as long as planned, or as long as the interrupted one
-    /// that it repeats.
-    #[must_use]
-    pub fn is_over(&self) -> bool {
+    fn is_over(&self) -> bool {
         self.diverged || self.end.is_over(self.ticks)
     }
 }

@@ -4,48 +4,19 @@
 mod cycle;
 mod hardware_faults;
 
-use model::{Refused, Robot, with_dof};
+use model::{Refused, Robot};
 use runtime::{MOST_FAULTS, ProcessError, Shell};
-use shared_types::fault::ScheduledFault;
 use shared_types::scenario::Scenario;
 use shared_types::{PlantState, SensorSample, TorqueCommand};
 
-pub use cycle::Cycle;
-
-/// The pure step, whatever the number of joints; compiled once per number, here.
-pub trait Step {
-    /// The sensors' readings at `tick`, and the truth.
-    fn sample(&self, tick: u64, sample: &mut SensorSample, truth: &mut PlantState);
-    /// Moves the arm to the next tick under `command` (`None`: none came).
-    fn step(&mut self, command: Option<&TorqueCommand>);
-    /// Takes up the faults that concern `tick`, before its sample.
-    fn apply_faults(&mut self, tick: u64, scheduled_faults: &[ScheduledFault]);
-    /// Whether the task is over.
-    fn is_over(&self) -> bool;
-}
-
-impl<const N: usize> Step for Cycle<N> {
-    fn sample(&self, tick: u64, sample: &mut SensorSample, truth: &mut PlantState) {
-        self.sample(tick, sample, truth);
-    }
-    fn step(&mut self, command: Option<&TorqueCommand>) {
-        self.step(command);
-    }
-    fn apply_faults(&mut self, tick: u64, scheduled_faults: &[ScheduledFault]) {
-        self.apply_faults(tick, scheduled_faults);
-    }
-    fn is_over(&self) -> bool {
-        self.is_over()
-    }
-}
+pub use cycle::{Cycle, Step};
 
 /// The step for an arm of as many joints as `robot` has.
 ///
 /// # Errors
-/// [`Refused`] where robot and scenario do not fit, or the program is not built for that number of joints.
+/// [`Refused`] where robot and scenario do not fit, or the arm has more joints than the program is built for.
 pub fn cycle(robot: &Robot, scenario: &Scenario) -> Result<Box<dyn Step>, Refused> {
-    with_dof!(robot.dof(), N => Cycle::<N>::new(robot, scenario).map(|cycle| Box::new(cycle) as Box<dyn Step>).map_err(Refused::because))
-        .unwrap_or_else(|| Err(Refused::size(robot)))
+    model::boxed!(robot, N => Cycle::<N>::new(robot, scenario), dyn Step)
 }
 
 /// Simulates `robot` until the task is over or the run stops.
