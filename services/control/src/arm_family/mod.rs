@@ -10,6 +10,7 @@
 //!
 //! All implement [`family::ArmFamily`]; [`choice::Family`] picks one. The law depends on the type of a singularity, not on the family.
 
+mod ahead;
 pub(crate) mod axes;
 mod block;
 pub mod choice;

@@ -108,7 +108,7 @@ impl<const N: usize> ArmFamily<N> for ParallelAxes {
                 let (n, n_rate) = (z[1], (z[0] * at.qdot_planned[0]).cross(&z[1]));
                 let axes = wrist::Wrist { z4: n, z5: z[N - 2], z6: z[N - 1], z4_rate: n_rate, carried: 0.0, joints: (None, N - 1) };
                 let arm = PlanarArm::new(at.terms, &at.at.p);
-                wrist::direction(&axes, s, at, memory, |p, z6_d| arm.at(p).sees(z6_d))
+                wrist::direction(&axes, s, at, memory, |p, z6_d| arm.at(p).wrist_bend(z6_d))
             }
         })
     }

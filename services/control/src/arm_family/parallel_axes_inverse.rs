@@ -1,16 +1,13 @@
 //! Where an arm of parallel axes will have to be: closed-form inverse kinematics of its waist, its wrist's middle axis and its elbow.
 
+use super::ahead::{self, InverseKinematics, Point};
 use super::axes::shoulder;
 use super::family::Situation;
-use super::waist::CROSSING;
-use super::wrist::PASS;
+use super::wrist::MU;
 use crate::continuous::foresight::{Foreseen, Foresight};
-use crate::linear::{angular, linear, rotation_exp, wrap_angle, wrap_line};
-use model::Terms;
+use crate::linear::{angular, linear, rotation_exp, wrap_angle};
+use model::{Pose, Terms};
 use nalgebra::{Vector2, Vector3};
-
-/// Damping on the sine of the desired wrist angle: as in the wrist's own reference.
-const MU: f64 = 0.02;
 
 /// Step of the difference quotient for rates, s: rounding (1e-16/h) and curvature (h²) both far below encoder noise.
 const STEP_S: f64 = 1e-5;
@@ -93,7 +90,7 @@ pub struct PlanarArm {
 
 /// The arm's plane at one place of C.
 #[derive(Clone, Copy, Debug)]
-pub struct Placed {
+pub struct PlacedPlane {
     /// Turn of the waist from where it is now, rad.
     pub(super) turn: f64,
     /// C in the plane, m.
@@ -102,9 +99,11 @@ pub struct Placed {
     x: Vector3<f64>,
 }
 
-impl Placed {
-    /// w = n×z6_d in the arm's plane, where its direction is φ but for a constant.
-    pub fn sees(&self, z6_d: &Vector3<f64>) -> Vector2<f64> {
+impl PlacedPlane {
+    /// The wrist's bend w = n×z6_d in the arm's plane, |w| the sine of the wrist angle and its direction φ but for a constant.
+    ///
+    /// Requires `z6_d`, the desired last axis, a unit vector in base axes.
+    pub fn wrist_bend(&self, z6_d: &Vector3<f64>) -> Vector2<f64> {
         Vector2::new(-z6_d.dot(&self.x), z6_d.dot(&self.z1))
     }
 }
@@ -117,19 +116,18 @@ impl PlanarArm {
         Self { plane, side: if plane.C.y < 0.0 { -1.0 } else { 1.0 } }
     }
 
-    fn other_side(&self) -> Self {
-        Self { side: -self.side, ..*self }
-    }
-
-    /// The plane for a place of C: d from the waist axis; a place nearer to it than d is moved to the boundary.
-    pub fn at(&self, p: &Vector3<f64>) -> Placed {
+    /// The plane for a place of C: d from the waist axis.
+    ///
+    /// Units m · Frame `p` in base axes, from the base's origin · Ensures finite numbers: a place nearer to the waist axis than d is moved to the
+    /// boundary · Errors none · Cost O(1), no allocation
+    pub fn at(&self, p: &Vector3<f64>) -> PlacedPlane {
         let Plane { n, z1, x, S, d, .. } = self.plane;
         let p = p - S;
         let (along, across) = (p.dot(&x), p.dot(&n));
         let R = self.side * (along * along + across * across - d * d).max(0.0).sqrt();
         let turn = wrap_angle(libm::atan2(across, along) - libm::atan2(d, R));
         let (sin, cos) = libm::sincos(turn);
-        Placed { turn, C: Vector2::new(p.dot(&z1), R), z1, x: x * cos + n * sin }
+        PlacedPlane { turn, C: Vector2::new(p.dot(&z1), R), z1, x: x * cos + n * sin }
     }
 
     /// Where axis 4 has to be for C there and axis 5 along `z5`, m.
@@ -157,7 +155,7 @@ impl PlanarArm {
         let turning = at.terms.z[1].dot(&(at.terms.omega[3] - at.terms.omega[0]));
         let cosine = |t: f64| {
             let placed = self.at(&(at.desired.p + linear(&at.desired.V) * t));
-            let w = placed.sees(&(rotation_exp(&(angular(&at.desired.V) * t)) * (at.desired.R * z6_E)));
+            let w = placed.wrist_bend(&(rotation_exp(&(angular(&at.desired.V) * t)) * (at.desired.R * z6_E)));
             let now = turned(&self.plane.z5, turning * t);
             self.cosine(&self.axis_4(&placed.C, &Self::axis_5(&w, &now)))
         };
@@ -183,62 +181,51 @@ impl PlanarArm {
     }
 }
 
-/// Largest share of any rate that each stretch of the path ahead takes at full clock speed.
-///
-/// Rates of joints 1 to 4 and of link 4 between points of the path; near a singularity the auxiliary rate bounds the joint that is its coordinate.
-pub fn foresee<const N: usize>(at: &Foresight<'_, N>, out: &mut Foreseen) {
-    let mut arm = PlanarArm::new(at.terms, &at.p_C);
-    let z6_E = at.terms.X_BE.R.transpose() * at.terms.z[N - 1];
-    let reach = arm.plane.upper.norm() + arm.plane.lower.norm();
-    let side = arm.plane.theta();
-    let seen = |arm: &PlanarArm, k: usize, z5: &Vector2<f64>| {
-        let X = at.poses[k];
-        let placed = arm.at(&X.p);
-        let w = placed.sees(&(X.R * z6_E));
-        let next = PlanarArm::axis_5(&w, z5);
-        let axis_4 = arm.axis_4(&placed.C, &next);
-        let theta = libm::acos(arm.cosine(&axis_4).clamp(-1.0, 1.0)).copysign(side);
-        (placed, w, next, arm.angles(&axis_4, theta, &next))
-    };
-    let (mut placed, mut w, mut z5, mut angles) = seen(&arm, 0, &arm.plane.z5);
-    for k in 1..at.poses.len() {
-        let mut next = seen(&arm, k, &z5);
-        if placed.C.y.abs() < CROSSING {
-            let other = arm.other_side();
-            let there = seen(&other, k, &z5);
-            let jump = |p: &Placed| wrap_angle(p.turn - placed.turn).abs();
-            if jump(&there.0) < jump(&next.0) {
-                (arm, next) = (other, there);
-            }
-        }
-        let mut turn = libm::atan2(w.perp(&next.1), w.dot(&next.1));
-        let side = next.1 - w;
-        let nearest = (w + side * (-w.dot(&side) / side.norm_squared().max(1e-18)).clamp(0.0, 1.0)).norm();
-        if at.passing || nearest < PASS {
-            turn = wrap_line(turn);
-        }
-        // Believed as the wrist's own reference is.
-        let size = w.norm_squared().min(next.1.norm_squared());
-        turn *= size / (size + MU * MU);
-        let moved = [
-            wrap_angle(next.0.turn - placed.turn),
-            wrap_angle(next.3[0] - angles[0]),
-            wrap_angle(next.3[1] - angles[1]),
-            turn - wrap_angle(next.3[0] - angles[0]) - wrap_angle(next.3[1] - angles[1]),
-            turn,
-        ];
-        let near_elbow = libm::sin(next.3[1]).abs() < at.eta_out.elbow;
-        let near_wrist = nearest < at.eta_out.wrist;
-        let limits = [
-            if next.0.C.y.abs() < at.eta_out.overhead * reach { at.rate_max.overhead.min(at.velocity[0]) } else { at.velocity[0] },
-            at.velocity[1],
-            if near_elbow { at.rate_max.elbow.min(at.velocity[2]) } else { at.velocity[2] },
-            at.velocity[3],
-            if near_wrist { at.rate_max.wrist } else { f64::INFINITY },
-        ];
-        for (by, limit) in moved.iter().zip(limits) {
-            out.demand[k - 1] = out.demand[k - 1].max(by.abs() / (at.step_s * limit));
-        }
-        (placed, w, z5, angles) = next;
+/// An arm of parallel axes at a point of the path ahead.
+#[derive(Clone, Copy, Debug)]
+pub struct InPlane {
+    /// Axis 5.
+    z5: Vector2<f64>,
+    /// Angle of the upper arm, and θ, rad.
+    angles: [f64; 2],
+}
+
+impl InverseKinematics for PlanarArm {
+    type Joints = InPlane;
+
+    fn other_side(&self) -> Self {
+        Self { side: -self.side, ..*self }
     }
+
+    fn at_pose(&self, X: &Pose, z6_d: &Vector3<f64>, before: Option<&InPlane>) -> Point<InPlane> {
+        let placed = self.at(&X.p);
+        let w = placed.wrist_bend(z6_d);
+        let z5 = Self::axis_5(&w, before.map_or(&self.plane.z5, |before| &before.z5));
+        let axis_4 = self.axis_4(&placed.C, &z5);
+        let theta = libm::acos(self.cosine(&axis_4).clamp(-1.0, 1.0)).copysign(self.plane.theta());
+        let [upper, theta, _] = self.angles(&axis_4, theta, &z5);
+        Point { turn: placed.turn, R: placed.C.y, w, joints: InPlane { z5, angles: [upper, theta] } }
+    }
+}
+
+/// Demand of the path ahead on joints 1 to 4 and on link 4; near a singularity the auxiliary rate bounds the joint that is its coordinate.
+pub(super) fn foresee<const N: usize>(at: &Foresight<'_, N>, out: &mut Foreseen) {
+    let arm = PlanarArm::new(at.terms, &at.p_C);
+    let reach = arm.plane.upper.norm() + arm.plane.lower.norm();
+    let Foresight { velocity, rate_max, eta_out, .. } = at;
+    ahead::foresee(arm, at, out, |stretch| {
+        let (from, to) = (&stretch.from, &stretch.to);
+        // Damped as the reference of the wrist is.
+        let size = from.w.norm_squared().min(to.w.norm_squared());
+        let link_4 = stretch.wrist * (size / (size + MU * MU));
+        let [upper, elbow] = [0, 1].map(|i| wrap_angle(to.joints.angles[i] - from.joints.angles[i]));
+        let limit = |is_near: bool, most: f64, joint: usize| if is_near { most.min(velocity[joint]) } else { velocity[joint] };
+        [
+            (stretch.waist, limit(to.R.abs() < eta_out.overhead * reach, rate_max.overhead, 0)),
+            (upper, velocity[1]),
+            (elbow, limit(libm::sin(to.joints.angles[1]).abs() < eta_out.elbow, rate_max.elbow, 2)),
+            (link_4 - upper - elbow, velocity[3]),
+            (link_4, if stretch.nearest < eta_out.wrist { rate_max.wrist } else { f64::INFINITY }),
+        ]
+    });
 }

@@ -69,7 +69,9 @@ impl<const N: usize> ArmFamily<N> for Puma {
             Kind::Overhead => waist::direction(at, memory),
             _ => {
                 let forearm = Forearm::new(&self.lengths, at.q, at.terms, &at.at.p);
-                wrist::direction(&wrist::Wrist::spherical(at.terms, at.qdot_planned), s, at, memory, |p, z6_d| forearm.at(p).sees(z6_d))
+                wrist::direction(&wrist::Wrist::spherical(at.terms, at.qdot_planned), s, at, memory, |p, z6_d| {
+                    forearm.at(p).wrist_bend(z6_d)
+                })
             }
         })
     }

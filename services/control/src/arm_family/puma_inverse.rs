@@ -1,10 +1,9 @@
 //! A PUMA's lengths, and its closed-form inverse kinematics along the path: where the first three joints and the wrist will have to be.
 
+use super::ahead::{self, InverseKinematics, Point};
 use super::axes::shoulder;
-use super::waist::CROSSING;
-use super::wrist::PASS;
 use crate::continuous::foresight::{Foreseen, Foresight};
-use crate::linear::{rotation_exp, rotation_log, wrap_angle, wrap_line};
+use crate::linear::{rotation_exp, rotation_log, wrap_angle};
 use model::{Model, Pose, Terms};
 use nalgebra::{Matrix3, SVector, Vector2, Vector3};
 
@@ -33,7 +32,7 @@ impl PumaLengths {
     }
 }
 
-/// The first three joints' inverse kinematics, on the sides of shoulder and elbow where the arm is.
+/// The first three joints' inverse kinematics, on the sides of shoulder and elbow where the arm is. Frame base axes; m, rad.
 #[derive(Clone, Copy, Debug)]
 pub struct Forearm {
     puma: PumaLengths,
@@ -48,7 +47,7 @@ pub struct Forearm {
 
 /// The forearm at one place of the wrist centre.
 #[derive(Clone, Copy, Debug)]
-pub struct Placed {
+pub struct PlacedForearm {
     /// Turn of the waist from where it is now, q2 and θ, rad.
     pub angles: [f64; 3],
     /// In-plane radius, m.
@@ -78,9 +77,12 @@ impl Forearm {
         }
     }
 
-    /// The forearm for a place of the wrist centre; a place beyond reach is moved to the boundary.
+    /// The forearm for a place of the wrist centre.
+    ///
+    /// Units m · Frame `p` in base axes, from the base's origin · Ensures finite angles: a place beyond reach is moved to the boundary, which
+    /// `within_reach` of the result tells · Errors none · Cost O(1), no allocation
     #[must_use]
-    pub fn at(&self, p: &Vector3<f64>) -> Placed {
+    pub fn at(&self, p: &Vector3<f64>) -> PlacedForearm {
         let [a2, L3, d] = [self.puma.a2, self.puma.L3, self.offset];
         let p = self.axes * (p - self.shoulder);
         let r2 = p.x * p.x + p.y * p.y;
@@ -97,7 +99,7 @@ impl Forearm {
         let axes = [to_base * Vector3::new(s23 * c1, s23 * s1, c23), to_base * Vector3::new(-s1, c1, 0.0)];
         // A place exactly on the boundary is within reach: rounding is not a distance.
         let within_reach = r2 >= d * d - 1e-12 && needed.abs() <= 1.0 + 1e-12;
-        Placed { angles: [turn, q2, theta], R, within_reach, axes }
+        PlacedForearm { angles: [turn, q2, theta], R, within_reach, axes }
     }
 
     /// The same on chosen sides of shoulder and elbow, ±1.
@@ -105,71 +107,48 @@ impl Forearm {
     pub fn on(&self, sides: [f64; 2]) -> Self {
         Self { sides, ..*self }
     }
-
-    /// The same on the other side of the waist axis.
-    fn other_side(&self) -> Self {
-        self.on([-self.sides[0], self.sides[1]])
-    }
 }
 
-impl Placed {
-    /// w = z4×z6_d in the forearm's own axes z2 and z4×z2, where its direction is q4 but for a constant.
+impl PlacedForearm {
+    /// The wrist's bend w = z4×z6_d in the forearm's own axes z2 and z4×z2, |w| the sine of the wrist angle and its direction q4 but for a constant.
+    ///
+    /// Requires `z6_d`, the desired last axis, a unit vector in base axes.
     #[must_use]
-    pub fn sees(&self, z6_d: &Vector3<f64>) -> Vector2<f64> {
+    pub fn wrist_bend(&self, z6_d: &Vector3<f64>) -> Vector2<f64> {
         let [z4, z2] = self.axes;
         let w = z4.cross(z6_d);
         Vector2::new(w.dot(&z2), w.dot(&z4.cross(&z2)))
     }
 }
 
-/// Largest share of any rate that each stretch of the path ahead takes at full clock speed.
-///
-/// Rates of joints 1 to 4 between points of the path; near a singularity the auxiliary rate bounds the joint that is its coordinate.
-pub fn foresee<const N: usize>(puma: &PumaLengths, at: &Foresight<'_, N>, out: &mut Foreseen) {
-    let mut forearm = Forearm::new(puma, at.q, at.terms, &at.p_C);
-    let z6_E = at.terms.X_BE.R.transpose() * at.terms.z[5];
-    let seen = |forearm: &Forearm, k: usize| {
-        let X = at.poses[k];
-        let placed = forearm.at(&X.p);
-        (placed, placed.sees(&(X.R * z6_E)))
-    };
-    let (mut placed, mut w) = seen(&forearm, 0);
-    for k in 1..at.poses.len() {
-        let (mut next, mut next_w) = seen(&forearm, k);
-        if placed.R.abs() < CROSSING {
-            let other = forearm.other_side();
-            let (there, there_w) = seen(&other, k);
-            let jump = |p: &Placed| wrap_angle(p.angles[0] - placed.angles[0]).abs();
-            if jump(&there) < jump(&next) {
-                (forearm, next, next_w) = (other, there, there_w);
-            }
-        }
-        let mut turn = libm::atan2(w.perp(&next_w), w.dot(&next_w));
-        let side = next_w - w;
-        let nearest = (w + side * (-w.dot(&side) / side.norm_squared().max(1e-18)).clamp(0.0, 1.0)).norm();
-        if at.passing || nearest < PASS {
-            turn = wrap_line(turn);
-        }
-        let sin_elbow = libm::sin(next.angles[2]);
-        let near = [
-            next.R.abs() < at.eta_out.overhead * (puma.a2 + puma.L3),
-            false,
-            sin_elbow.abs() < at.eta_out.elbow,
-            nearest < at.eta_out.wrist,
-        ];
-        let caps = [at.rate_max.overhead, 0.0, at.rate_max.elbow, at.rate_max.wrist];
-        let moved = [
-            wrap_angle(next.angles[0] - placed.angles[0]),
-            wrap_angle(next.angles[1] - placed.angles[1]),
-            wrap_angle(next.angles[2] - placed.angles[2]),
-            turn,
-        ];
-        for j in 0..4 {
-            let limit = if near[j] { caps[j].min(at.velocity[j]) } else { at.velocity[j] };
-            out.demand[k - 1] = out.demand[k - 1].max(moved[j].abs() / (at.step_s * limit));
-        }
-        (placed, w) = (next, next_w);
+impl InverseKinematics for Forearm {
+    /// q2 and θ, rad.
+    type Joints = [f64; 2];
+
+    fn other_side(&self) -> Self {
+        self.on([-self.sides[0], self.sides[1]])
     }
+
+    fn at_pose(&self, X: &Pose, z6_d: &Vector3<f64>, _before: Option<&[f64; 2]>) -> Point<[f64; 2]> {
+        let placed = self.at(&X.p);
+        let [turn, q2, theta] = placed.angles;
+        Point { turn, R: placed.R, w: placed.wrist_bend(z6_d), joints: [q2, theta] }
+    }
+}
+
+/// Demand of the path ahead on joints 1 to 4; near a singularity the auxiliary rate bounds the joint that is its coordinate.
+pub(super) fn foresee<const N: usize>(puma: &PumaLengths, at: &Foresight<'_, N>, out: &mut Foreseen) {
+    let Foresight { velocity, rate_max, eta_out, .. } = at;
+    ahead::foresee(Forearm::new(puma, at.q, at.terms, &at.p_C), at, out, |stretch| {
+        let ([q2_before, theta_before], [q2, theta]) = (stretch.from.joints, stretch.to.joints);
+        let limit = |is_near: bool, most: f64, joint: usize| if is_near { most.min(velocity[joint]) } else { velocity[joint] };
+        [
+            (stretch.waist, limit(stretch.to.R.abs() < eta_out.overhead * (puma.a2 + puma.L3), rate_max.overhead, 0)),
+            (wrap_angle(q2 - q2_before), velocity[1]),
+            (wrap_angle(theta - theta_before), limit(libm::sin(theta).abs() < eta_out.elbow, rate_max.elbow, 2)),
+            (stretch.wrist, limit(stretch.nearest < eta_out.wrist, rate_max.wrist, 3)),
+        ]
+    });
 }
 
 /// Closed-form inverse kinematics of a PUMA at its wrist centre.

@@ -11,7 +11,7 @@ use model::Terms;
 use nalgebra::{Matrix3, SVector, Vector2, Vector3};
 
 /// Damping on the sine of the desired wrist angle, a hundred times encoder noise.
-const MU: f64 = 0.02;
+pub(super) const MU: f64 = 0.02;
 
 /// Closest approach to the singularity below which it is passed through with ζ off the direction of travel, rad: the orientation error that costs.
 pub(super) const PASS: f64 = 0.004;
@@ -27,6 +27,9 @@ const PASS_RATIO: f64 = 1.8;
 
 /// Distance that passing through keeps from the limits of the joint that turns ζ, rad.
 const MARGIN: f64 = 0.02;
+
+/// Squared length of a segment below which it counts as a point; rounding of unit vectors squared is 1e-32.
+const SEGMENT_MIN: f64 = 1e-18;
 
 /// Wrist: the end-effector cannot turn about n = z4×z5 when z6 is parallel to z4 (of a spherical wrist, whose axes are the last three).
 ///
@@ -98,13 +101,13 @@ impl Wrist {
 /// φ̇_ff = z4·(w×ẇ)/(|w|² + μ²). Passing: z5 is held in the forearm along the direction in which w will pass the singularity, so that z6 travels in the
 /// plane normal to z5; done where w passes so near that the error this makes is negligible, and where joint 4 has not the room to follow.
 ///
-/// `sees(p, z6_d)` gives w in the forearm's own plane for C at `p`, on the side where the arm is.
+/// `bend_at(p, z6_d)` gives w in the forearm's own plane for C at `p`, on the side where the arm is.
 pub(super) fn direction<const N: usize>(
     wrist: &Wrist,
     s: &Singularity<N>,
     at: &Situation<'_, N>,
     memory: &mut Memory,
-    sees: impl Fn(&Vector3<f64>, &Vector3<f64>) -> Vector2<f64>,
+    bend_at: impl Fn(&Vector3<f64>, &Vector3<f64>) -> Vector2<f64>,
 ) -> Direction {
     let Wrist { z4, z5, z4_rate, .. } = *wrist;
     let z6_E = at.terms.X_BE.R.transpose() * wrist.z6;
@@ -121,7 +124,7 @@ pub(super) fn direction<const N: usize>(
     let turning = z4.dot(&w.cross(&w_rate));
     let near = size < NEAR * NEAR && s.s.abs() < s.eta_out;
     if !memory.passing && approaching && w_rate.norm() > MOVING && near {
-        let outlook = Outlook::along(at, &z6_E, sees);
+        let outlook = Outlook::along(at, &z6_E, bend_at);
         let worst = rate_of(angular(at.V_nominal)).norm() / outlook.miss.max(1e-9);
         let hasty = !at.governed && worst > PASS_RATIO * at.rate_max;
         let room = wrist.joints.0.is_none_or(|i| {
@@ -164,21 +167,20 @@ impl Outlook {
     fn along<const N: usize>(
         at: &Situation<'_, N>,
         z6_E: &Vector3<f64>,
-        sees: impl Fn(&Vector3<f64>, &Vector3<f64>) -> Vector2<f64>,
+        bend_at: impl Fn(&Vector3<f64>, &Vector3<f64>) -> Vector2<f64>,
     ) -> Self {
-        let seen = |share: f64| {
+        let bend = |share: f64| {
             let X = at.ahead.pose(share);
-            sees(&X.p, &(X.R * z6_E))
+            bend_at(&X.p, &(X.R * z6_E))
         };
-        let start = seen(0.0);
+        let start = bend(0.0);
         let mut from = start;
         let mut turned = 0.0;
         let mut out = Self { miss: start.norm(), crossing: 0.0, lowest: 0.0, highest: 0.0 };
         for k in 1..=Self::SIDES {
-            let to = seen(f64::from(k) / f64::from(Self::SIDES));
+            let to = bend(f64::from(k) / f64::from(Self::SIDES));
             let side = to - from;
-            let along = (-from.dot(&side) / side.norm_squared().max(1e-18)).clamp(0.0, 1.0);
-            let nearest = (from + side * along).norm();
+            let nearest = nearest_to_origin(&from, &to).norm();
             if nearest < out.miss {
                 out.miss = nearest;
                 out.crossing = wrap_line(libm::atan2(start.perp(&side), start.dot(&side)));
@@ -190,6 +192,12 @@ impl Outlook {
         }
         out
     }
+}
+
+/// The point of the segment from `from` to `to` that is nearest to the origin; `from` where the two are one.
+pub(super) fn nearest_to_origin(from: &Vector2<f64>, to: &Vector2<f64>) -> Vector2<f64> {
+    let side = to - from;
+    from + side * (-from.dot(&side) / side.norm_squared().max(SEGMENT_MIN)).clamp(0.0, 1.0)
 }
 
 /// The smallest turn that brings the direction `from` onto the line of `to`, about `normal`, in (−π/2, π/2].

@@ -40,7 +40,7 @@ proptest! {
         let arm = PlanarArm::new(&terms, &one.p_BC);
         let placed = arm.at(&two.p_BC);
         prop_assert!(wrap_angle(placed.turn - (q2[0] - q[0])).abs() < 1e-9, "waist");
-        let w = placed.sees(&there.z[5]);
+        let w = placed.wrist_bend(&there.z[5]);
         let z5 = w * (if w.dot(&arm.plane.z5) < 0.0 { -1.0 } else { 1.0 } / w.norm());
         let expected = turned(&arm.plane.z5, q2[1] + q2[2] + q2[3] - q[1] - q[2] - q[3]);
         prop_assume!(expected.dot(&arm.plane.z5) > 0.0);
