@@ -2,6 +2,7 @@
 #![allow(clippy::needless_range_loop, reason = "indices name rows and directions of several arrays at once")]
 
 use super::screws::Screws;
+use super::thresholds::SQUARED_GAP;
 use crate::linear::one_sided_jacobi;
 use model::{joints, padded};
 use nalgebra::{SMatrix, SVector, Vector6};
@@ -9,9 +10,6 @@ use shared_types::checkpoints::BlockCheckpoint;
 
 /// Length below which a row is noise and v comes from its companions.
 const TINY: f64 = 1e-7;
-
-/// Damping of differences of squared singular values where two cross.
-const CROSSING: f64 = 1e-4;
 
 /// Some rows and columns of the unit-scaled J, decomposed: B = Σ u_i σ_i v_iᵀ, continuous in sign and order.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -93,7 +91,7 @@ impl<const N: usize> Block<N> {
         let mut a = self.covector(i);
         for j in (0..self.count).filter(|j| *j != i) {
             let sigma = self.sigma[j];
-            let share = self.sigma[i] * sigma / (sigma * sigma + CROSSING) * self.v[j].dot(gradient) / slope;
+            let share = self.sigma[i] * sigma / (sigma * sigma + SQUARED_GAP) * self.v[j].dot(gradient) / slope;
             a += self.covector(j) * share;
         }
         a
@@ -125,7 +123,7 @@ impl<const N: usize> Block<N> {
     /// 1/(σ_i² − σ_j²), bounded where the two cross.
     fn over(&self, i: usize, j: usize) -> f64 {
         let gap = self.sigma[i] * self.sigma[i] - self.sigma[j] * self.sigma[j];
-        gap / (gap * gap + CROSSING * CROSSING)
+        gap / (gap * gap + SQUARED_GAP * SQUARED_GAP)
     }
 
     /// v̇_i·q̇: the acceleration of v_iᵀq̇ at q̈ = 0, rad/s².
@@ -141,7 +139,7 @@ impl<const N: usize> Block<N> {
         }
         // The part of v that turns into the null space of a redundant arm.
         let sigma = self.sigma[i];
-        bias + rest.dot(qdot) * sigma / (sigma * sigma + CROSSING)
+        bias + rest.dot(qdot) * sigma / (sigma * sigma + SQUARED_GAP)
     }
 
     /// Decomposes the block of another posture near by.

@@ -25,10 +25,12 @@
 //! | zero | 2 | what turns ζ fastest | ζ is turned until what is left of the path is orthogonal to it |
 #![allow(clippy::needless_range_loop, reason = "indices name rows and directions of several arrays at once")]
 
+mod auxiliary_row;
 mod checkpoint;
 mod combination;
 
-use combination::{apart, is_set, larger_half, preferred, strongest, towards, unscaled};
+use auxiliary_row::{GONE, Turn};
+use combination::{apart, is_set, larger_half, unscaled};
 
 use super::axes::frame;
 use super::block::Block;
@@ -36,7 +38,8 @@ use super::classify::{FOLD, Verdict, self_motion};
 use super::family::Posture;
 use super::lost_geometry::{Geometry, Span};
 use super::screws::Screws;
-use crate::linear::{Lu, angular, linear, smoothstep, stack, symmetric_eigen};
+use super::thresholds::{LATCH, SQUARED_GAP};
+use crate::linear::{Lu, angular, linear, stack, symmetric_eigen};
 use crate::paper::type_2::TURNS;
 use crate::types::{Class, Kind, Singularity};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
@@ -48,29 +51,14 @@ use shared_types::scenario::{Analysis, BySingularity};
 /// Directions that are followed at once: the smallest ones.
 pub(super) const FOLLOWED: usize = 3;
 
-/// |s| over η_out below which a direction is classified, and beyond which it may be classified again.
-const LATCH: (f64, f64) = (1.3, 1.6);
-
 /// s is never exactly zero: its sign is the side.
 pub(crate) const SMALLEST: f64 = 1e-12;
-
-/// Most that a turns in Π at a tick, rad: inside η_in, and beyond it in addition at full openness.
-const TURN: (f64, f64) = (0.01, 1.6);
-
-/// Length below which a projected direction is undefined.
-const GONE: f64 = 0.05;
-
-/// Damping of squared singular values in what turns a.
-const CROSSING: f64 = 1e-4;
 
 /// Most Newton steps onto m = 0, the largest step in any joint, rad, and |m| that counts as zero.
 const NEWTON: (usize, f64, f64) = (24, 0.3, 1e-8);
 
 /// Postures sampled for σ_ref, and singular ones per name for the type that is most frequent.
 const SAMPLES: (usize, u32) = (256, 6);
-
-/// s beyond which m gives the direction of the self-motion.
-const FOUND: f64 = 0.02;
 
 /// One direction that is followed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -206,7 +194,7 @@ impl<const N: usize> LostDirections<N> {
                 *e = span.any();
                 span.push(*e);
             }
-            let u = self.geometry.kept(block.covector(i), &p);
+            let u = self.geometry.without_elbow(block.covector(i), &p);
             Q = screws.hessian(&unscaled(&u, self.length_m));
             left = m.norm();
             if within(left, zero) {
@@ -280,7 +268,7 @@ impl<const N: usize> LostDirections<N> {
             let place = self.entries[k].place;
             out[place] = self.singularity(k, at, (&screws, &p), &before[..latched]);
             if self.entries[k].latched {
-                before[latched] = (out[place].zeta_B, self.geometry.kept(self.block.covector(self.entries[k].index), &p));
+                before[latched] = (out[place].zeta_B, self.geometry.without_elbow(self.block.covector(self.entries[k].index), &p));
                 latched += 1;
             }
         }
@@ -380,7 +368,7 @@ impl<const N: usize> LostDirections<N> {
         let (sigma, v) = (self.block.sigma(i), self.block.v(i));
         let m = v * sigma;
         let s = self.s(i).max(SMALLEST);
-        let u = self.geometry.kept(self.block.covector(i), p);
+        let u = self.geometry.without_elbow(self.block.covector(i), p);
         let own = if entry.latched { apart(u, before) } else { u };
         let (angular, half) = larger_half(&own, kind, entry.latched && entry.settled, entry.angular);
         let size = half.norm().max(1e-9);
@@ -392,40 +380,8 @@ impl<const N: usize> LostDirections<N> {
         let turning = self.geometry.turning(screws, p, [self.block.covector(i).as_slice(), up.as_slice(), at.qdot.as_slice()], L);
         let s_rate = (Q.tr_mul(&up).dot(at.qdot) + turning) / self.reference;
 
-        // In Π: a, and b the rest of it (one direction where there is one spare joint).
-        let mut a = entry.a;
-        let mut curvature_b = SVector::<f64, N>::zeros();
-        if entry.latched {
-            let mut others = self.others(k);
-            let openness = smoothstep((s - eta[0]) / (eta[1] - eta[0]));
-            let mut basis = others;
-            basis.push(a);
-            let b = basis.any();
-            let [aa, ab, bb] = [a.dot(&(Q * a)), 0.5 * (a.dot(&(Q * b)) + b.dot(&(Q * a))), b.dot(&(Q * b))];
-            if s < eta[1] {
-                let in_plane = |[x, y]: [f64; 2]| a * x + b * y;
-                let target = match class {
-                    _ if s > eta[0] => Some(others.residual(m)),
-                    // m has grown along the self-motion: what is orthogonal to it leaves x alone exactly.
-                    Class::Mixed if s > FOUND => Some(b * m.dot(&a) - a * m.dot(&b)),
-                    Class::Type2 => strongest([&a, &b].map(|y| self.zeta_rate(i, screws, y, angular))).map(in_plane),
-                    _ => preferred(class, [aa, ab, bb]).map(in_plane),
-                };
-                if let Some(target) = target {
-                    // At the start nothing depends on a yet.
-                    let most = if self.begins { TURN.1 } else { TURN.0 + TURN.1 * openness };
-                    a = towards(&a, &target, most);
-                }
-            }
-            others.push(a);
-            let b = others.any();
-            curvature_b = b * (0.5 * (a.dot(&(Q * b)) + b.dot(&(Q * a))));
-        }
-        // Where directions cross, what is left of a can have no length: it begins anew at the direction that is lost.
-        if !within(a.amax(), 2.0) {
-            a = v;
-            curvature_b = SVector::zeros();
-        }
+        let turn = Turn { class, s, eta, m, v, Q: &Q, begins: self.begins };
+        let (a, curvature_b) = turn.of(entry.a, entry.latched.then(|| self.others(k)), |y| self.zeta_rate(i, screws, y, angular));
         let curvature = a.dot(&(Q * a));
         let along = m.dot(&a);
         let fold = class == Class::Type1 && entry.latched && curvature.abs() > 0.2 * entry.verdict.kappa_1;
@@ -485,7 +441,7 @@ impl<const N: usize> LostDirections<N> {
         for j in (0..self.block.count).filter(|j| *j != i) {
             let sigma = self.block.sigma(j);
             let pushed = self.block.unscaled(j, self.length_m).dot(&Ba);
-            bias -= pushed * sigma / (sigma * sigma + CROSSING) * self.block.v(j).dot(at.qdot);
+            bias -= pushed * sigma / (sigma * sigma + SQUARED_GAP) * self.block.v(j).dot(at.qdot);
         }
         bias
     }

@@ -35,8 +35,10 @@ impl Geometry {
         rows
     }
 
-    /// u without the direction that the elbow's formula has.
-    pub(super) fn kept(&self, u: SVector<f64, 6>, p: &Vector3<f64>) -> SVector<f64, 6> {
+    /// u without its share along C − S, which the elbow's formula measures.
+    ///
+    /// Shapes u 6, scaled rows · Frame base axes · Requires `p` = C − S, m · Errors none: u where the elbow has no formula of its own
+    pub(super) fn without_elbow(&self, u: SVector<f64, 6>, p: &Vector3<f64>) -> SVector<f64, 6> {
         if !self.elbow_apart {
             return u;
         }

@@ -2,6 +2,7 @@
 
 use super::family::Situation;
 use super::lost::SMALLEST;
+use super::thresholds;
 use crate::linear::{rotation_log, smoothstep, wrap_line};
 use crate::paper::reference::Memory;
 use crate::paper::type_1::Fold;
@@ -34,19 +35,12 @@ const ROOM: f64 = 0.3;
 /// Distance along the self-motion that settles on which side of the lock the arm is, rad.
 const SIDE: f64 = 0.01;
 
-/// Damping of the fold's feed-forward, rad.
-const MU: f64 = 0.02;
-
 /// The fold's coordinate as the desired pose needs it: y_d² = y² + 2ζᵀe/h, h = −κ₁ for ζ points outwards.
 pub(super) fn fold<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>) -> Option<Fold> {
     if s.kappa_1.is_nan() || s.kappa_1 <= 1e-6 {
         return None;
     }
-    let curvature = -1.0 / s.kappa_1;
-    let square = s.aux * s.aux + 2.0 * curvature * s.zeta_B.dot(at.error);
-    let (clipped, size) = (square < -1e-7, square.max(0.0).sqrt());
-    let rate = if clipped { 0.0 } else { curvature * s.zeta_B.dot(&at.desired.V) * size / (size * size + MU * MU) };
-    Some(Fold { x: s.aux, size, rate, clipped })
+    Some(thresholds::fold(s.aux, -1.0 / s.kappa_1, s, at))
 }
 
 /// Where ζ should be, or how the neighbourhood is left: by the type.

@@ -28,6 +28,7 @@ pub mod puma_inverse;
 pub mod redundant;
 pub mod screws;
 pub mod spherical_shoulder;
+mod thresholds;
 mod waist;
 mod wrist;
 

@@ -23,6 +23,7 @@ use super::classify::{Verdict, classify};
 use super::family::{ArmFamily, Posture, Situation};
 use super::lost::SMALLEST;
 use super::screws::Screws;
+use super::thresholds::{LATCH, fold};
 use crate::centre::AtCentre;
 use crate::linear::stack;
 use crate::paper::type_1::Fold;
@@ -36,17 +37,11 @@ use shared_types::random::Uniform;
 use shared_types::scenario::{Analysis, BySingularity};
 use shared_types::{AnalyzerCheckpoint, MAX_SINGULARITIES};
 
-/// Damping of the fold's feed-forward, on s.
-const MU: f64 = 0.02;
-
-/// |s| over η_out at which a singularity is classified, and at which its type is forgotten.
-const LATCH: (f64, f64) = (1.3, 1.6);
-
 /// Share of rotation in u² above which ζ becomes a rotation, below one minus it a translation: far from the neighbourhood, and in it, where it
 /// is changed only before the half that is left vanishes (at a double singularity).
 const ANGULAR: [f64; 2] = [0.6, 0.95];
 
-/// Regular enough for a place to be given to another direction.
+/// |σ| over σ_ref above which a direction is regular, so that its place may pass to another direction.
 const FAR: f64 = 0.5;
 
 /// Share of ∇s along v above which s is a coordinate of the fold.
@@ -290,17 +285,14 @@ impl<const N: usize> ArmFamily<N> for Numeric<N> {
         self.count
     }
 
-    /// s_d² = s² + 2ζᵀe/h: the second-order motion x = h·s²/2 along ζ, with h = gain/s.
+    /// s itself is the fold's coordinate: the second-order motion along ζ is h·s²/2 with h = gain/s.
     fn fold(&self, s: &Singularity<N>, at: &Situation<'_, N>) -> Option<Fold> {
         // s is never exactly zero; gain vanishes with it.
-        let curvature = s.s / s.gain;
-        if !curvature.is_finite() {
+        let inverse_curvature = s.s / s.gain;
+        if !inverse_curvature.is_finite() {
             return None;
         }
-        let square = s.s * s.s + 2.0 * curvature * s.zeta_B.dot(at.error);
-        let (clipped, size) = (square < -1e-7, square.max(0.0).sqrt());
-        let rate = if clipped { 0.0 } else { curvature * s.zeta_B.dot(&at.desired.V) * size / (size * size + MU * MU) };
-        Some(Fold { x: s.s, size, rate, clipped })
+        Some(fold(s.s, inverse_curvature, s, at))
     }
 
     /// Along the null motion, which is straight where C is held by joints that rest (any spherical wrist).
