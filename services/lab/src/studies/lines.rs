@@ -17,7 +17,7 @@ use shared_types::scenario::{Scenario, Segment, Start};
 const STEPS: u32 = 200;
 
 /// The singularities that lines go through or near.
-const KINDS: [Kind; 3] = [Kind::Elbow, Kind::Wrist, Kind::Overhead];
+pub(crate) const KINDS: [Kind; 3] = [Kind::Elbow, Kind::Wrist, Kind::Overhead];
 
 /// How far from the singularity a line may pass: a third of them through it, a third within 0.02 of it, the rest within 0.15.
 const DEPTHS: [f64; 3] = [0.0, 0.02, 0.15];
@@ -46,74 +46,89 @@ pub(crate) fn lines(robot: &Robot, template: &Scenario, seed: u64, count: usize,
     while lines.len() < count {
         // In turn, not at random: lines that cannot be followed are drawn again, which must not thin out the difficult ones.
         let (kind, depth) = (KINDS[lines.len() % 3], DEPTHS[lines.len() / 3 % 3]);
-        if let Some(line) = line(&inverse, kind, depth, &mut random, template, speed, lines.len()) {
-            lines.push(line);
+        let scenario = Through::draw(&inverse, kind, depth, &mut random).and_then(|through| through.line(&inverse, template, speed));
+        if let Some(scenario) = scenario {
+            let name = format!("{}-{}", template.name, lines.len());
+            lines.push(Line { near: kind, scenario: Scenario { name, ..scenario } });
         }
     }
     lines
 }
 
-fn line(
-    inverse: &PumaInverse<'_>,
-    kind: Kind,
-    depth: f64,
-    random: &mut Uniform,
-    template: &Scenario,
-    speed: f64,
-    number: usize,
-) -> Option<Line> {
-    let model = inverse.model;
-    let mut q = SVector::<f64, 6>::from_fn(|i, _| {
-        let (low, high) = (model.lower()[i], model.upper()[i]);
-        let middle = 0.5 * (low + high);
-        random.within(middle + 0.8 * (low - middle), middle + 0.8 * (high - middle))
-    });
-    let length = random.within(0.2, 0.4);
-    let mut along = direction(random);
-    let turn = direction(random) * random.within(0.0, 0.8);
-    let near = random.within(-depth, depth);
-    // Where on the line the singularity is: at an end for the elbow, whose singularity is the boundary of the reachable space, else in the middle.
-    let mut share = random.within(0.35, 0.65);
-    match kind {
-        Kind::Elbow => {
-            q[2] = inverse.lengths.q3_stretched + near;
-            share = if random.within(0.0, 1.0) < 0.5 { 0.0 } else { 1.0 };
-            let outwards = model.forward_kinematics(&q).p;
-            if along.dot(&outwards) * (share - 0.5) < 0.0 {
-                along = -along;
+/// A posture at or near a singularity, and the line to go through it.
+struct Through {
+    q: SVector<f64, 6>,
+    /// The line's direction, unit.
+    along: Vector3<f64>,
+    /// The rotation from its beginning to its end, rad.
+    turn: Vector3<f64>,
+    length_m: f64,
+    /// Where on the line the posture is, 0 to 1.
+    share: f64,
+}
+
+impl Through {
+    /// A posture within `depth` of the singularity; `None` where the draw has none.
+    fn draw(inverse: &PumaInverse<'_>, kind: Kind, depth: f64, random: &mut Uniform) -> Option<Self> {
+        let model = inverse.model;
+        let mut q = SVector::<f64, 6>::from_fn(|i, _| {
+            let (low, high) = (model.lower()[i], model.upper()[i]);
+            let middle = 0.5 * (low + high);
+            random.within(middle + 0.8 * (low - middle), middle + 0.8 * (high - middle))
+        });
+        let length_m = random.within(0.2, 0.4);
+        let mut along = direction(random);
+        let turn = direction(random) * random.within(0.0, 0.8);
+        let near = random.within(-depth, depth);
+        // At an end for the elbow, whose singularity is the boundary of the reachable space, else in the middle.
+        let mut share = random.within(0.35, 0.65);
+        match kind {
+            Kind::Elbow => {
+                q[2] = inverse.lengths.q3_stretched + near;
+                share = if random.within(0.0, 1.0) < 0.5 { 0.0 } else { 1.0 };
+                let outwards = model.forward_kinematics(&q).p;
+                if along.dot(&outwards) * (share - 0.5) < 0.0 {
+                    along = -along;
+                }
+            }
+            Kind::Wrist => q[4] = near,
+            _ => {
+                q[1] = inverse.shoulder_for(q[1], q[2], near * (inverse.lengths.a2 + inverse.lengths.L3))?;
+                // No line enters the cylinder that the shoulder offset keeps clear: one that comes close runs along it.
+                let outwards = model.forward_kinematics(&q).p.component_mul(&Vector3::new(1.0, 1.0, 0.0)).try_normalize(1e-9)?;
+                if depth < DEPTHS[2] {
+                    along = (along - outwards * outwards.dot(&along)).try_normalize(0.1)?;
+                }
             }
         }
-        Kind::Wrist => q[4] = near,
-        _ => {
-            q[1] = inverse.shoulder_for(q[1], q[2], near * (inverse.lengths.a2 + inverse.lengths.L3))?;
-            // No line enters the cylinder that the shoulder offset keeps clear: one that comes close runs along it.
-            let outwards = model.forward_kinematics(&q).p.component_mul(&Vector3::new(1.0, 1.0, 0.0)).try_normalize(1e-9)?;
-            if depth < DEPTHS[2] {
-                along = (along - outwards * outwards.dot(&along)).try_normalize(0.1)?;
-            }
+        Some(Self { q, along, turn, length_m, share })
+    }
+
+    /// The line as a scenario with a peak speed of `speed` m/s; `None` where the arm cannot follow it.
+    fn line(&self, inverse: &PumaInverse<'_>, template: &Scenario, speed: f64) -> Option<Scenario> {
+        let at = inverse.model.forward_kinematics(&self.q);
+        let pose = |x: f64| Pose {
+            R: rotation_exp(&(self.turn * (x - self.share))) * at.R,
+            p: at.p + self.along * (self.length_m * (x - self.share)),
+        };
+        let q_start = inverse.nearest(&pose(0.0), &self.q)?;
+        let mut last = q_start;
+        for k in 1..=STEPS {
+            last = next(inverse, &pose(f64::from(k) / f64::from(STEPS)), &last)?;
         }
+        let goal = pose(1.0);
+        // A turn that dominates sets the duration too: 1 rad/s at its peak.
+        let peak = 1.875 * (self.length_m / speed).max(self.turn.norm() / (speed / 0.28));
+        let rotation = std::array::from_fn(|i| std::array::from_fn(|j| goal.R[(i, j)]));
+        // A line that starts at the elbow's singularity can leave it on either side: on the one that has been checked.
+        let branch = if inverse.lengths.theta(last[2]) < 0.0 { -1 } else { 1 };
+        let segment = Segment { duration_s: peak, to_m: Some(goal.p.into()), rotation: Some(rotation), branch, ..Segment::default() };
+        Some(Scenario {
+            start: Start { q_rad: Some(q_start.iter().copied().collect()), ..Start::default() },
+            segment: vec![segment],
+            ..template.clone()
+        })
     }
-    let at = model.forward_kinematics(&q);
-    let pose = |x: f64| Pose { R: rotation_exp(&(turn * (x - share))) * at.R, p: at.p + along * (length * (x - share)) };
-    let q_start = inverse.nearest(&pose(0.0), &q)?;
-    let mut last = q_start;
-    for k in 1..=STEPS {
-        last = next(inverse, &pose(f64::from(k) / f64::from(STEPS)), &last)?;
-    }
-    let goal = pose(1.0);
-    // A turn that dominates sets the duration too: 1 rad/s at its peak.
-    let peak = 1.875 * (length / speed).max(turn.norm() / (speed / 0.28));
-    let rotation = std::array::from_fn(|i| std::array::from_fn(|j| goal.R[(i, j)]));
-    // A line that starts at the elbow's singularity can leave it on either side: on the one that has been checked.
-    let branch = if inverse.lengths.theta(last[2]) < 0.0 { -1 } else { 1 };
-    let segment = Segment { duration_s: peak, to_m: Some(goal.p.into()), rotation: Some(rotation), branch, ..Segment::default() };
-    let scenario = Scenario {
-        name: format!("{}-{number}", template.name),
-        start: Start { q_rad: Some(q_start.iter().copied().collect()), ..Start::default() },
-        segment: vec![segment],
-        ..template.clone()
-    };
-    Some(Line { near: kind, scenario })
 }
 
 /// The posture that continues `near`; a wrist may turn fast, but jump only where it passes its singularity so closely that it could as well go straight

@@ -5,6 +5,7 @@
 
 use super::cell::Cell;
 use super::fall::Fall;
+use shared_types::scenario::Goal;
 
 /// Age of a torque in force; ms.
 const STALE_MS: f64 = 5.0;
@@ -15,12 +16,10 @@ const EXCURSION: (f64, f64) = (0.2, 100.0);
 /// From the fault until the drives follow the controller again, or the arm is at rest; ms.
 const REST_MS: f64 = 1_500.0;
 
-/// The error at the end of a task that counts as its goal; mm, degrees.
-const GOAL: (f64, f64) = (1.0, 0.5);
-
-/// Whether an arm that ends so far from its goal, in mm and degrees, has reached it.
+/// Whether an arm that ends so far from its goal, in mm and degrees, has reached it by the bounds of a scenario that states none.
 pub(super) fn is_goal(position_mm: f64, orientation_deg: f64) -> bool {
-    position_mm <= GOAL.0 && orientation_deg <= GOAL.1
+    let goal = Goal::default();
+    position_mm <= goal.position_mm && orientation_deg <= goal.orientation_deg
 }
 
 /// The bounds that a cell exceeds, in words; `fall` is that of the arm where a drive fails.

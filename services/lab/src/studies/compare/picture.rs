@@ -1,12 +1,13 @@
 //! The tables as pictures: small bars, one row a law.
 
-use shared_types::scenario::Scenario;
+use shared_types::scenario::{Goal, Scenario};
 use viz::plot::{Axis, BLUE, Color, GREY, Page, Panel, RED, Row, digits, numbered};
 
 use super::law::name_of;
-use super::score::Score;
-use super::sweep::{KINDS, Sweep};
+use super::score::{Bounds, Score};
+use super::sweep::Sweep;
 use super::verdict::{failures, margin, verdicts};
+use crate::studies::lines::KINDS;
 
 /// Height of the row of a law, and of what surrounds the rows; points.
 const LAW: f64 = 22.0;
@@ -15,23 +16,26 @@ const AROUND: f64 = 84.0;
 /// A number of each score: title, value, the bar of S2, logarithmic.
 type Metric = (&'static str, fn(&Score) -> f64, Option<f64>, bool);
 
-const METRICS: [[Metric; 3]; 3] = [
+fn metrics() -> [[Metric; 3]; 3] {
+    let (s2, goal) = (Bounds::s2(), Goal::default());
     [
-        ("error orthogonal to ζ, mm", |score| score.orthogonal_max_mm, Some(1.0), true),
-        ("error along ζ, mm", |score| score.along_max_mm, Some(10.0), true),
-        ("error at the end, mm", |score| score.final_mm, Some(1.0), true),
-    ],
-    [
-        ("error orthogonal to ζ, °", |score| score.orthogonal_max_deg, Some(3.0), true),
-        ("error along ζ, °", |score| score.along_max_deg, Some(5.0), true),
-        ("error at the end, °", |score| score.final_deg, Some(0.5), true),
-    ],
-    [
-        ("peak joint speed, share of limit", |score| score.speed_max_ratio, Some(1.0), false),
-        ("largest torque step, share of limit", |score| score.torque_step_max_ratio, None, false),
-        ("energy put in by jumps, J", |score| score.jump_energy_j, Some(0.5), true),
-    ],
-];
+        [
+            ("error orthogonal to ζ, mm", |score| score.orthogonal_max_mm, Some(s2.orthogonal_mm), true),
+            ("error along ζ, mm", |score| score.along_max_mm, Some(s2.along_mm), true),
+            ("error at the end, mm", |score| score.final_mm, Some(goal.position_mm), true),
+        ],
+        [
+            ("error orthogonal to ζ, °", |score| score.orthogonal_max_deg, Some(s2.orthogonal_deg), true),
+            ("error along ζ, °", |score| score.along_max_deg, Some(s2.along_deg), true),
+            ("error at the end, °", |score| score.final_deg, Some(goal.orientation_deg), true),
+        ],
+        [
+            ("peak joint speed, share of limit", |score| score.speed_max_ratio, Some(1.0), false),
+            ("largest torque step, share of limit", |score| score.torque_step_max_ratio, None, false),
+            ("energy put in by jumps, J", |score| score.jump_energy_j, Some(0.5), true),
+        ],
+    ]
+}
 
 /// The foot of a logarithmic bar.
 const LEAST: f64 = 1e-4;
@@ -39,7 +43,7 @@ const LEAST: f64 = 1e-4;
 /// One scenario under each law.
 pub(super) fn scenario(scenario: &Scenario, scores: &[Score]) -> Page {
     let names = || scores.iter().map(|score| score.law.clone());
-    let rows = METRICS.iter().map(|metrics| {
+    let rows = metrics().into_iter().map(|metrics| {
         let panels = metrics.iter().enumerate().map(|(column, metric)| {
             let y = if column == 0 { Axis::names(names()) } else { Axis { hidden: true, ..Axis::names(names()) } };
             let mut panel = bars(metric, scores, y);

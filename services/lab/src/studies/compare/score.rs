@@ -7,7 +7,7 @@ use recorder::{Judge, TaskError, Verdict, limits};
 use serde::Serialize;
 use shared_types::bounds::{larger, within};
 use shared_types::codes::DRIVE_ACTIVE;
-use shared_types::scenario::Scenario;
+use shared_types::scenario::{Goal, Scenario};
 
 /// Change of torque in one tick, as a share of the limit, from which on it is a jump.
 const JUMP: f64 = 0.1;
@@ -15,6 +15,32 @@ const JUMP: f64 = 0.1;
 const BACK_WITHIN_S: f64 = 0.010;
 /// How long torques may be at their limit; s.
 const SATURATED_S: f64 = 0.010;
+
+/// Bounds on the error while the arm moves.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Bounds {
+    /// Orthogonal to the singular directions, mm.
+    pub(super) orthogonal_mm: f64,
+    /// Orthogonal to the singular directions, °.
+    pub(super) orthogonal_deg: f64,
+    /// Along the singular directions, mm.
+    pub(super) along_mm: f64,
+    /// Along the singular directions, °.
+    pub(super) along_deg: f64,
+}
+
+impl Bounds {
+    /// S1: those of a scenario that states none, and nothing along the singular directions.
+    pub(super) fn s1() -> Self {
+        let Goal { orthogonal_mm, orthogonal_deg, .. } = Goal::default();
+        Self { orthogonal_mm, orthogonal_deg, along_mm: f64::INFINITY, along_deg: f64::INFINITY }
+    }
+
+    /// S2: for lines that are not along ζ.
+    pub(super) fn s2() -> Self {
+        Self { orthogonal_deg: 3.0, along_mm: 10.0, along_deg: 5.0, ..Self::s1() }
+    }
+}
 
 /// The result of a run, judged on the simulator's truth. Ratios are shares of the robot's own limits.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -76,9 +102,10 @@ impl Score {
         }
     }
 
-    /// Whether the goal pose was reached: 1 mm, 0.5°.
+    /// Whether the goal pose was reached, by the bounds of a scenario that states none.
     pub fn ended(&self) -> bool {
-        self.completed && self.final_mm < 1.0 && self.final_deg < 0.5
+        let goal = Goal::default();
+        self.completed && self.final_mm < goal.position_mm && self.final_deg < goal.orientation_deg
     }
 }
 
@@ -187,14 +214,16 @@ impl<const N: usize> Meter<N> {
         let (orthogonal_mm, orthogonal_deg) = (task.orthogonal_max_mm, task.orthogonal_max_deg);
         // The repetition of an interrupted session is over with its last tick.
         let completed = verdict.completed || self.ticks > 0 && scenario.servo.as_ref().is_some_and(|session| session.ticks == self.ticks);
+        let (goal, s1, s2) = (Goal::default(), Bounds::s1(), Bounds::s2());
+        let at_goal = within(task.final_position_mm, goal.position_mm) && within(task.final_orientation_deg, goal.orientation_deg);
         let missed: Vec<&'static str> = [
             ("stopped", !completed),
             ("joint stop", self.stopped_by_plant),
-            ("end", !(within(task.final_position_mm, 1.0) && within(task.final_orientation_deg, 0.5))),
+            ("end", !at_goal),
             ("speed", !within(joints.speed_max_ratio, 1.0)),
             ("torque", saturated_s > SATURATED_S + 1e-9),
-            ("orthogonal", !(within(orthogonal_mm, 1.0) && within(orthogonal_deg, 3.0))),
-            ("along", !(within(along_mm, 10.0) && within(along_deg, 5.0))),
+            ("orthogonal", !(within(orthogonal_mm, s2.orthogonal_mm) && within(orthogonal_deg, s2.orthogonal_deg))),
+            ("along", !(within(along_mm, s2.along_mm) && within(along_deg, s2.along_deg))),
         ]
         .into_iter()
         .filter_map(|(what, is_so)| is_so.then_some(what))
@@ -220,7 +249,7 @@ impl<const N: usize> Meter<N> {
             jump_energy_j: self.jump_energy_j,
             time_stretch: task.time_stretch,
             stopped_by_plant: self.stopped_by_plant,
-            s1: clean && orthogonal_mm < 1.0 && orthogonal_deg < 0.5,
+            s1: clean && orthogonal_mm < s1.orthogonal_mm && orthogonal_deg < s1.orthogonal_deg,
             s2: missed.is_empty(),
             missed,
         }

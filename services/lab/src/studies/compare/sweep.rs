@@ -8,7 +8,7 @@ use shared_types::scenario::Strategy;
 use super::law::{name_of, under};
 use super::score::{Score, score};
 use crate::pool::on_all_cores;
-use crate::studies::lines::{Line, lines};
+use crate::studies::lines::{KINDS, Line, lines};
 
 /// The scenario that stands for many lines.
 pub const SWEEP: &str = "sweep";
@@ -21,9 +21,6 @@ pub struct SweepSize {
     /// Peak speed; m/s.
     pub speed: f64,
 }
-
-/// The singularities in turn.
-pub(super) const KINDS: [Kind; 3] = [Kind::Elbow, Kind::Wrist, Kind::Overhead];
 
 /// The lines and what each law made of them.
 pub struct Sweep {

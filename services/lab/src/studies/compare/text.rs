@@ -11,9 +11,10 @@ use crate::quantile::quantile;
 
 use super::race::Race;
 use super::scenarios::Compared;
-use super::score::Score;
-use super::sweep::{KINDS, SWEEP, Sweep, missed};
+use super::score::{Bounds, Score};
+use super::sweep::{SWEEP, Sweep, missed};
 use super::verdict::{failures, margin, verdicts};
+use crate::studies::lines::KINDS;
 
 /// A table of the laws, the verdict, and its terms.
 impl fmt::Display for Compared {
@@ -59,7 +60,13 @@ fn scenario_text(f: &mut fmt::Formatter<'_>, scenario: &Scenario, scores: &[Scor
         writeln!(f, "{line}")?;
     }
     writeln!(f, "⊥ ζ: largest error orthogonal to the singular directions, ∥ ζ: along them; speed, torque: of the joints' limits.")?;
-    writeln!(f, "S1: less than 1 mm and 0.5° orthogonal to ζ. S2: less than 1 mm and 3°, and than 10 mm and 5° along ζ.")
+    let (s1, s2) = (Bounds::s1(), Bounds::s2());
+    writeln!(f, "S1: less than {} mm and {}° orthogonal to ζ.", s1.orthogonal_mm, s1.orthogonal_deg)?;
+    let Bounds { orthogonal_mm, orthogonal_deg, along_mm, along_deg } = s2;
+    writeln!(
+        f,
+        "S2: less than {orthogonal_mm} mm and {orthogonal_deg}° orthogonal to ζ, less than {along_mm} mm and {along_deg}° along it."
+    )
 }
 
 fn sweep_text(f: &mut fmt::Formatter<'_>, sweep: &Sweep) -> fmt::Result {

@@ -2,7 +2,7 @@
 
 use viz::plot::digits;
 
-use super::score::Score;
+use super::score::{Bounds, Score};
 
 /// Errors that differ by less than this share are the same.
 const SAME: f64 = 1.01;
@@ -18,9 +18,10 @@ fn class(score: &Score) -> usize {
     [score.s1, score.s2, score.completed].into_iter().position(|so| so).unwrap_or(3)
 }
 
-/// The error orthogonal to ζ, as a multiple of what S1 allows: 1 mm, 0.5°.
+/// The error orthogonal to ζ, as a multiple of what S1 allows.
 fn error(score: &Score) -> f64 {
-    score.orthogonal_max_mm.max(score.orthogonal_max_deg / 0.5)
+    let s1 = Bounds::s1();
+    (score.orthogonal_max_mm / s1.orthogonal_mm).max(score.orthogonal_max_deg / s1.orthogonal_deg)
 }
 
 /// The laws that win: the best one, and those that cannot be told from it.
