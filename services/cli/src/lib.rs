@@ -72,7 +72,7 @@ enum Command {
                       states at each tick what it does and why. A target older than its validity brings the arm to rest; one with a NaN or an \
                       unknown frame is refused and counted. The targets are saved beside the run: `armplane run` of its scenario.toml gives the \
                       same bytes again. docs/servo.md has the format.",
-        after_help = "Examples:\n  armplane servo servo-panda                    a built-in session\n  armplane servo panda --random 7               60 s of random twists\n  armplane servo ur5 --from my-targets.csv --start bent\n  armplane servo --from topic --graph examples/python/spiral.toml panda --duration 10\n  armplane servo --seeds 20                     judge four arms, 20 seeds each, and print a table\n\nExit code 1: the session did not end at rest at its reference, or --seeds found a bar broken."
+        after_help = "Examples:\n  armplane servo servo-panda                    a built-in session\n  armplane servo panda --random 7               60 s of random twists\n  armplane servo ur5 --from my-targets.csv --start bent\n  armplane servo --from topic --graph examples/python/spiral.toml panda --duration 10\n  armplane servo --seeds 20                     judge an arm of each family, 20 seeds each, and print a table\n\nExit code 1: the session did not end at rest at its reference, or --seeds found a bar broken."
     )]
     Servo(servo::ServoArgs),
     /// Run a scenario several times under different conditions and compare every byte.

@@ -62,6 +62,19 @@ impl<const N: usize> Family<N> {
         }
     }
 
+    /// The family's name.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Puma(_) => "puma",
+            Self::ParallelAxes(_) => "parallel axes",
+            Self::SphericalShoulder(_) => "spherical shoulder",
+            Self::Numeric(_) => "numeric",
+            Self::Redundant(_) => "redundant",
+            Self::Deficient(_) => "deficient",
+        }
+    }
+
     /// The family's methods.
     #[must_use]
     pub fn get(&self) -> &dyn ArmFamily<N> {

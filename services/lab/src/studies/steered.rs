@@ -3,7 +3,8 @@
 use std::fmt;
 
 use chain::{Chain, Tick};
-use model::Robot;
+use control::arm_family::choice::Family;
+use model::{Robot, with_dof};
 use recorder::{Judge, TaskError};
 use serde::Serialize;
 use session::load::Loaded;
@@ -15,13 +16,27 @@ use shared_types::codes::{
     name_of, reason_text, singularity_name,
 };
 use shared_types::random::Uniform;
+use shared_types::scenario::Analysis;
 use shared_types::{MAX_DOF, ServoState};
 use viz::plot::digits;
 
 use crate::pool::on_all_cores;
 
-/// The arms of the study.
-pub const ROBOTS: [&str; 4] = ["puma560", "ur5", "iiwa14", "panda"];
+/// The arms of the study: of the built-in ones that serve all task axes the first of each family.
+#[must_use]
+pub fn robots() -> Vec<&'static str> {
+    let mut families = Vec::new();
+    let mut robots = Vec::new();
+    for name in Robot::builtin_names() {
+        let robot = Robot::builtin(name).ok().filter(|robot| robot.task.is_full());
+        let family = robot.and_then(|robot| with_dof!(robot.dof(), N => Family::<N>::of(&robot, &Analysis::default()).name()));
+        if let Some(family) = family.filter(|family| !families.contains(family)) {
+            families.push(family);
+            robots.push(*name);
+        }
+    }
+    robots
+}
 
 /// Share of the speed asked for below which an arm stands still, and for how long it may, s.
 const STILL: (f64, f64) = (0.02, 0.5);
@@ -288,5 +303,13 @@ impl fmt::Display for ScoresText<'_> {
             writeln!(f, "{robot}, {}", event.text)?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_arms_of_the_study_are_one_of_each_family_with_formulas_and_one_without() {
+        assert_eq!(super::robots(), ["puma560", "ur5", "iiwa14", "panda"]);
     }
 }
