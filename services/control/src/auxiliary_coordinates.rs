@@ -39,7 +39,7 @@ impl<const N: usize> Coordinates<'_, N> {
         let ahead = self.path.ahead(&state.progress, *now.p_EC);
         let planned = state.qdot_planned;
         let mut out = Auxiliary { actives: Actives::none(), telemetry: Telemetry::default(), load: 0.0 };
-        for (i, singularity) in now.report.meant().iter().enumerate() {
+        for (i, singularity) in now.report.listed().iter().enumerate() {
             let kind = singularity.kind.code();
             let rate_max = self.rate_max(i, singularity);
             let situation = Situation {
@@ -70,7 +70,7 @@ impl<const N: usize> Coordinates<'_, N> {
                     out.load = out.load.max(Guide::<N>::waiting(target.error, demand.beta));
                 }
                 // While a neighbourhood is left along the self-motion, or ζ turned out of the way, the path waits.
-                if one.mode == Mode::Pass && self.is_gone_around(i) {
+                if one.mode == Mode::Pass && self.has_higher_codimension(i) {
                     out.load = out.load.max(WAIT * (1.0 - demand.beta));
                 }
             }
@@ -119,18 +119,18 @@ impl<const N: usize> Coordinates<'_, N> {
 
     /// Whether a formula of the arm's family gives the singularity at a place of the report.
     fn has_formula(&self, place: usize, s: &Singularity<N>) -> bool {
-        s.kind != Kind::Numeric && !self.is_gone_around(place)
+        s.kind != Kind::Numeric && !self.has_higher_codimension(place)
     }
 
-    /// Whether the singularity at a place of the report is one that a self-motion leads around.
-    fn is_gone_around(&self, place: usize) -> bool {
-        self.family.get().goes_around().is_some_and(|first| place >= first)
+    /// Whether the singularity at a place of the report has codimension two or more, so that a self-motion leads around it.
+    fn has_higher_codimension(&self, place: usize) -> bool {
+        self.family.get().first_of_higher_codimension().is_some_and(|first| place >= first)
     }
 
     /// Largest auxiliary rate, rad/s: the scenario's, and for the self-motion of an arm with spare joints a share of what the joints have.
     pub(crate) fn rate_max(&self, place: usize, s: &Singularity<N>) -> f64 {
         let stated = self.control.aux_rate_max.of(s.kind.code());
-        if !self.is_gone_around(place) {
+        if !self.has_higher_codimension(place) {
             return stated;
         }
         // As fast as a joint may be where only it moves.
@@ -175,7 +175,7 @@ impl<const N: usize> Coordinates<'_, N> {
     /// [`LawError::Unlisted`] where more directions are lost than singularities are inside their neighbourhoods.
     fn check_rank(&self, report: &Report<N>) -> Result<(), LawError> {
         let full = self.task.iter().filter(|counts| **counts).count().min(N);
-        let listed = report.meant().iter().filter(|s| s.inside).count();
+        let listed = report.listed().iter().filter(|s| s.inside).count();
         if self.control.strategy.is_ours() && report.rank as usize + listed < full {
             return Err(LawError::Unlisted { rank: report.rank, listed });
         }

@@ -3,7 +3,7 @@
 use crate::continuous::saturation::Limited;
 use crate::linear::{angular, stack};
 use crate::state::State;
-use crate::tick::{Auxiliary, Inputs, Kept, Motion};
+use crate::tick::{Auxiliary, Inputs, LimitedTorque, Motion};
 use crate::types::{Command, Mode, Phase, Plan, Refusal};
 use model::Terms;
 use nalgebra::{SVector, Vector6};
@@ -15,7 +15,7 @@ pub(crate) fn running<const N: usize>(
     now: &Inputs<'_, N>,
     motion: &Motion<N>,
     auxiliary: &Auxiliary<N>,
-    kept: &Kept<N>,
+    torque: &LimitedTorque<N>,
     settle_s: f64,
 ) -> Command<N> {
     let Motion { leg, desired_E, error, .. } = motion;
@@ -31,8 +31,8 @@ pub(crate) fn running<const N: usize>(
         error: stack(&(desired_E.p - now.terms.X_BE.p), &angular(error)),
         path_time_s: state.path_time_s,
         time_scale: motion.clock * motion.planned.map_or(1.0, |plan| plan.time_rate),
-        null_scale: kept.limited.null_scale,
-        task_scale: kept.limited.task_scale,
+        null_scale: torque.limited.null_scale,
+        task_scale: torque.limited.task_scale,
         beta: telemetry.beta,
         aux_d: telemetry.aux_d,
         aux_rate_d: telemetry.aux_rate_d,
@@ -44,8 +44,8 @@ pub(crate) fn running<const N: usize>(
             (None, true) => Phase::Settling,
             (None, false) => Phase::Done,
         },
-        saturation_mask: kept.limited.mask,
-        rate_mask: kept.rate_mask,
+        saturation_mask: torque.limited.mask,
+        rate_mask: torque.rate_mask,
         rejected_ticks: 0,
         clipped: telemetry.clipped,
         refusal: Refusal::None,

@@ -25,7 +25,7 @@ use crate::servo::{limits, reference};
 use crate::setup::SetupError;
 use crate::state::State;
 use crate::steered::{self, Steered};
-use crate::tick::{Auxiliary, Inputs, Kept, Motion};
+use crate::tick::{Auxiliary, Inputs, LimitedTorque, Motion};
 use crate::trajectory::Path;
 use crate::types::{Command, Mode, Phase, Refusal, Report};
 use model::{Model, Robot, Terms};
@@ -33,8 +33,8 @@ use nalgebra::{SVector, Vector6};
 use shared_types::scenario::{Control, Scenario, Strategy};
 use shared_types::{ControllerCheckpoint, MAX_SINGULARITIES};
 
-/// Share of a joint's speed, at full clock speed, beyond which the path is refused: twice the limit even at the slowest clock.
-const HOPELESS: f64 = 40.0;
+/// Joint speed over its limit, at full clock speed, beyond which the path is refused: twice the limit even at the slowest clock.
+const SPEED_RATIO_MAX: f64 = 40.0;
 
 /// The control law of one arm and one task.
 #[derive(Clone, Debug)]
@@ -56,7 +56,11 @@ pub struct Controller<const N: usize> {
 }
 
 impl<const N: usize> Controller<N> {
-    /// A controller at the start of its task.
+    /// A controller at the start of its task, with the plan of the whole path where the law uses one.
+    ///
+    /// Shapes `q_start` N · Units rad · Requires `model` to be that of `robot`, at the scenario's frame, and `q_start` the scenario's start posture ·
+    /// Ensures a controller that refuses from its first tick on where the path cannot be followed: see [`obstacle`](Self::obstacle) · Cost up to some
+    /// seconds for the plan; allocates
     ///
     /// # Errors
     /// [`SetupError`] if the scenario does not fit the robot.
@@ -130,6 +134,10 @@ impl<const N: usize> Controller<N> {
     }
 
     /// One tick of the law on a state that is plausible, whose terms are `terms`; while the law has refused, the arm is brought to rest.
+    ///
+    /// Shapes N · Units rad, rad/s, N·m · Frame `terms` and `report` in base axes · Requires `terms` and `report` of this very state · Ensures finite
+    /// torques within the limits, and a state of before the tick where the tick is refused · Errors none: a refusal is in the command · Cost as
+    /// [`step`](Self::step)
     pub(crate) fn act(
         &mut self,
         (q, qdot): (&SVector<f64, N>, &SVector<f64, N>),
@@ -155,6 +163,9 @@ impl<const N: usize> Controller<N> {
     }
 
     /// Refuses to go on, from now on: for errors found before the law is evaluated.
+    ///
+    /// Shapes N · Units rad, rad/s · Ensures a torque that brings the arm to rest: gravity compensated and joints damped where `q` and `qdot` are finite,
+    /// else zero · Errors none: the reason is in the command · Cost that of the model's terms, no allocation
     pub fn refuse(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, why: Refusal) -> Command<N> {
         self.state.refusal = why;
         if q.iter().chain(qdot).all(|x| x.is_finite()) {
@@ -213,8 +224,8 @@ impl<const N: usize> Controller<N> {
         let motion = desired_motion(&self.followed(), state, now);
         let auxiliary = self.coordinates().step(state, now, &motion)?;
         let torques = self.torques(state, now, &motion, &auxiliary)?;
-        let kept = self.limits(state, now, &motion, &torques)?;
-        let command = command::running(state, now, &motion, &auxiliary, &kept, self.scenario.settle_s);
+        let torque = self.limits(state, now, &motion, &torques)?;
+        let command = command::running(state, now, &motion, &auxiliary, &torque, self.scenario.settle_s);
         let command = beyond_reach::marked(command, &self.guide, &self.task, &self.scenario.goal);
         self.clock(state, now, &motion, &torques, auxiliary.load);
         Ok(command)
@@ -242,7 +253,7 @@ impl<const N: usize> Controller<N> {
         let actives = &auxiliary.actives;
         let a = self.bounded_return(now.report, &auxiliary.telemetry.mode, motion);
         let Control { k_p, k_v, baseline: tuned, .. } = &self.scenario.control;
-        let around = (self.family.get().goes_around().filter(|_| self.scenario.control.strategy.is_ours()), &self.task);
+        let avoided = (self.family.get().first_of_higher_codimension().filter(|_| self.scenario.control.strategy.is_ours()), &self.task);
         let wanted = &Wanted {
             A: &now.terms.A,
             at: now.at,
@@ -252,7 +263,7 @@ impl<const N: usize> Controller<N> {
             a_path: motion.along_path(&a, self.length_m),
             V: motion.V_nominal,
             a_feed: motion.a_feed,
-            posture: self.postures.acceleration(&self.scenario.control, (&self.path, &state.progress), now, motion, around),
+            posture: self.postures.acceleration(&self.scenario.control, (&self.path, &state.progress), now, motion, avoided),
         };
         let arm = &resolved_rate::Arm {
             q: now.q,
@@ -285,8 +296,8 @@ impl<const N: usize> Controller<N> {
     /// a* whose feedback along a lost direction asks no auxiliary coordinate for more than its largest rate: a hold is left without a leap.
     fn bounded_return(&self, report: &Report<N>, modes: &[Mode; MAX_SINGULARITIES], motion: &Motion<N>) -> Vector6<f64> {
         let (mut a, k_v) = (motion.a, self.scenario.control.k_v);
-        let Some(first) = self.family.get().goes_around() else { return a };
-        for (place, s) in report.meant().iter().enumerate().skip(first).filter(|(place, _)| modes[*place] != Mode::Regular) {
+        let Some(first) = self.family.get().first_of_higher_codimension() else { return a };
+        for (place, s) in report.listed().iter().enumerate().skip(first).filter(|(place, _)| modes[*place] != Mode::Regular) {
             let (along, most) = (s.zeta_B.dot(&motion.feedback), k_v * s.gain.abs() * self.coordinates().rate_max(place, s));
             a -= s.zeta_B * (along - along.clamp(-most, most));
         }
@@ -298,15 +309,21 @@ impl<const N: usize> Controller<N> {
     ///
     /// # Errors
     /// [`LawError::Speed`] where no clock is slow enough for the joint speeds, [`LawError::Limit`] where a joint is about to reach its limit.
-    fn limits(&self, state: &mut State<N>, now: &Inputs<'_, N>, motion: &Motion<N>, torques: &Torques<N>) -> Result<Kept<N>, LawError> {
+    fn limits(
+        &self,
+        state: &mut State<N>,
+        now: &Inputs<'_, N>,
+        motion: &Motion<N>,
+        torques: &Torques<N>,
+    ) -> Result<LimitedTorque<N>, LawError> {
         let share = torques.speed_share(self.model.velocity());
         let has_floor = motion.planned.is_none() && !motion.clips && self.scenario.servo.is_none();
-        if self.scenario.control.governs() && has_floor && share > HOPELESS {
+        if self.scenario.control.governs() && has_floor && share > SPEED_RATIO_MAX {
             return Err(LawError::Speed { share });
         }
         let range = (self.model.lower(), self.model.upper());
         let nearing = || Guide::nears_limit(motion.planned.as_ref(), (now.q, now.qdot), range);
-        // A steered arm has its stops.
+        // The reference of a steered arm stops before its joints' limits, so its motion is not refused there.
         let plans = self.scenario.control.strategy.is_ours() && self.scenario.servo.is_none();
         if let Some(joint) = plans.then(nearing).flatten() {
             return Err(LawError::Limit { joint });
@@ -323,7 +340,7 @@ impl<const N: usize> Controller<N> {
         let limited = limit(&bias, &torques, self.model.effort());
         let rate_mask;
         (state.sent, rate_mask) = state.sent.next(&limited, &(torques.path * limited.task_scale), &self.torque_step(), self.model.effort());
-        Ok(Kept { limited, rate_mask })
+        Ok(LimitedTorque { limited, rate_mask })
     }
 
     /// Step 5: the path's clock moves on, at the speed that the governor gives it for the next tick.

@@ -23,7 +23,7 @@ pub(crate) fn demand_ahead<const N: usize>(
     if path.leg(state.progress.leg).is_none_or(|leg| leg.reorient.is_some()) {
         return foreseen;
     }
-    let wrist = now.report.meant().iter().position(|s| s.kind == Kind::Wrist);
+    let wrist = now.report.listed().iter().position(|s| s.kind == Kind::Wrist);
     let at = Foresight {
         q: now.q,
         terms: now.terms,

@@ -74,7 +74,7 @@ pub(crate) fn desired_motion<const N: usize>(follow: &Followed<'_, N>, state: &m
 /// The share of an error along the lost directions, as far as each is left to its auxiliary coordinate.
 fn along_lost<const N: usize>(error: &Vector6<f64>, report: &Report<N>) -> Vector6<f64> {
     let mut across = *error;
-    for s in report.meant() {
+    for s in report.listed() {
         let openness = Neighborhood { eta_in: s.eta_in, eta_out: s.eta_out }.openness(s.s);
         across -= s.zeta_B * (s.zeta_B.dot(&across) * (1.0 - openness));
     }

@@ -5,8 +5,8 @@
 //!
 //! PURE: no clock, thread, file, environment or randomness; nothing is allocated per tick; no data makes it panic.
 //!
-//! # Floors
-//! | floor | what |
+//! # Modules
+//! | module | content |
 //! |---|---|
 //! | [`paper`] | s_i and D_si (Eq. 1, 2), operational space and its null space (Eq. 3 to 5), Type 1, Type 2, the switching table |
 //! | [`continuous`] | ours (+): one continuous solve, auxiliary loops, governor, foresight, saturation; each reduces to the paper's law |

@@ -50,14 +50,14 @@ impl<const N: usize> Postures<N> {
 
     /// Acceleration wanted in the null space, rad/s²: towards the planned posture, else the commanded one, and near a lost direction around it.
     ///
-    /// `around` is the first place from which on the singularities can be gone around; `task` are the axes that count.
+    /// `avoided` is the first place from which on the singularities have codimension two or more; `task` are the axes that count.
     pub(crate) fn acceleration(
         &self,
         control: &Control,
         (path, progress): (&Path, &Progress),
         now: &Inputs<'_, N>,
         motion: &Motion<N>,
-        (around, task): (Option<usize>, &[bool; 6]),
+        (avoided, task): (Option<usize>, &[bool; 6]),
     ) -> SVector<f64, N> {
         let Control { k_p, k_v, .. } = *control;
         if let Some(plan) = motion.planned.as_ref().filter(|_| !self.commanded) {
@@ -66,8 +66,8 @@ impl<const N: usize> Postures<N> {
         let off = self.at(path, progress) - now.q;
         let off = if self.steered { off * (STEERED / off.amax().max(STEERED)) } else { off };
         let towards = off * (0.25 * k_p);
-        let around = around.and_then(|first| avoidance::around(&now.at.J, task, now.report, first));
-        around.map_or(towards, |(rate, weight)| towards * (1.0 - weight) + rate * (k_v * weight)) - now.qdot * k_v
+        let away = avoided.and_then(|first| avoidance::away(&now.at.J, task, now.report, first));
+        away.map_or(towards, |(rate, weight)| towards * (1.0 - weight) + rate * (k_v * weight)) - now.qdot * k_v
     }
 
     /// The goal, reached by the leg's own time law.

@@ -30,7 +30,7 @@ pub(crate) fn route_ahead<const N: usize>(
     let commanded: Vec<_> = scenario.segment.iter().zip(postures).map(|(leg, q)| leg.posture_deg.is_some().then_some(*q)).collect();
     let turning = |q: &SVector<f64, N>, report: &crate::types::Report<N>, place: usize, angle: f64| {
         let terms = model.evaluate(q, &SVector::zeros());
-        let s = report.meant().get(place)?;
+        let s = report.listed().get(place)?;
         let motion = |angle: f64| analyzer.family().get().turning(s, &terms, &report.p_BC, angle);
         turn_plan::plan(s, angle, 1.0, &Room { q, model, control }, motion).ok().map(|turn| turn.by)
     };

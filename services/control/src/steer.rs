@@ -155,12 +155,12 @@ impl<const N: usize> Controller<N> {
         let servo = &mut self.state.servo;
         let Ok(lu) = Lu::new(reference.A) else { return SVector::zeros() };
         let [whole, path, null] = [&(servo.sent.tau - reference.bias()), &servo.sent.path, &servo.sent.null].map(|torque| lu.solve(torque));
-        let kept = stops::keep((&servo.q, &servo.qdot), &Parts { whole, path, null }, &reference.A.diagonal(), &limits(&self.model));
-        servo.accelerate_arm(&kept.qddot, self.scenario.dt_s());
-        if kept.joint.is_some() {
-            servo.fastest = Fastest { clock: 0.0, joint: kept.joint };
+        let bounded = stops::bounded((&servo.q, &servo.qdot), &Parts { whole, path, null }, &reference.A.diagonal(), &limits(&self.model));
+        servo.accelerate_arm(&bounded.qddot, self.scenario.dt_s());
+        if bounded.joint.is_some() {
+            servo.fastest = Fastest { clock: 0.0, joint: bounded.joint };
         }
-        kept.qddot
+        bounded.qddot
     }
 
     /// The torque with which the arm follows the reference arm: Γ = A(q)(q̈_r + k_v(q̇_r − q̇) + k_p(q_r − q)) + bias − disturbance, within limits and rates.

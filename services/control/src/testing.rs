@@ -87,7 +87,7 @@ impl<const N: usize> Tick<N> {
     pub(crate) fn split(&self) -> ([f64; 2], [f64; 2]) {
         let (mut linear, mut angular) = (crate::linear::linear(&self.error), crate::linear::angular(&self.error));
         let (e, w) = (linear, angular);
-        for (i, s) in self.report.meant().iter().enumerate() {
+        for (i, s) in self.report.listed().iter().enumerate() {
             if self.command.mode[i] == Mode::Regular {
                 continue;
             }

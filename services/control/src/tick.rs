@@ -63,7 +63,7 @@ pub(crate) struct Auxiliary<const N: usize> {
 
 /// Step 4's result: the torque within its limits, and where it met its rate.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Kept<const N: usize> {
+pub(crate) struct LimitedTorque<const N: usize> {
     /// Before the torque rates.
     pub(crate) limited: Limited<N>,
     /// Bit i where joint i met its rate.

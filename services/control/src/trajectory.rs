@@ -51,7 +51,7 @@ impl Direction {
     fn resolve<const N: usize>(&self, report: &Report<N>) -> Vector3<f64> {
         match *self {
             Self::Fixed(direction) => direction,
-            Self::Zeta(i) => report.meant().get(i).map_or_else(Vector3::zeros, |singularity| singularity.axis()),
+            Self::Zeta(i) => report.listed().get(i).map_or_else(Vector3::zeros, |singularity| singularity.axis()),
         }
     }
 }
@@ -309,10 +309,10 @@ fn direction<const N: usize>(segment: usize, text: &str, report: &Report<N>) -> 
 
 /// Where in the report the singularity of this name is ([`codes::singularity_name`]).
 fn place<const N: usize>(segment: usize, name: &str, report: &Report<N>) -> Result<usize, PathError> {
-    let mut names = report.meant().iter().enumerate().map(|(i, singularity)| codes::singularity_name(singularity.kind.code(), i));
+    let mut names = report.listed().iter().enumerate().map(|(i, singularity)| codes::singularity_name(singularity.kind.code(), i));
     // A singularity found by number has no name; the one fold in which the arm starts is named elbow, as elsewhere.
     let is_elbow = |s: &Singularity<N>| s.kind == Kind::Numeric && s.class == Class::Type1 && !s.angular && s.inside;
-    let elbow = || report.meant().iter().position(is_elbow).filter(|_| name == codes::name_of(codes::KINDS, codes::KIND_ELBOW));
+    let elbow = || report.listed().iter().position(is_elbow).filter(|_| name == codes::name_of(codes::KINDS, codes::KIND_ELBOW));
     names.clone().position(|known| known == name).or_else(elbow).ok_or_else(|| {
         let known = names.by_ref().collect::<Vec<_>>().join(", ");
         let known = if known.is_empty() { "it reports none".to_owned() } else { format!("it has {known}") };

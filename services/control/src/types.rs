@@ -223,7 +223,7 @@ pub struct Report<const N: usize> {
 impl<const N: usize> Report<N> {
     /// The singularities in use.
     #[must_use]
-    pub fn meant(&self) -> &[Singularity<N>] {
+    pub fn listed(&self) -> &[Singularity<N>] {
         &self.singularities[..self.count.min(MAX_SINGULARITIES)]
     }
 }

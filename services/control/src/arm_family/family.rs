@@ -89,8 +89,9 @@ pub trait ArmFamily<const N: usize> {
     /// Largest share of any rate limit on each stretch of the path ahead; nothing is foreseen without formulas.
     fn foresee(&self, _at: &Foresight<'_, N>, _out: &mut Foreseen) {}
 
-    /// The first place of the report from which on a self-motion leads around the singularities: the null space is driven away from them.
-    fn goes_around(&self) -> Option<usize> {
+    /// The first place of the report from which on the singularities have codimension two or more: a self-motion leads around them, and the null
+    /// space is driven away from them.
+    fn first_of_higher_codimension(&self) -> Option<usize> {
         None
     }
 

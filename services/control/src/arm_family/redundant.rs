@@ -73,7 +73,7 @@ impl<const N: usize> ArmFamily<N> for Redundant<N> {
         (s.kappa_2.abs() > TURNS).then(|| s.aux_row * (angle / s.kappa_2))
     }
 
-    fn goes_around(&self) -> Option<usize> {
+    fn first_of_higher_codimension(&self) -> Option<usize> {
         Some(0)
     }
 

@@ -144,7 +144,7 @@ impl<const N: usize> ArmFamily<N> for SphericalShoulder<N> {
         (s.kind != Kind::Elbow && s.kappa_2.abs() > TURNS).then(|| s.aux_row * (angle / s.kappa_2))
     }
 
-    fn goes_around(&self) -> Option<usize> {
+    fn first_of_higher_codimension(&self) -> Option<usize> {
         Some(1)
     }
 

@@ -20,16 +20,17 @@ const DRIVE: (f64, f64) = (1.0, 0.8);
 
 /// The null motion that leads away from the singularities, rad/s, and the weight that it has against the posture's control, 0 to 1.
 ///
-/// `first` is the place from which on the singularities can be gone around. `None` far from every singularity, and for more or fewer than one spare joint.
+/// `first` is the place from which on the singularities have codimension two or more. `None` far from every singularity, and for more or fewer than
+/// one spare joint.
 /// Shapes J 6×N at C, lengths unscaled. Cost about 1 µs near a singularity, none elsewhere; no allocation.
-pub(crate) fn around<const N: usize>(
+pub(crate) fn away<const N: usize>(
     J: &SMatrix<f64, 6, N>,
     task: &[bool; 6],
     report: &Report<N>,
     first: usize,
 ) -> Option<(SVector<f64, N>, f64)> {
     let openness = |s: &Singularity<N>| (s.s.abs() / s.eta_out - 1.0) / (REACH - 1.0);
-    let nearest = report.meant().iter().skip(first).min_by(|a, b| openness(a).total_cmp(&openness(b)))?;
+    let nearest = report.listed().iter().skip(first).min_by(|a, b| openness(a).total_cmp(&openness(b)))?;
     let weight = 1.0 - smoothstep(openness(nearest));
     let rows = task.iter().filter(|counts| **counts).count();
     if within(weight, 0.0) || rows + 1 != N {

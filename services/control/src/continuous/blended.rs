@@ -6,7 +6,7 @@
 //! row_i = β_i·(ζ_iᵀJ)/g_i + (1 − β_i)·aux_i
 //! ```
 //!
-//! with the right-hand sides a* − J̇q̇ for what is kept and the auxiliary acceleration for the rest; then Γ = A·q̈ + bias.
+//! with the right-hand sides a* − J̇q̇ for the orthogonal rows and the auxiliary acceleration for the rest; then Γ = A·q̈ + bias.
 //!
 //! # The paper's law inside, plain operational-space control outside
 //! With β = 1 the rows span those of J and q̈ = J⁻¹(a* − J̇q̇): operational-space control. With β = 0 let [B | w] be the inverse of the augmented
@@ -16,13 +16,13 @@
 
 use crate::law::{Active, LawError, Torques, Wanted};
 use crate::linear::Lu;
-use crate::paper::singular_frame::{Basis, kept_rows};
+use crate::paper::singular_frame::{Basis, orthogonal_rows};
 use nalgebra::{SMatrix, SVector};
 
-/// The augmented system: kept rows, one row per engaged singularity, dynamically consistent null space of both where joints are left over.
+/// The augmented system: orthogonal rows, one row per engaged singularity, dynamically consistent null space of both where joints are left over.
 #[derive(Clone, Debug)]
 pub struct Augmented<const N: usize> {
-    /// N×N; the first `kept` rows are the kept ones, the next `singular` the singularities'.
+    /// N×N; the first `orthogonal` rows are those of the task orthogonal to ζ, the next `singular` the singularities'.
     pub M: SMatrix<f64, N, N>,
     /// Right-hand side.
     pub acceleration: SVector<f64, N>,
@@ -32,8 +32,8 @@ pub struct Augmented<const N: usize> {
     pub velocity: SVector<f64, N>,
     /// Right-hand side for the path's own acceleration.
     pub feed: SVector<f64, N>,
-    /// How many rows are kept.
-    pub kept: usize,
+    /// How many rows of the task are orthogonal to the singular directions.
+    pub orthogonal: usize,
     /// How many belong to singularities.
     pub singular: usize,
 }
@@ -45,14 +45,14 @@ impl<const N: usize> Augmented<N> {
     /// [`LawError::TooManyRows`] where the task has more axes than the arm has joints.
     pub fn new(wanted: &Wanted<'_, N>, actives: &[Active<N>]) -> Result<Self, LawError> {
         let (J, Jdot_qdot) = (&wanted.at.J, &wanted.at.Jdot_qdot);
-        let kept = kept_rows(&wanted.task, actives)?;
+        let orthogonal = orthogonal_rows(&wanted.task, actives)?;
         let mut system = Self {
             M: SMatrix::zeros(),
             acceleration: SVector::zeros(),
             along: SVector::zeros(),
             velocity: SVector::zeros(),
             feed: SVector::zeros(),
-            kept: kept.len(),
+            orthogonal: orthogonal.len(),
             singular: actives.len(),
         };
         let mut used = 0;
@@ -63,7 +63,7 @@ impl<const N: usize> Augmented<N> {
             used += 1;
         };
         let (relative, feed) = (wanted.a - Jdot_qdot, wanted.a_feed - Jdot_qdot);
-        for e in kept.iter() {
+        for e in orthogonal.iter() {
             push(J.tr_mul(e), e.dot(&relative), e.dot(&wanted.a_path), e.dot(&wanted.V), e.dot(&feed));
         }
         for active in actives {
@@ -119,9 +119,9 @@ pub fn torques<const N: usize>(wanted: &Wanted<'_, N>, actives: &[Active<N>]) ->
     Ok(Torques { path, rest: task - path, null, qdot_nominal, qddot_path })
 }
 
-/// The share of Γ = A·q̈ that lies in the null space of the kept rows, singularity i's weighted by 1 − β_i so that it is continuous.
+/// The share of Γ = A·q̈ that lies in the null space of the orthogonal rows, singularity i's weighted by 1 − β_i so that it is continuous.
 ///
-/// N_T·Γ = A·W(WᵀAW)⁻¹Wᵀ·Γ with W the motions that leave the kept rows alone: columns of the augmented inverse.
+/// N_T·Γ = A·W(WᵀAW)⁻¹Wᵀ·Γ with W the motions that leave the orthogonal rows alone: columns of the augmented inverse.
 fn null_torque<const N: usize>(
     A: &SMatrix<f64, N, N>,
     qddot: &SVector<f64, N>,
@@ -129,13 +129,13 @@ fn null_torque<const N: usize>(
     system: &Augmented<N>,
     actives: &[Active<N>],
 ) -> Result<SVector<f64, N>, LawError> {
-    let free = N - system.kept;
+    let free = N - system.orthogonal;
     if free == 0 {
         return Ok(SVector::zeros());
     }
     let mut W = SMatrix::<f64, N, N>::zeros();
     for k in 0..free {
-        W.set_column(k, &lu.solve(&SVector::from_fn(|i, _| if i == system.kept + k { 1.0 } else { 0.0 })));
+        W.set_column(k, &lu.solve(&SVector::from_fn(|i, _| if i == system.orthogonal + k { 1.0 } else { 0.0 })));
     }
     // Unused columns are zero; ones on their diagonal keep the Gram matrix regular.
     let AW = A * W;

@@ -1,7 +1,7 @@
 //! The paper's law in its own form: singular rows dropped, operational forces for the rest, null-space torque for the auxiliary coordinates.
 
 use super::operational_space::{Operational, null_torque};
-use super::singular_frame::{Basis, kept_rows};
+use super::singular_frame::{Basis, orthogonal_rows};
 use crate::law::{Active, Actives, LawError, Torques, Wanted};
 use crate::linear::Lu;
 use nalgebra::{SMatrix, SVector};
@@ -10,14 +10,14 @@ use nalgebra::{SMatrix, SVector};
 ///
 /// Γ = J_rᵀF_r + [1 − J_rᵀJ̄_rᵀ]Γ₀, J_r the Jacobian in the singular frame without its singular rows     [CK95 Eq. 3]
 ///
-/// Shapes J_r m×N, m the rows kept, matched by the type · Units N·m · Frame base axes at C · Requires `actives` to be the singularities inside
+/// Shapes J_r m×N, m the orthogonal rows, matched by the type · Units N·m · Frame base axes at C · Requires `actives` to be the singularities inside
 /// their neighbourhoods: each one's direction is dropped whole, whatever its β · Ensures that Γ₀ does not accelerate the kept rows · Cost O(N³), no
 /// allocation
 ///
 /// # Errors
 /// [`LawError`] if the reduced Jacobian is rank deficient.
 pub fn torques<const N: usize>(wanted: &Wanted<'_, N>, actives: &Actives<N>) -> Result<Torques<N>, LawError> {
-    match kept_rows(&wanted.task, actives)?.len() {
+    match orthogonal_rows(&wanted.task, actives)?.len() {
         6 => reduced::<6, N>(wanted, actives),
         5 => reduced::<5, N>(wanted, actives),
         4 => reduced::<4, N>(wanted, actives),
@@ -29,14 +29,14 @@ pub fn torques<const N: usize>(wanted: &Wanted<'_, N>, actives: &Actives<N>) -> 
 }
 
 fn reduced<const M: usize, const N: usize>(wanted: &Wanted<'_, N>, actives: &[Active<N>]) -> Result<Torques<N>, LawError> {
-    let kept = kept_rows(&wanted.task, actives)?;
-    let T = SMatrix::<f64, M, 6>::from_fn(|i, j| kept[i][j]);
+    let orthogonal = orthogonal_rows(&wanted.task, actives)?;
+    let T = SMatrix::<f64, M, 6>::from_fn(|i, j| orthogonal[i][j]);
     let op = Operational::<M, N>::new(T * wanted.at.J, wanted.A)?;
     let (a, Jdot_qdot) = (T * wanted.a, T * wanted.at.Jdot_qdot);
     let F = op.force(&a, &Jdot_qdot);
     let F_path = op.Lambda * (T * wanted.a_path);
 
-    // Γ₀ = −A∇V₀ with ∇V₀ = −Σ w_i·a_i: w_i moves auxiliary coordinate i alone and nothing that is kept. The auxiliary acceleration that
+    // Γ₀ = −A∇V₀ with ∇V₀ = −Σ w_i·a_i: w_i moves auxiliary coordinate i alone and no orthogonal row. The auxiliary acceleration that
     // the task itself causes is taken off, so that each coordinate accelerates by a_i. Damping is in a_i, not in joint space.
     let lu = Lu::new(augmented(&op.J, actives, wanted.A))?;
     let caused = op.Jbar * (a - Jdot_qdot);
@@ -58,7 +58,7 @@ fn reduced<const M: usize, const N: usize>(wanted: &Wanted<'_, N>, actives: &[Ac
     Ok(Torques { path, rest: op.J.transpose() * F - path, null, qdot_nominal: lu.solve(&rates), qddot_path: lu.solve(&feed) })
 }
 
-/// Kept rows, auxiliary rows, and for a redundant arm WᵀA of what is left.
+/// Orthogonal rows, auxiliary rows, and for a redundant arm WᵀA of what is left.
 fn augmented<const M: usize, const N: usize>(J: &SMatrix<f64, M, N>, actives: &[Active<N>], A: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
     let mut rows = SMatrix::<f64, N, N>::zeros();
     let mut basis = Basis::<N>::empty();

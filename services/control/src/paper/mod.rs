@@ -1,9 +1,9 @@
-//! The paper's floor: each equation and each strategy of Chang & Khatib 1995 in a file of its own.
+//! The paper: each equation and each strategy of Chang & Khatib 1995 in a file of its own.
 //!
 //! | file | what | source |
 //! |---|---|---|
 //! | [`neighborhood`] | D_si, the neighbourhood of one singularity | Eq. 2 |
-//! | [`singular_frame`] | the rows of J that are kept when the singular directions are dropped | §4 |
+//! | [`singular_frame`] | the rows of J orthogonal to the singular directions | §4 |
 //! | [`operational_space`] | Λ, J̄, N_T, Γ = JᵀF + N_T Γ₀, Γ₀ = −A[∇V₀ + k_vq q̇] | Eq. 3 to 5 |
 //! | [`null_space`] | posture control of a redundant arm by either projector | Figures 1, 2 |
 //! | [`type_1`] | s_i as a task coordinate: into the singularity, out of it on a chosen side | §4, Type 1 |

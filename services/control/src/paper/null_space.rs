@@ -1,7 +1,7 @@
 //! Posture control in the null space of a redundant arm, by either projector: the paper's Figures 1 and 2.
 
 use super::operational_space::{Operational, null_torque, pseudo_inverse_N_T};
-use super::singular_frame::kept_rows;
+use super::singular_frame::orthogonal_rows;
 use crate::law::{LawError, Torques, Wanted};
 use nalgebra::{SMatrix, SVector};
 
@@ -24,7 +24,7 @@ pub enum Projector {
 /// # Errors
 /// [`LawError`] if the Jacobian is rank deficient.
 pub fn torques<const N: usize>(wanted: &Wanted<'_, N>, projector: Projector) -> Result<Torques<N>, LawError> {
-    match kept_rows::<N>(&wanted.task, &[])?.len() {
+    match orthogonal_rows::<N>(&wanted.task, &[])?.len() {
         1 => sized::<1, N>(wanted, projector),
         2 => sized::<2, N>(wanted, projector),
         3 => sized::<3, N>(wanted, projector),
@@ -36,8 +36,8 @@ pub fn torques<const N: usize>(wanted: &Wanted<'_, N>, projector: Projector) -> 
 }
 
 fn sized<const M: usize, const N: usize>(wanted: &Wanted<'_, N>, projector: Projector) -> Result<Torques<N>, LawError> {
-    let kept = kept_rows::<N>(&wanted.task, &[])?;
-    let T = SMatrix::<f64, M, 6>::from_fn(|i, j| kept[i][j]);
+    let orthogonal = orthogonal_rows::<N>(&wanted.task, &[])?;
+    let T = SMatrix::<f64, M, 6>::from_fn(|i, j| orthogonal[i][j]);
     let op = Operational::<M, N>::new(T * wanted.at.J, wanted.A)?;
     let Jdot_qdot = T * wanted.at.Jdot_qdot;
     let task = op.J.transpose() * op.force(&(T * wanted.a), &Jdot_qdot);

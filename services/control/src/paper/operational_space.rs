@@ -124,9 +124,9 @@ mod tests {
         // covers: CK95 Eq. 4 (operational_space::Operational::new)
         #[test]
         fn the_inverse_is_one_and_lambda_is_positive_definite(q in posture(puma())) {
-            let kept = reduced(&q);
-            prop_assume!(kept.is_some());
-            let (J, A) = kept.unwrap();
+            let rows = reduced(&q);
+            prop_assume!(rows.is_some());
+            let (J, A) = rows.unwrap();
             let op = Operational::new(J, &A).unwrap();
             prop_assert!((op.J * op.Jbar - SMatrix::<f64, 5, 5>::identity()).amax() < 1e-12);
             prop_assert!((op.Lambda - op.Lambda.transpose()).amax() < 1e-12 * op.Lambda.amax());
@@ -137,9 +137,9 @@ mod tests {
         // covers: CK95 Eq. 3 (operational_space::Operational::torque)
         #[test]
         fn the_null_space_is_dynamically_consistent(q in posture(puma()), Gamma_0 in prop::array::uniform6(-10.0..10.0)) {
-            let kept = reduced(&q);
-            prop_assume!(kept.is_some());
-            let (J, A) = kept.unwrap();
+            let rows = reduced(&q);
+            prop_assume!(rows.is_some());
+            let (J, A) = rows.unwrap();
             let op = Operational::new(J, &A).unwrap();
             let (N_T, N) = (op.N_T(), op.N());
             let A_inv = A.cholesky().unwrap().inverse();
@@ -155,10 +155,10 @@ mod tests {
 
         #[test]
         fn torque_does_not_depend_on_the_frame(q in posture(puma()), a in prop::array::uniform5(-1.0..1.0), turn in prop::array::uniform3(-3.0..3.0_f64)) {
-            // Any change of basis of the kept rows, here a rotation of the linear three.
-            let kept = reduced(&q);
-            prop_assume!(kept.is_some());
-            let (J, A) = kept.unwrap();
+            // Any change of basis of the orthogonal rows, here a rotation of the linear three.
+            let rows = reduced(&q);
+            prop_assume!(rows.is_some());
+            let (J, A) = rows.unwrap();
             let mut T = SMatrix::<f64, 5, 5>::identity();
             T.fixed_view_mut::<3, 3>(0, 0).copy_from(&crate::linear::rotation_exp(&Vector3::from(turn)));
             let (a, zero) = (SVector::from(a), SVector::zeros());

@@ -1,23 +1,23 @@
-//! The singular frame: the directions of the task that are kept when the singular ones are dropped.
+//! The singular frame: the directions of the task that are orthogonal to the singular ones.
 
 use crate::law::{Active, LawError};
 use nalgebra::{SVector, Vector6};
 
-/// Directions of the task kept, orthonormal within each half, and how many.
+/// Directions of the task orthogonal to the singular ones, orthonormal within each half, and how many.
 #[derive(Clone, Copy, Debug)]
-pub struct Kept {
+pub struct OrthogonalRows {
     rows: [Vector6<f64>; 6],
     count: usize,
 }
 
-impl Kept {
+impl OrthogonalRows {
     fn push(&mut self, row: Vector6<f64>) {
         self.rows[self.count] = row;
         self.count += 1;
     }
 }
 
-impl std::ops::Deref for Kept {
+impl std::ops::Deref for OrthogonalRows {
     type Target = [Vector6<f64>];
     fn deref(&self) -> &[Vector6<f64>] {
         &self.rows[..self.count]
@@ -33,12 +33,12 @@ impl std::ops::Deref for Kept {
 /// and orthogonal to every ζ · Source CK95 §4 · Cost O(6³), no allocation
 ///
 /// # Errors
-/// [`LawError::TooManyRows`] where kept and singular rows together outnumber the joints.
-pub fn kept_rows<const N: usize>(task: &[bool; 6], actives: &[Active<N>]) -> Result<Kept, LawError> {
-    let mut kept = Kept { rows: [Vector6::zeros(); 6], count: 0 };
+/// [`LawError::TooManyRows`] where orthogonal and singular rows together outnumber the joints.
+pub fn orthogonal_rows<const N: usize>(task: &[bool; 6], actives: &[Active<N>]) -> Result<OrthogonalRows, LawError> {
+    let mut orthogonal = OrthogonalRows { rows: [Vector6::zeros(); 6], count: 0 };
     for half in [0..3, 3..6] {
         let axes = || half.clone().filter(|k| task[*k]).map(|k| Vector6::from_fn(|i, _| if i == k { 1.0 } else { 0.0 }));
-        // Orthonormal directions so far: singular ones first, then the kept.
+        // Orthonormal directions so far: singular ones first, then those orthogonal to them.
         let mut basis = Basis::<6>::empty();
         for active in actives {
             if active.zeta_B.rows_range(half.clone()).norm_squared() > 0.25 {
@@ -49,7 +49,7 @@ pub fn kept_rows<const N: usize>(task: &[bool; 6], actives: &[Active<N>]) -> Res
         if basis.count() == 0 {
             // Nothing is dropped here: the axes of the task themselves.
             for axis in axes() {
-                kept.push(axis);
+                orthogonal.push(axis);
             }
             continue;
         }
@@ -58,14 +58,14 @@ pub fn kept_rows<const N: usize>(task: &[bool; 6], actives: &[Active<N>]) -> Res
             if !basis.add_best(axes()) {
                 break;
             }
-            kept.push(basis.last());
+            orthogonal.push(basis.last());
         }
     }
-    let rows = kept.count + actives.len();
+    let rows = orthogonal.count + actives.len();
     if rows > N {
         return Err(LawError::TooManyRows { rows, joints: N });
     }
-    Ok(kept)
+    Ok(orthogonal)
 }
 
 /// An orthonormal set that grows: Gram–Schmidt, twice for orthogonality to rounding.

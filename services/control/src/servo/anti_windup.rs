@@ -33,7 +33,7 @@ impl Lead {
     pub fn between<const N: usize>(reference: &Pose, arm: &Pose, report: &Report<N>, loops: &[Loop]) -> Self {
         let error = reference.p - arm.p;
         let (mut across, mut length) = (error, ACROSS_M);
-        for (s, one) in report.meant().iter().zip(loops) {
+        for (s, one) in report.listed().iter().zip(loops) {
             let axis = linear(&s.zeta_B);
             if !(one.engaged() || s.inside) || axis.norm() < 0.5 {
                 continue;

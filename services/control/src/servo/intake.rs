@@ -98,7 +98,7 @@ pub fn wish<const N: usize>(target: &TargetContent, age_s: f64, X: &Pose, report
 /// The place of the singularity nearest to its neighbourhood, and |s|/η_out there.
 #[must_use]
 pub fn nearest<const N: usize>(report: &Report<N>) -> Option<(usize, f64)> {
-    let openness = report.meant().iter().map(|s| s.s.abs() / s.eta_out).enumerate();
+    let openness = report.listed().iter().map(|s| s.s.abs() / s.eta_out).enumerate();
     openness.min_by(|a, b| a.1.total_cmp(&b.1))
 }
 

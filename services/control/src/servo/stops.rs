@@ -17,7 +17,7 @@ const SPEED: f64 = 0.98;
 /// Share of a joint's torque with which braking is planned.
 const BRAKE: f64 = 0.3;
 
-/// The limits of an arm's joints; lower and upper end of their ranges, speeds, and torques.
+/// The limits of an arm's joints: lower and upper end of their ranges, speeds, and torques. Shapes N; for prismatic joints m, m/s and N.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits<'a, const N: usize> {
     /// rad.
@@ -30,7 +30,7 @@ pub struct Limits<'a, const N: usize> {
     pub effort: &'a SVector<f64, N>,
 }
 
-/// Accelerations of the joints, rad/s².
+/// Accelerations of the joints, rad/s². Shapes N; `whole` is the sum of `path`, `null` and what answers to errors.
 #[derive(Clone, Copy, Debug)]
 pub struct Parts<const N: usize> {
     /// All of it.
@@ -41,9 +41,9 @@ pub struct Parts<const N: usize> {
     pub null: SVector<f64, N>,
 }
 
-/// An acceleration that keeps the limits.
+/// An acceleration that keeps the limits. Shape N.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Kept<const N: usize> {
+pub struct BoundedAcceleration<const N: usize> {
     /// rad/s².
     pub qddot: SVector<f64, N>,
     /// A joint that is held before the end of its range, and whether that is the upper one.
@@ -55,12 +55,12 @@ pub struct Kept<const N: usize> {
 /// `inertia` is the diagonal of A. Shapes N · Units rad, rad/s, kg·m² · Requires a state that keeps the limits · Ensures that the next state does, and
 /// `parts.whole` unchanged away from all limits · Errors none · Cost O(N), no allocation
 #[must_use]
-pub fn keep<const N: usize>(
+pub fn bounded<const N: usize>(
     (q, qdot): (&SVector<f64, N>, &SVector<f64, N>),
     parts: &Parts<N>,
     inertia: &SVector<f64, N>,
     limits: &Limits<'_, N>,
-) -> Kept<N> {
+) -> BoundedAcceleration<N> {
     let (mut low, mut high) = (SVector::<f64, N>::zeros(), SVector::<f64, N>::zeros());
     let (mut upwards, mut downwards) = ([false; N], [false; N]);
     for i in 0..N {
@@ -73,7 +73,7 @@ pub fn keep<const N: usize>(
     }
     let is_within = |x: &SVector<f64, N>| (0..N).all(|i| x[i] >= low[i] && x[i] <= high[i]);
     if is_within(&parts.whole) {
-        return Kept { qddot: parts.whole, joint: None };
+        return BoundedAcceleration { qddot: parts.whole, joint: None };
     }
     let share = |fixed: &SVector<f64, N>, part: &SVector<f64, N>| {
         (0..N).fold(1.0_f64, |share, i| {
@@ -93,7 +93,7 @@ pub fn keep<const N: usize>(
             joint = Some((i, false));
         }
     }
-    Kept { qddot: SVector::from_fn(|i, _| wanted[i].clamp(low[i], high[i].max(low[i]))), joint }
+    BoundedAcceleration { qddot: SVector::from_fn(|i, _| wanted[i].clamp(low[i], high[i].max(low[i]))), joint }
 }
 
 /// The speed from which a joint stops within `distance` less the margin; 0 beyond it.
@@ -120,9 +120,9 @@ mod tests {
                 let [path, null, rest] = [0, 2, 4].map(|k| Vector2::new(push[k], push[k + 1]));
                 for _ in 0..300 {
                     let parts = Parts { whole: path + null + rest, path, null };
-                    let kept = keep((&q, &qdot), &parts, &Vector2::new(1.0, 2.0), &limits);
-                    q += qdot * dt + kept.qddot * (0.5 * dt * dt);
-                    qdot += kept.qddot * dt;
+                    let bounded = bounded((&q, &qdot), &parts, &Vector2::new(1.0, 2.0), &limits);
+                    q += qdot * dt + bounded.qddot * (0.5 * dt * dt);
+                    qdot += bounded.qddot * dt;
                     for i in 0..2 {
                         prop_assert!(q[i].abs() <= range[i] - 0.5 * MARGIN && qdot[i].abs() <= 0.981 * velocity[i], "{q} {qdot}");
                     }
@@ -136,9 +136,9 @@ mod tests {
         let one = Vector2::repeat(1.0);
         let limits = Limits { lower: &-one, upper: &one, velocity: &one, effort: &(one * 10.0) };
         let parts = Parts { whole: Vector2::new(2.0, 1.0), path: Vector2::new(0.0, 1.0), null: Vector2::new(2.0, 0.5) };
-        let keep = |q: Vector2<f64>| keep((&q, &Vector2::zeros()), &parts, &one, &limits);
-        assert_eq!(keep(Vector2::zeros()), Kept { qddot: parts.whole, joint: None });
-        let kept = keep(Vector2::new(0.997, 0.0));
-        assert!((kept.qddot - Vector2::new(0.0, 0.5)).amax() < 1e-9 && kept.joint == Some((0, true)), "{kept:?}");
+        let at = |q: Vector2<f64>| bounded((&q, &Vector2::zeros()), &parts, &one, &limits);
+        assert_eq!(at(Vector2::zeros()), BoundedAcceleration { qddot: parts.whole, joint: None });
+        let bounded = at(Vector2::new(0.997, 0.0));
+        assert!((bounded.qddot - Vector2::new(0.0, 0.5)).amax() < 1e-9 && bounded.joint == Some((0, true)), "{bounded:?}");
     }
 }

@@ -83,7 +83,7 @@ fn a_stretched_arm_of_two_joints_is_type_1_and_has_two_places() {
     for elbow in [0.0, 0.1, -0.1] {
         let (q, zero) = (SVector::from([0.3, elbow, 0.0, 0.0, 0.0, 0.0]), SVector::zeros());
         let report = Analyzer::<6>::new(two, &scenario.analysis).step(&q, &zero, &model.evaluate(&q, &zero));
-        let s = &report.meant()[0];
+        let s = &report.listed()[0];
         assert_eq!((report.count, s.class), (2, Class::Type1), "q2 = {elbow}: {s:?}");
         assert!(s.kappa_1 > 0.05 && s.s.abs() < 0.2, "{s:?}");
         // Outwards, along the arm.

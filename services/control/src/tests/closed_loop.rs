@@ -28,7 +28,7 @@ fn figure_5(settings: &[&str], plant: Plant) -> Figure5 {
     let (mut q_start, mut q_end) = (None, nalgebra::Vector6::zeros());
     let run = run::<6>(&scenario, plant, |k, tick| {
         // The wrist is the second by formula, the last by number.
-        let zeta = tick.report.meant().iter().find(|s| s.kind == Kind::Wrist).expect("a wrist").axis();
+        let zeta = tick.report.listed().iter().find(|s| s.kind == Kind::Wrist).expect("a wrist").axis();
         let start = *zeta_start.get_or_insert(zeta);
         q_start.get_or_insert(tick.q);
         if tick.command.segment == 0 {

@@ -46,7 +46,7 @@ fn at_locks(random: &mut Uniform, locks: usize) -> Vector6<f64> {
 
 fn actives(report: &Report<6>, beta: f64) -> Actives<6> {
     let mut actives = Actives::none();
-    for s in report.meant().iter().filter(|s| s.s.abs() < s.eta_out) {
+    for s in report.listed().iter().filter(|s| s.s.abs() < s.eta_out) {
         actives.push(Active { zeta_B: s.zeta_B, gain: s.gain, beta, aux_row: s.aux_row, aux_acceleration: 0.7, aux_rate: 0.3 });
     }
     actives
@@ -85,7 +85,7 @@ proptest! {
         let (b, _) = analysed(&tool, "puma560", &q, &Vector6::zeros());
         prop_assert!((a.det - b.det).abs() < 1e-14);
         prop_assert!((a.p_BC - b.p_BC).norm() < 1e-14);
-        for (x, y) in a.meant().iter().zip(b.meant()) {
+        for (x, y) in a.listed().iter().zip(b.listed()) {
             prop_assert!((x.zeta_B - y.zeta_B).norm() < 1e-13 && (x.gain - y.gain).abs() < 1e-13);
         }
     }
@@ -120,7 +120,7 @@ fn the_auxiliary_motion_moves_zeta_by_the_gain_and_nothing_else() {
         let system = blended::Augmented::new(&wanted(&terms, &at, &Vector3::zeros()), &actives).unwrap();
         let lu = crate::linear::Lu::new(system.M).unwrap();
         for (i, active) in actives.iter().enumerate() {
-            let w = lu.solve(&Vector6::from_fn(|j, _| if j == system.kept + i { 1.0 } else { 0.0 }));
+            let w = lu.solve(&Vector6::from_fn(|j, _| if j == system.orthogonal + i { 1.0 } else { 0.0 }));
             let moved = active.zeta_B.dot(&(at.J * w));
             // With other locks active, ζ of this one is not orthogonal to theirs: only a lone one moves by its own gain alone.
             if actives.len() == 1 {
@@ -185,7 +185,7 @@ fn the_blend_is_a_convex_weight_with_the_right_sign() {
         let q = at_locks(&mut random, [1, 2, 4][k % 3]);
         let (report, terms) = analysed(puma(), "puma560", &q, &Vector6::zeros());
         let at = AtCentre::new(&terms, &report.p_BC, &terms.omega[5]);
-        if report.meant().iter().any(|s| s.s.abs() < 1e-3) {
+        if report.listed().iter().any(|s| s.s.abs() < 1e-3) {
             continue;
         }
         let zero = Vector3::zeros();
@@ -219,7 +219,7 @@ fn outside_every_neighbourhood_one_solve_is_operational_space_control() {
         let q = at_locks(&mut random, k % 8);
         let qdot = Vector6::from_fn(|_, _| random.within(-0.5, 0.5));
         let (report, terms) = analysed(puma(), "puma560", &q, &qdot);
-        if report.meant().iter().any(|s| s.s.abs() < 0.02) {
+        if report.listed().iter().any(|s| s.s.abs() < 0.02) {
             continue;
         }
         let at = AtCentre::new(&terms, &report.p_BC, &terms.omega[5]);

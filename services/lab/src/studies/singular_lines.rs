@@ -151,7 +151,7 @@ impl<const N: usize> Draw<'_, N> {
         let zero = SVector::zeros();
         let report = self.analyzer.clone().step(q, &zero, &self.arm.model.evaluate(q, &zero));
         let boundary = |s: &Singularity<N>| (s.kind == Kind::Overhead && s.kappa_1 > 0.0).then(|| s.axis());
-        report.meant().iter().map(|s| (s.kind, s.s, s.class, boundary(s))).collect()
+        report.listed().iter().map(|s| (s.kind, s.s, s.class, boundary(s))).collect()
     }
 
     fn limits(&self, i: usize) -> (f64, f64) {

@@ -24,16 +24,16 @@ fn agreement<const N: usize>(arm: &Arm<N>, mut draw: impl FnMut(&mut Uniform, us
     for k in 0..100 * POSTURES {
         let q = draw(&mut random, k);
         let report = by_formula(&q);
-        let size = |place: &usize| report.meant()[*place].s.abs();
+        let size = |place: &usize| report.listed()[*place].s.abs();
         let place = (0..report.count).min_by(|a, b| size(a).total_cmp(&size(b))).expect("the family lists singularities");
         let apart = (0..report.count).filter(|other| *other != place).all(|other| size(&other) > NEAR.1);
         if size(&place) > NEAR.0 || !apart {
             continue;
         }
         // By number the same direction: the most parallel of those that are near.
-        let (one, by_number) = (report.meant()[place], arm.at(&q));
+        let (one, by_number) = (report.listed()[place], arm.at(&q));
         let parallel = |s: &Singularity<N>| if s.angular == one.angular { s.axis().dot(&one.axis()).abs() } else { -1.0 };
-        let near = by_number.meant().iter().filter(|s| s.s.abs() < s.eta_out);
+        let near = by_number.listed().iter().filter(|s| s.s.abs() < s.eta_out);
         let two = near.max_by(|a, b| parallel(a).total_cmp(&parallel(b))).copied().unwrap_or_else(|| nearest(&by_number));
         // An offset tilts the waist's plane: the formula says mixed everywhere, the number says Type 2 where the fold is less than its threshold.
         let flat = one.class == Class::Mixed && two.class == Class::Type2 && two.kappa_1 <= FOLD;

@@ -6,7 +6,7 @@ use crate::arm_family::spherical_shoulder::SphericalShoulder;
 use crate::centre::AtCentre;
 use crate::law::Active;
 use crate::linear::singular_values;
-use crate::paper::singular_frame::kept_rows;
+use crate::paper::singular_frame::orthogonal_rows;
 use crate::testing::{posture, robot};
 use crate::types::Report;
 use model::{Model, Terms};
@@ -34,18 +34,18 @@ fn axes_say_what_an_arm_is() {
 /// J without the reported directions, their auxiliary rows in their place: smallest singular value, unit-scaled.
 fn augmented_sigma<const N: usize>(report: &Report<N>, terms: &Terms<N>, engaged: &[bool]) -> f64 {
     let at = AtCentre::new(terms, &report.p_BC, &terms.omega[N - 1]);
-    let actives: Vec<Active<N>> = (report.meant().iter().zip(engaged))
+    let actives: Vec<Active<N>> = (report.listed().iter().zip(engaged))
         .filter(|(_, yes)| **yes)
         .map(|(s, _)| Active { zeta_B: s.zeta_B, gain: s.gain, beta: 0.0, aux_row: s.aux_row, aux_acceleration: 0.0, aux_rate: 0.0 })
         .collect();
     let mut M = SMatrix::<f64, 6, N>::zeros();
-    let kept = kept_rows(&[true; 6], &actives).unwrap();
-    for (i, e) in kept.iter().enumerate() {
+    let orthogonal = orthogonal_rows(&[true; 6], &actives).unwrap();
+    for (i, e) in orthogonal.iter().enumerate() {
         let scale = if e.fixed_rows::<3>(0).norm() > 0.5 { 1.0 / report.length_m } else { 1.0 };
         M.set_row(i, &(at.J.tr_mul(e) * scale).transpose());
     }
     for (i, active) in actives.iter().enumerate() {
-        M.set_row(kept.len() + i, &active.aux_row.transpose());
+        M.set_row(orthogonal.len() + i, &active.aux_row.transpose());
     }
     singular_values(&M).0[5]
 }
@@ -74,8 +74,8 @@ fn a_guarantee_holds<const N: usize>(name: &str, q: &SVector<f64, N>, qdot: &SVe
         prop_assert!((s.R_BS.transpose() * s.R_BS - Matrix3::identity()).norm() < 1e-9 && (s.R_BS.column(0) - s.axis()).norm() < 1e-9);
     }
     // ζᵀJ − gain·aux is a combination of the other rows, the spare joint's motion left out.
-    for (i, s) in report.meant().iter().enumerate() {
-        let regular = report.meant().iter().enumerate().all(|(j, other)| j == i || other.s.abs() > 0.2);
+    for (i, s) in report.listed().iter().enumerate() {
+        let regular = report.listed().iter().enumerate().all(|(j, other)| j == i || other.s.abs() > 0.2);
         // A vector measure's row is its own gradient beyond η_out only: inside, it is carried.
         let carried = N == 7 && i > 0 && s.s < s.eta_out;
         if !regular || s.s.abs() > 0.3 || carried {
@@ -83,8 +83,8 @@ fn a_guarantee_holds<const N: usize>(name: &str, q: &SVector<f64, N>, qdot: &SVe
         }
         let rest = at.J.tr_mul(&s.zeta_B) - s.aux_row * s.gain;
         let alone = Active { zeta_B: s.zeta_B, gain: s.gain, beta: 0.0, aux_row: s.aux_row, aux_acceleration: 0.0, aux_rate: 0.0 };
-        let kept = kept_rows(&[true; 6], &[alone]).unwrap();
-        let rows = SMatrix::<f64, 5, N>::from_fn(|r, c| at.J.tr_mul(&kept[r])[c]);
+        let orthogonal = orthogonal_rows(&[true; 6], &[alone]).unwrap();
+        let rows = SMatrix::<f64, 5, N>::from_fn(|r, c| at.J.tr_mul(&orthogonal[r])[c]);
         let Some(gram) = (rows * rows.transpose()).try_inverse() else { continue };
         let residual = rest - rows.transpose() * (gram * (rows * rest));
         prop_assert!(residual.norm() < 1e-6, "{i}: {} beyond the kept rows", residual.norm());
@@ -131,7 +131,7 @@ proptest! {
         let (report, terms) = analysed("ur5", &q, &Vector6::zeros());
         // Folded back, upper arm and forearm lie on each other: beyond the elbow's own limit.
         prop_assume!(libm::cos(q[2]) > -0.9);
-        let engaged: Vec<bool> = report.meant().iter().map(|s| s.s.abs() < 0.2).collect();
+        let engaged: Vec<bool> = report.listed().iter().map(|s| s.s.abs() < 0.2).collect();
         let sigma = augmented_sigma(&report, &terms, &engaged);
         prop_assert!(sigma > 0.01, "{engaged:?}: σ_min {sigma}");
     }

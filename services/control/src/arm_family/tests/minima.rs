@@ -74,7 +74,7 @@ fn census<const N: usize>(robot: &Robot, analysis: &Analysis) -> Census {
         });
         for (how, report) in [("at once", step(&mut fresh.clone(), &q)), ("tracked", step(&mut tracked, &q))] {
             explained(&model, robot, &q, &report, how);
-            for s in report.meant().iter().filter(|s| s.inside) {
+            for s in report.listed().iter().filter(|s| s.inside) {
                 *census.entry((format!("{:?}", s.kind), format!("{:?}", s.class))).or_default() += 1;
             }
         }
@@ -86,7 +86,7 @@ fn census<const N: usize>(robot: &Robot, analysis: &Analysis) -> Census {
 fn explained<const N: usize>(model: &Model<N>, robot: &Robot, q: &SVector<f64, N>, report: &Report<N>, how: &str) {
     let terms = model.evaluate(q, &SVector::zeros());
     let at = AtCentre::new(&terms, &report.p_BC, &terms.omega[N - 1]);
-    let inside: Vec<_> = report.meant().iter().filter(|s| s.inside).collect();
+    let inside: Vec<_> = report.listed().iter().filter(|s| s.inside).collect();
     let rank = report.sigma.iter().filter(|s| **s > 1e-3 * report.sigma[0]).count();
     assert_eq!(report.rank as usize, rank);
     assert!(report.rank < 6 && rank + inside.len() >= 6, "{how}: rank {rank}, listed inside {inside:?} at {q}");
@@ -168,7 +168,7 @@ fn names_and_types_stand_off_the_singularities_too() {
         let model = Model::<7>::new(robot, None).unwrap();
         let q = SVector::<f64, 7>::from([0.2, 0.5, -0.3, -1.6, 0.4, 1.6, 0.3]);
         let report = Analyzer::<7>::new(robot, &Analysis::default()).step(&q, &SVector::zeros(), &model.evaluate(&q, &SVector::zeros()));
-        let listed: Vec<_> = report.meant().iter().map(|s| (s.kind, s.class)).collect();
+        let listed: Vec<_> = report.listed().iter().map(|s| (s.kind, s.class)).collect();
         println!("{}: {listed:?}", robot.name);
         assert_eq!(
             listed.iter().map(|one| one.0).collect::<Vec<_>>()[first..],

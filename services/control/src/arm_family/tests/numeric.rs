@@ -85,7 +85,7 @@ pub(super) fn at_lock(random: &mut Uniform, lock: usize, near: f64, (a2, a3, d4)
 
 /// The reported singularity that is nearest.
 pub(super) fn nearest<const N: usize>(report: &Report<N>) -> Singularity<N> {
-    *report.meant().iter().min_by(|a, b| a.s.abs().total_cmp(&b.s.abs())).unwrap()
+    *report.listed().iter().min_by(|a, b| a.s.abs().total_cmp(&b.s.abs())).unwrap()
 }
 
 pub(super) const LENGTHS: (f64, f64, f64) = (0.4318, -0.0203, 0.4331);
@@ -292,7 +292,7 @@ fn resumed(q: [f64; 6], qdot: [f64; 6]) -> Result<(), TestCaseError> {
 
 fn finite<const N: usize>(report: &Report<N>) -> Result<(), TestCaseError> {
     prop_assert!(report.count > 0);
-    for s in report.meant() {
+    for s in report.listed() {
         let numbers = [s.s, s.s_rate, s.gain, s.aux, s.aux_rate, s.aux_bias, s.kappa_1, s.kappa_2];
         let all = numbers.iter().chain(&s.zeta_B).chain(&s.R_BS).chain(&s.aux_row).all(|x| x.is_finite());
         prop_assert!(all, "{s:?}");
@@ -313,12 +313,12 @@ fn continuous<const N: usize>(arm: &Arm<N>, a: &SVector<f64, N>, b: &SVector<f64
         finite(&report)?;
         if let Some(last) = last {
             prop_assert_eq!(last.count, report.count);
-            for (i, (x, y)) in last.meant().iter().zip(report.meant()).enumerate() {
+            for (i, (x, y)) in last.listed().iter().zip(report.listed()).enumerate() {
                 // Directions of an arm with spare joints take their places by name, beyond 1.3 η_out.
                 let renamed = N > 6 && x.s.abs().min(y.s.abs()) > 1.25 * y.eta_out;
                 prop_assert!((x.s - y.s).abs() < 0.03 || renamed, "s steps from {} to {} at {}", x.s, y.s, k);
                 // Where two values (nearly) meet only their common subspace is continuous; ζ then turns at a rate of 1/gap.
-                let gap = (report.meant().iter().enumerate())
+                let gap = (report.listed().iter().enumerate())
                     .filter(|(j, _)| *j != i)
                     .map(|(_, z)| (z.s.abs() - y.s.abs()).abs())
                     .fold(1.0, f64::min);

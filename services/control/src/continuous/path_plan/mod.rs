@@ -152,7 +152,7 @@ fn attempt<const N: usize>(request: &Request<'_, N>, fan: bool, times: &[f64]) -
     let most = (LAYERS_IN_ALL / legs.max(1)).clamp(4, LAYERS);
     let elbow = |q: &SVector<f64, N>| {
         let report = analyse(&mut request.analyzer.clone(), model, q);
-        report.meant().iter().find(|s| s.kind == Kind::Elbow).or(report.meant().first()).map_or(0.0, |s| s.aux)
+        report.listed().iter().find(|s| s.kind == Kind::Elbow).or(report.listed().first()).map_or(0.0, |s| s.aux)
     };
     while let Some(leg) = path.leg(progress.leg).copied() {
         let begun = progress;

@@ -127,7 +127,7 @@ impl<const N: usize> PathPlan<N> {
             let mut share = 0.0_f64;
             for rate in [slope, mean] {
                 share = (0..N).fold(share, |share, j| share.max(rate[j].abs() / velocity[j]));
-                for s in report.meant().iter().filter(|s| s.s.abs() < s.eta_out) {
+                for s in report.listed().iter().filter(|s| s.s.abs() < s.eta_out) {
                     share = share.max(s.aux_row.dot(&rate).abs() / request.rate_max.of(s.kind.code()));
                 }
             }
