@@ -13,8 +13,9 @@ mod schedule;
 pub use request::{Request, Turning};
 pub use schedule::{PathPlan, Sample};
 
-use crate::trajectory::Progress;
-use crate::types::Kind;
+use crate::analyzer::Analyzer;
+use crate::trajectory::{Leg, Progress};
+use crate::types::{Kind, Report};
 use inverse::Kinematics;
 use model::{Model, Pose};
 use nalgebra::{SVector, Vector3};
@@ -129,118 +130,186 @@ pub fn plan<const N: usize>(request: &Request<'_, N>) -> Result<PathPlan<N>, Inf
     }
 }
 
+/// A plan that was not found, and the knots of the route that came furthest.
+type Failed<const N: usize> = (Infeasible, Vec<Knot<N>>);
+
 /// One search; `times` are further layers, on the path's clock.
-fn attempt<const N: usize>(request: &Request<'_, N>, fan: bool, times: &[f64]) -> Result<PathPlan<N>, (Infeasible, Vec<Knot<N>>)> {
-    let Request { model, path, q_start, .. } = *request;
-    let mut analyzer = request.analyzer.clone();
-    let mut report = analyse(&mut analyzer, model, &q_start);
-    let arm = Kinematics { model, p_EC: centre(model, &q_start, &report), task: request.task, length_m: request.length_m };
-    let bounds = Bounds {
-        lower: *model.lower(),
-        upper: *model.upper(),
-        velocity: *model.velocity(),
-        position_m: request.position_m,
-        orientation_rad: request.orientation_rad,
-    };
-    let mut search = Search::new(arm, bounds, q_start);
-    let mut layer = vec![0];
-    let mut progress = Progress::at(model.forward_kinematics(&q_start));
-    path.advance(&mut progress, 0.0, &report);
-    let (mut from_s, mut analysed) = (0.0, 0);
-    let mut ends = vec![];
-    let legs = (0..).take_while(|i| path.leg(*i).is_some()).count();
-    let most = (LAYERS_IN_ALL / legs.max(1)).clamp(4, LAYERS);
-    let elbow = |q: &SVector<f64, N>| {
-        let report = analyse(&mut request.analyzer.clone(), model, q);
-        report.listed().iter().find(|s| s.kind == Kind::Elbow).or(report.listed().first()).map_or(0.0, |s| s.aux)
-    };
-    while let Some(leg) = path.leg(progress.leg).copied() {
-        let begun = progress;
-        let pose = |t: f64| {
-            let X = path.desired(&Progress { time_s: t, ..begun }, 1.0, 0.0).at(&arm.p_EC);
-            Pose { R: X.R, p: X.p }
-        };
-        let mut blocked = false;
+fn attempt<const N: usize>(request: &Request<'_, N>, fan: bool, times: &[f64]) -> Result<PathPlan<N>, Failed<N>> {
+    let mut route = Route::new(*request);
+    while let Some(leg) = request.path.leg(route.progress.leg).copied() {
         if let Some((place, angle)) = leg.reorient {
-            let node = search.best(&layer).unwrap_or_default();
-            let q = search.node(node).q;
-            // Where ζ cannot be turned the controller reports it when the leg begins.
-            let by = (request.turning)(&q, &report, place, angle).unwrap_or_else(SVector::zeros);
-            let knots = (1..=24).map(|k| {
-                let t = leg.duration_s * f64::from(k) / 24.0;
-                let x = path.fraction(&Progress { time_s: t, ..begun })[0];
-                Knot { t: from_s + t, q: q + by * x, waits: false }
-            });
-            layer = search.append(node, knots.collect()).into_iter().collect();
-        } else {
-            let goal = request.postures.get(progress.leg).copied().flatten();
-            let before = progress.leg.checked_sub(1).and_then(|i| request.postures.get(i).copied().flatten()).unwrap_or(q_start);
-            let ramp = |t: f64| before + (goal.unwrap_or(before) - before) * path.ramp(&Progress { time_s: t, ..begun });
-            let still = begun.by == Vector3::zeros() && begun.turn == Vector3::zeros() && goal.is_none();
-            let count = if still { 1 } else { most };
-            let mut layers: Vec<f64> = (1..=count).map(|k| leg.duration_s * k as f64 / count as f64).collect();
-            layers.extend(times.iter().map(|t| t - from_s).filter(|t| *t > 1e-6 && *t < leg.duration_s - 1e-6));
-            layers.sort_by(f64::total_cmp);
-            layers.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
-            let stretch = Stretch {
-                from_s,
-                duration_s: leg.duration_s,
-                pose: &pose,
-                branch: leg.branch,
-                side: &elbow,
-                posture: goal.is_some().then_some(&ramp as &dyn Fn(f64) -> SVector<f64, N>),
-                layers: &layers,
-                fan: fan && !still,
-            };
-            let found = search.leg(&stretch, &layer);
-            blocked = found.is_empty();
-            if !blocked {
-                layer = found;
-            }
-        }
-        if blocked {
-            let goal = pose(leg.duration_s);
-            let far = search.furthest.unwrap_or(Furthest { t: from_s, q: q_start, block: Block::End });
-            if !search.is_exhausted() && !reachable(&arm, &goal, &far.q) {
+            route.turn(&leg, (place, angle));
+        } else if !route.follow(&leg, fan, times) {
+            let Some(infeasible) = route.infeasible(&leg) else {
                 // Beyond reach: the controller clips the goal to the boundary, and reports it.
                 break;
-            }
-            let beyond = pose((far.t - from_s + 0.01 * leg.duration_s).min(leg.duration_s));
-            let left = arm.excess(&arm.error(&goal, &pose(far.t - from_s)), &goal.R, request.position_m, request.orientation_rad);
-            let obstacle = match far.block {
-                _ if search.is_exhausted() || left < ARRIVED => Obstacle::Undecided,
-                Block::Limit { joint, value } => {
-                    let (low, high) = (model.lower()[joint], model.upper()[joint]);
-                    Obstacle::Limit { joint, limit: if value - low < high - value { low } else { high } }
-                }
-                Block::End if !reachable(&arm, &beyond, &far.q) => Obstacle::Reach,
-                // The goal is on the branch where the arm is: the law may get there, though no route of the search does.
-                Block::End if arm.approach(&goal, &far.q).is_some() => Obstacle::Undecided,
-                Block::End => Obstacle::Discontinuous,
             };
-            let knots = search.chain(search.deepest());
-            return Err((Infeasible { leg: progress.leg, time_s: far.t, obstacle }, knots));
+            return Err((infeasible, route.search.chain(route.search.deepest())));
         }
-        let relative = path.leg(progress.leg + 1).is_some_and(crate::trajectory::Leg::is_relative);
-        if relative {
-            let node = search.best(&layer).unwrap_or_default();
-            layer = vec![node];
-            let chain = search.chain(node);
-            for knot in &chain[analysed..] {
-                report = analyse(&mut analyzer, model, &knot.q);
-            }
-            analysed = chain.len();
-        }
-        from_s += leg.duration_s;
-        ends.push(from_s);
-        let mut next = begun;
-        next.time_s = leg.duration_s;
-        path.advance(&mut next, 0.0, &report);
-        progress = Progress { time_s: 0.0, ..next };
+        route.end_leg(&leg);
     }
-    let node = search.best(&layer).unwrap_or_default();
-    let cost = search.node(node).cost;
-    Ok(PathPlan::new(request, &arm, &search.chain(node), &ends, cost))
+    let node = route.best();
+    Ok(PathPlan::new(request, &route.arm, &route.search.chain(node), &route.ends, route.search.node(node).cost))
+}
+
+/// The routes of one search, up to the beginning of a leg.
+struct Route<'a, const N: usize> {
+    request: Request<'a, N>,
+    arm: Kinematics<'a, N>,
+    search: Search<'a, N>,
+    /// The postures from which the leg begins, one per route.
+    layer: Vec<usize>,
+    progress: Progress,
+    /// Time on the path's clock, s.
+    from_s: f64,
+    /// Times at which the legs before end, s.
+    ends: Vec<f64>,
+    analyzer: Analyzer<N>,
+    /// The last analysis that a leg depends on, and how many knots of its route have been analysed.
+    report: Report<N>,
+    analysed: usize,
+    /// Most layers of a leg.
+    layers_max: usize,
+}
+
+impl<'a, const N: usize> Route<'a, N> {
+    fn new(request: Request<'a, N>) -> Self {
+        let Request { model, path, q_start, .. } = request;
+        let mut analyzer = request.analyzer.clone();
+        let report = analyse(&mut analyzer, model, &q_start);
+        let arm = Kinematics { model, p_EC: centre(model, &q_start, &report), task: request.task, length_m: request.length_m };
+        let bounds = Bounds {
+            lower: *model.lower(),
+            upper: *model.upper(),
+            velocity: *model.velocity(),
+            position_m: request.position_m,
+            orientation_rad: request.orientation_rad,
+        };
+        let mut progress = Progress::at(model.forward_kinematics(&q_start));
+        path.advance(&mut progress, 0.0, &report);
+        let legs = (0..).take_while(|i| path.leg(*i).is_some()).count();
+        Self {
+            request,
+            arm,
+            search: Search::new(arm, bounds, q_start),
+            layer: vec![0],
+            progress,
+            from_s: 0.0,
+            ends: vec![],
+            analyzer,
+            report,
+            analysed: 0,
+            layers_max: (LAYERS_IN_ALL / legs.max(1)).clamp(4, LAYERS),
+        }
+    }
+
+    /// The cheapest posture from which the leg begins.
+    fn best(&self) -> usize {
+        self.search.best(&self.layer).unwrap_or_default()
+    }
+
+    /// The desired pose of C as a function of the time within the leg, s.
+    fn pose(&self) -> impl Fn(f64) -> Pose + use<'a, N> {
+        let (path, begun, p_EC) = (self.request.path, self.progress, self.arm.p_EC);
+        move |t| {
+            let X = path.desired(&Progress { time_s: t, ..begun }, 1.0, 0.0).at(&p_EC);
+            Pose { R: X.R, p: X.p }
+        }
+    }
+
+    /// Goes through a leg that turns ζ of the singularity in a place by an angle, rad.
+    fn turn(&mut self, leg: &Leg, (place, angle): (usize, f64)) {
+        let node = self.best();
+        let q = self.search.node(node).q;
+        // Where ζ cannot be turned the controller reports it when the leg begins.
+        let by = (self.request.turning)(&q, &self.report, place, angle).unwrap_or_else(SVector::zeros);
+        let knots = (1..=24).map(|k| {
+            let t = leg.duration_s * f64::from(k) / 24.0;
+            let x = self.request.path.fraction(&Progress { time_s: t, ..self.progress })[0];
+            Knot { t: self.from_s + t, q: q + by * x, waits: false }
+        });
+        let knots = knots.collect();
+        self.layer = self.search.append(node, knots).into_iter().collect();
+    }
+
+    /// Searches for routes along a leg that moves the end-effector; false where none leads to its end.
+    fn follow(&mut self, leg: &Leg, fan: bool, times: &[f64]) -> bool {
+        let Request { path, q_start, postures, analyzer, model, .. } = self.request;
+        let (begun, from_s, pose) = (self.progress, self.from_s, self.pose());
+        let elbow = |q: &SVector<f64, N>| {
+            let report = analyse(&mut analyzer.clone(), model, q);
+            report.listed().iter().find(|s| s.kind == Kind::Elbow).or(report.listed().first()).map_or(0.0, |s| s.aux)
+        };
+        let goal = postures.get(begun.leg).copied().flatten();
+        let before = begun.leg.checked_sub(1).and_then(|i| postures.get(i).copied().flatten()).unwrap_or(q_start);
+        let ramp = |t: f64| before + (goal.unwrap_or(before) - before) * path.ramp(&Progress { time_s: t, ..begun });
+        let still = begun.by == Vector3::zeros() && begun.turn == Vector3::zeros() && goal.is_none();
+        let count = if still { 1 } else { self.layers_max };
+        let mut layers: Vec<f64> = (1..=count).map(|k| leg.duration_s * k as f64 / count as f64).collect();
+        layers.extend(times.iter().map(|t| t - from_s).filter(|t| *t > 1e-6 && *t < leg.duration_s - 1e-6));
+        layers.sort_by(f64::total_cmp);
+        layers.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
+        let stretch = Stretch {
+            from_s,
+            duration_s: leg.duration_s,
+            pose: &pose,
+            branch: leg.branch,
+            side: &elbow,
+            posture: goal.is_some().then_some(&ramp as &dyn Fn(f64) -> SVector<f64, N>),
+            layers: &layers,
+            fan: fan && !still,
+        };
+        let found = self.search.leg(&stretch, &self.layer);
+        if found.is_empty() {
+            return false;
+        }
+        self.layer = found;
+        true
+    }
+
+    /// Why no route leads to the end of a leg; `None` where its goal is beyond reach.
+    fn infeasible(&self, leg: &Leg) -> Option<Infeasible> {
+        let (request, arm, pose) = (&self.request, &self.arm, self.pose());
+        let goal = pose(leg.duration_s);
+        let far = self.search.furthest.unwrap_or(Furthest { t: self.from_s, q: request.q_start, block: Block::End });
+        if !self.search.is_exhausted() && !reachable(arm, &goal, &far.q) {
+            return None;
+        }
+        let beyond = pose((far.t - self.from_s + 0.01 * leg.duration_s).min(leg.duration_s));
+        let error = arm.error(&goal, &pose(far.t - self.from_s));
+        let left = arm.excess(&error, &goal.R, request.position_m, request.orientation_rad);
+        let obstacle = match far.block {
+            _ if self.search.is_exhausted() || left < ARRIVED => Obstacle::Undecided,
+            Block::Limit { joint, value } => {
+                let (low, high) = (request.model.lower()[joint], request.model.upper()[joint]);
+                Obstacle::Limit { joint, limit: if value - low < high - value { low } else { high } }
+            }
+            Block::End if !reachable(arm, &beyond, &far.q) => Obstacle::Reach,
+            // The goal is on the branch where the arm is: the law may get there, though no route of the search does.
+            Block::End if arm.approach(&goal, &far.q).is_some() => Obstacle::Undecided,
+            Block::End => Obstacle::Discontinuous,
+        };
+        Some(Infeasible { leg: self.progress.leg, time_s: far.t, obstacle })
+    }
+
+    /// Ends a leg: a next one that is relative to the posture begins from the best route alone, whose knots are analysed.
+    fn end_leg(&mut self, leg: &Leg) {
+        let path = self.request.path;
+        if path.leg(self.progress.leg + 1).is_some_and(Leg::is_relative) {
+            let node = self.best();
+            self.layer = vec![node];
+            let chain = self.search.chain(node);
+            for knot in &chain[self.analysed..] {
+                self.report = analyse(&mut self.analyzer, self.request.model, &knot.q);
+            }
+            self.analysed = chain.len();
+        }
+        self.from_s += leg.duration_s;
+        self.ends.push(self.from_s);
+        let mut next = Progress { time_s: leg.duration_s, ..self.progress };
+        path.advance(&mut next, 0.0, &self.report);
+        self.progress = Progress { time_s: 0.0, ..next };
+    }
 }
 
 /// Whether any posture, within the limits or not, has this pose.

@@ -481,7 +481,7 @@ impl<'a, const N: usize> Search<'a, N> {
         let mut out = vec![];
         for v in directions {
             for v in [v, -v] {
-                out.extend(self.self_motion(leg, node, (t, &X), &v, &onwards, locked.is_empty()));
+                out.extend(self.self_motion(leg, (node, v), (t, &X), &onwards, locked.is_empty()));
             }
         }
         out

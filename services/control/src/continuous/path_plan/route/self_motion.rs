@@ -6,6 +6,23 @@ use super::*;
 /// least, and where it counts as none.
 const TOUCHING: (f64, f64, f64) = (0.1, 2e-3, 5e-3);
 
+/// Step of a self-motion in the joint that moves most, rad.
+const STRIDE: f64 = 0.1;
+
+/// A self-motion at one pose.
+struct AtRest<'a, const N: usize> {
+    /// The node it starts from.
+    node: usize,
+    /// Direction of the joints' motion.
+    v: SVector<f64, N>,
+    /// The pose of C, which rests.
+    X: &'a Pose,
+    /// Where the path goes on to, as a unit task displacement.
+    onwards: &'a Vector6<f64>,
+    /// Whether every second posture may be left along the path, or only those where the lost direction allows it.
+    every: bool,
+}
+
 /// Where `f` is lowest within [−1, 1], by golden section.
 fn lowest(f: impl Fn(f64) -> f64) -> f64 {
     let (mut low, mut high) = (-1.0, 1.0);
@@ -30,22 +47,38 @@ impl<const N: usize> Search<'_, N> {
         rest
     }
 
+    /// The postures that a self-motion leads to, as nodes that follow on the one it starts from.
+    ///
+    /// `v` is the direction in which the joints begin to move from `node`, `t` the time within the leg, s, at which C rests at `X`.
     pub(super) fn self_motion(
         &mut self,
         leg: &Stretch<'_, N>,
-        node: usize,
+        (node, v): (usize, SVector<f64, N>),
         (t, X): (f64, &Pose),
-        v: &SVector<f64, N>,
         onwards: &Vector6<f64>,
         every: bool,
     ) -> Vec<usize> {
-        const STRIDE: f64 = 0.1;
+        let (zero, start, parent) = (SVector::zeros(), self.nodes[node].q, self.nodes[node].cost);
+        let mut found = vec![];
+        for (q, knots) in self.postures_on(&AtRest { node, v, X, onwards, every }, leg.from_s + t) {
+            let moved = (0..N).fold(0.0_f64, |time, i| time.max((q[i] - start[i]).abs() / (SPEED * self.bounds.velocity[i])));
+            if let Some(one) = self.push_node(leg, node, knots, &Way { damping: 0.0, drift: zero }) {
+                self.nodes[one].cost = parent + STOP_S + 1.875 * moved + self.price(&zero, STOP_S, &q);
+                self.nodes[one].heading = zero;
+                found.push(one);
+            }
+        }
+        found
+    }
+
+    /// The postures to leave a self-motion from, each with the knots that lead there, all at the time `t` on the path's clock.
+    fn postures_on(&self, from: &AtRest<'_, N>, t: f64) -> Vec<(SVector<f64, N>, Vec<Knot<N>>)> {
+        let AtRest { X, onwards, every, .. } = *from;
         let zero = SVector::zeros();
-        let start = self.nodes[node].q;
         let mut knots: Vec<Knot<N>> = vec![];
-        let (mut at, mut v) = (start, *v / v.amax());
+        let (mut at, mut v) = (self.nodes[from.node].q, from.v / from.v.amax());
         let mut undone = self.undone(&at, onwards);
-        let mut out: Vec<(SVector<f64, N>, Vec<Knot<N>>)> = vec![];
+        let mut out = vec![];
         // A second direction may be lost on the way: where the rank falls further, a fold may open.
         let second = |q: &SVector<f64, N>| {
             let spectrum = self.arm.spectrum(q);
@@ -66,18 +99,8 @@ impl<const N: usize> Search<'_, N> {
             let rest = self.undone(&next, onwards);
             let chosen = if every {
                 (k % 2 == 0).then_some(next)
-            } else if let Some(half) = turned(&rest, &undone) {
-                // Between the two lies a posture that the path can be followed from.
-                self.spent.set(self.spent.get() + 24);
-                let (mut low, mut high) = (0.0, 1.0);
-                for _ in 0..24 {
-                    let middle = 0.5 * (low + high);
-                    let there = self.arm.solve(X, &(at + dq * middle), &zero, 0.0, SOLVED).0;
-                    if dot(&self.undone(&there, onwards), &undone, half) > 0.0 { low = middle } else { high = middle }
-                }
-                Some(self.arm.solve(X, &(at + dq * high), &zero, 0.0, SOLVED).0)
             } else {
-                None
+                turned(&rest, &undone).map(|half| self.between(from, (&at, &dq), (&undone, half)))
             };
             let (rank, gap) = (second(&next), rest.norm());
             let falls = k > 1 && ranks[1] < ranks[0] && ranks[1] <= rank && ranks[1] < 0.1;
@@ -97,22 +120,29 @@ impl<const N: usize> Search<'_, N> {
             (ranks, gaps) = ([ranks[1], rank], [gaps[1], gap]);
             if let Some(q) = chosen {
                 let mut knots = knots.clone();
-                knots.push(Knot { t: leg.from_s + t, q, waits: true });
+                knots.push(Knot { t, q, waits: true });
                 out.push((q, knots));
             }
-            knots.push(Knot { t: leg.from_s + t, q: next, waits: true });
+            knots.push(Knot { t, q: next, waits: true });
             (at, v, undone) = (next, dq / dq.amax(), rest);
         }
-        let parent = self.nodes[node].cost;
-        let mut found = vec![];
-        for (q, knots) in out {
-            let moved = (0..N).fold(0.0_f64, |time, i| time.max((q[i] - start[i]).abs() / (SPEED * self.bounds.velocity[i])));
-            if let Some(one) = self.push_node(leg, node, knots, &Way { damping: 0.0, drift: zero }) {
-                self.nodes[one].cost = parent + STOP_S + 1.875 * moved + self.price(&zero, STOP_S, &q);
-                self.nodes[one].heading = zero;
-                found.push(one);
-            }
+        out
+    }
+
+    /// The posture between `at` and `at` + `dq` from which the path can be followed: there a half of what is lost of it changes its sign.
+    fn between(
+        &self,
+        from: &AtRest<'_, N>,
+        (at, dq): (&SVector<f64, N>, &SVector<f64, N>),
+        (undone, half): (&Vector6<f64>, usize),
+    ) -> SVector<f64, N> {
+        self.spent.set(self.spent.get() + 24);
+        let there = |x: f64| self.arm.solve(from.X, &(at + dq * x), &SVector::zeros(), 0.0, SOLVED).0;
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..24 {
+            let middle = 0.5 * (low + high);
+            if dot(&self.undone(&there(middle), from.onwards), undone, half) > 0.0 { low = middle } else { high = middle }
         }
-        found
+        there(high)
     }
 }
