@@ -73,7 +73,7 @@ pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<ExitCode, Failu
 }
 
 fn print_killed(scenario: &Scenario, killed: &Killed, as_json: bool) {
-    let Killed { histories, deaths, within_tick, at_start, unrepeated, kept } = killed;
+    let Killed { histories, deaths, within_tick, at_start, unrepeated, folder } = killed;
     if as_json {
         let one = |run: &kills::Unrepeated| {
             let place = run.place.as_ref().map(|place| json!({"tick": place.tick, "topic": place.topic, "field": place.difference.field}));
@@ -81,7 +81,7 @@ fn print_killed(scenario: &Scenario, killed: &Killed, as_json: bool) {
         };
         let whole = json!({
             "scenario": scenario.name, "seed": scenario.seed, "histories": histories, "deaths": deaths, "within_tick": within_tick,
-            "at_start": at_start, "unrepeated": unrepeated.iter().map(one).collect::<Vec<_>>(), "kept": kept,
+            "at_start": at_start, "unrepeated": unrepeated.iter().map(one).collect::<Vec<_>>(), "folder": folder,
         });
         say!("{whole}");
         return;
@@ -93,8 +93,8 @@ fn print_killed(scenario: &Scenario, killed: &Killed, as_json: bool) {
             );
         }
     }
-    if let Some(kept) = kept {
-        say!("the runs that were not repeated are in {}", kept.display());
+    if let Some(folder) = folder {
+        say!("the runs that were not repeated are in {}", folder.display());
     }
     let deaths = format!("{deaths} deaths, {within_tick} between two messages of a tick, {at_start} of replacements that had not answered");
     let repeated = *histories as usize - unrepeated.len();

@@ -52,7 +52,7 @@ impl<A: Message, B: Message, C: Message> Inputs for (Cursor<A>, Cursor<B>, Curso
 
 /// LogReader messages in the order of their ticks, each tick once: faults make them late, old, or two.
 pub(super) struct InOrder<M> {
-    pub kept: LogReader<M>,
+    pub log: LogReader<M>,
     pub ahead: BTreeMap<u64, M>,
     /// The first tick that has not been handed out.
     pub next: u64,
@@ -64,7 +64,7 @@ impl<M: Message> InOrder<M> {
 
     pub(super) fn next_message(&mut self) -> Result<Option<M>, LogError> {
         while self.ahead.len() < Self::AHEAD
-            && let Some(message) = self.kept.next_message()?
+            && let Some(message) = self.log.next_message()?
         {
             let tick = message.header().tick;
             if tick >= self.next {
@@ -79,7 +79,7 @@ impl<M: Message> InOrder<M> {
 
 /// LogReader messages, looked for by tick.
 pub(super) struct Cursor<M: Message> {
-    pub kept: LogReader<M>,
+    pub log: LogReader<M>,
     /// A message that came before it was asked for.
     pub ahead: Option<M>,
 }
@@ -88,7 +88,7 @@ impl<M: Message> Cursor<M> {
     pub(super) fn next_message(&mut self) -> Result<Option<M>, LogError> {
         match self.ahead.take() {
             Some(message) => Ok(Some(message)),
-            None => self.kept.next_message(),
+            None => self.log.next_message(),
         }
     }
 

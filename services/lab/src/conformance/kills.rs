@@ -68,8 +68,8 @@ pub struct Killed {
     pub at_start: u64,
     /// Runs that were not repeated.
     pub unrepeated: Vec<Unrepeated>,
-    /// Where these are.
-    pub kept: Option<PathBuf>,
+    /// The folder that holds these.
+    pub folder: Option<PathBuf>,
 }
 
 /// Runs a scenario many times while processes are killed, and repeats each run from the scenario that it leaves.
@@ -110,7 +110,7 @@ pub fn verify_kills(request: &Request<'_>, observer: Observer<'_>) -> Result<Kil
     }
     observer(Progress::End);
     if !killed.unrepeated.is_empty() {
-        killed.kept = Some(folder.keep());
+        killed.folder = Some(folder.keep());
     }
     Ok(killed)
 }

@@ -59,7 +59,7 @@ impl Replayed {
 /// name the process is the one that armplane's controller runs in.
 ///
 /// # Errors
-/// [`Failure`] where the run kept no messages, cannot be read, has no such process, or the step refuses the scenario.
+/// [`Failure`] where the run wrote no messages, cannot be read, has no such process, or the step refuses the scenario.
 pub fn replay(run: &Path, process: Option<&str>, settings: &[String], observer: Observer<'_>) -> Result<(Job, Replayed), Failure> {
     let job = job(run)?;
     let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
@@ -199,9 +199,9 @@ struct Tape<'a> {
 impl Tape<'_> {
     fn open<M: Message>(&self) -> Result<Cursor<M>, Failure> {
         match LogReader::open(&self.folder) {
-            Ok(kept) => Ok(Cursor { kept, ahead: None }),
+            Ok(log) => Ok(Cursor { log, ahead: None }),
             Err(error) if error.is_absent() => Err(Failure::Input(format!(
-                "the run in {} kept no messages of topic {:?}: run it again without --no-messages, `armplane replay` reads {}",
+                "the run in {} wrote no messages of topic {:?}: run it again without --no-messages, `armplane replay` reads {}",
                 self.run.display(),
                 M::TOPIC,
                 self.folder.display()
@@ -211,7 +211,7 @@ impl Tape<'_> {
     }
 
     fn in_order<M: Message>(&self) -> Result<InOrder<M>, Failure> {
-        Ok(InOrder { kept: self.open::<M>()?.kept, ahead: BTreeMap::new(), next: 0 })
+        Ok(InOrder { log: self.open::<M>()?.log, ahead: BTreeMap::new(), next: 0 })
     }
 
     /// Computes every recorded output again from the inputs of its tick. A process that was started again in the run is so here: a fresh

@@ -23,7 +23,7 @@ const STEPS: (u32, f64) = (120, 0.3);
 const STEPS_ONTO_TWO: u32 = 16;
 /// Draws of a posture for one line; and so many of which none can be moved onto a pair of formulas: they do not both hold within the limits.
 const DRAWS: u32 = 4000;
-const HOPELESS: u32 = 300;
+const DRAWS_ONTO_TWO: u32 = 300;
 /// Draws of a line through one posture.
 const LINES: u32 = 20;
 /// Poses of a line that must have a posture.
@@ -254,9 +254,9 @@ impl<const N: usize> Draw<'_, N> {
     }
 
     fn line(&self, kinds: &[Kind], number: u32, index: usize, random: &mut Uniform) -> Option<SingularLine> {
-        let mut is_hopeless = true;
+        let mut excludes_both = true;
         for draw in 0..DRAWS {
-            if draw == HOPELESS && is_hopeless && !self.has_spare_joints() {
+            if draw == DRAWS_ONTO_TWO && excludes_both && !self.has_spare_joints() {
                 return None;
             }
             let q = self.posture(random);
@@ -271,7 +271,7 @@ impl<const N: usize> Draw<'_, N> {
             if kinds.iter().any(|kind| !lost.iter().any(|one| one.0 == *kind)) || kinds.len() == 1 && lost.len() != 1 {
                 continue;
             }
-            is_hopeless = false;
+            excludes_both = false;
             // A fold is the boundary of what can be reached: a line starts or ends there.
             let fold = lost.iter().any(|one| one.2 == Class::Type1);
             let boundary = lost.iter().find_map(|one| one.3);

@@ -137,7 +137,7 @@ impl Draws {
 }
 
 /// Deals what goes wrong, so that everything comes equally often over all rounds: a shuffled deck of every kind, process and way.
-pub(super) struct Dealer {
+pub(super) struct FaultDraw {
     draws: Draws,
     graph: Graph,
     joints: u64,
@@ -148,7 +148,7 @@ pub(super) struct Dealer {
     full: VecDeque<Act>,
 }
 
-impl Dealer {
+impl FaultDraw {
     pub(super) fn new(robot: &Robot, graph: Graph, rate_hz: u32, seed: u64) -> Self {
         Self {
             draws: Draws { seed: seed ^ 0x50a4, drawn: 0 },
@@ -292,15 +292,15 @@ mod tests {
     use shared_types::graph::BUILT_IN;
     use std::collections::BTreeSet;
 
-    fn dealer(seed: u64) -> Dealer {
-        Dealer::new(&Robot::builtin("puma560").unwrap(), Graph::parse("graph.toml", BUILT_IN).unwrap(), 1000, seed)
+    fn draw(seed: u64) -> FaultDraw {
+        FaultDraw::new(&Robot::builtin("puma560").unwrap(), Graph::parse("graph.toml", BUILT_IN).unwrap(), 1000, seed)
     }
 
     #[test]
     fn a_seed_deals_the_same_again_and_every_fault_makes_sense() {
         let deal = |seed| {
-            let mut dealer = dealer(seed);
-            (0..30).map(|_| dealer.round(60.0)).collect::<Vec<_>>()
+            let mut faults = draw(seed);
+            (0..30).map(|_| faults.round(60.0)).collect::<Vec<_>>()
         };
         assert_eq!(deal(7), deal(7));
         assert_ne!(deal(7), deal(8));
@@ -314,9 +314,9 @@ mod tests {
 
     #[test]
     fn everything_comes_and_only_what_is_meant_to_ends_a_run() {
-        let mut dealer = dealer(1);
-        let graph = dealer.graph.clone();
-        let rounds: Vec<_> = (0..30).map(|_| dealer.round(60.0)).collect();
+        let mut faults = draw(1);
+        let graph = faults.graph.clone();
+        let rounds: Vec<_> = (0..30).map(|_| faults.round(60.0)).collect();
         let name = |act: &Act| format!("{} {}", act.process(), act.name());
         let dealt: BTreeSet<_> = rounds.iter().flatten().map(|planned| name(&planned.act)).collect();
         let missing: Vec<_> =

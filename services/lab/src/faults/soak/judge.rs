@@ -50,7 +50,7 @@ pub struct Messages {
     /// Sent, and neither taken in nor refused.
     pub lost: u64,
     /// In the files, read back.
-    pub kept: u64,
+    pub in_files: u64,
 }
 
 /// The content of a round's files, read back.
@@ -149,7 +149,7 @@ fn record(seen: &Evidence) -> Vec<String> {
     let mut broken = seen.files.unreadable.clone();
     let ticks_allowed = (LOST_PER_DEATH_S * f64::from(seen.rate_hz)).ceil() as u64 * seen.recorder_deaths;
     let allowed = ticks_allowed * seen.topics;
-    let Messages { sent, taken_in, refused, fenced, lost, kept } = seen.messages;
+    let Messages { sent, taken_in, refused, fenced, lost, in_files } = seen.messages;
     if lost > allowed {
         broken.push(format!("{lost} messages lost, {allowed} are allowed for {} deaths of the recorder", seen.recorder_deaths));
     }
@@ -159,7 +159,7 @@ fn record(seen: &Evidence) -> Vec<String> {
     match seen.full_at {
         None if !seen.recording_error.is_empty() => broken.push(format!("the recording broke off: {}", seen.recording_error)),
         None => {
-            let missing = sent.saturating_sub(refused + fenced + kept);
+            let missing = sent.saturating_sub(refused + fenced + in_files);
             if missing > allowed {
                 broken.push(format!("{missing} messages are not in the files, {allowed} may be missing"));
             }
@@ -201,7 +201,7 @@ mod tests {
             topics: 5,
             ticks: 10_000,
             motion,
-            messages: Messages { sent: 50_000, taken_in: 50_000, kept: 50_000, ..Messages::default() },
+            messages: Messages { sent: 50_000, taken_in: 50_000, in_files: 50_000, ..Messages::default() },
             files: Files { rows: 10_000, ..Files::default() },
             recorder_deaths: 0,
             full_at: None,
@@ -231,7 +231,7 @@ mod tests {
         fine(&|seen| seen.end = died("controller", 5));
         fine(&|seen| (seen.end, seen.fatal) = (died("plant", 0), Some(("plant".to_owned(), true))));
         fine(&|seen| seen.goal_reached = false);
-        fine(&|seen| (seen.recorder_deaths, seen.messages.lost, seen.messages.kept, seen.files.rows) = (1, 500, 49_500, 9_900));
+        fine(&|seen| (seen.recorder_deaths, seen.messages.lost, seen.messages.in_files, seen.files.rows) = (1, 500, 49_500, 9_900));
         fine(&|seen| seen.deaths = death(false, false, 0.5));
         fine(&|seen| (seen.full_at, seen.recording_error, seen.files.rows) = (Some(5_000), "the disk is full".to_owned(), 4_650));
     }
@@ -242,9 +242,9 @@ mod tests {
             let broken = judged(corrupt);
             assert!(broken.len() == 1 && broken[0].contains(words), "{words}: {broken:?}");
         };
-        caught("501 messages lost, 500", &|seen| (seen.recorder_deaths, seen.messages.lost, seen.messages.kept) = (1, 501, 49_500));
+        caught("501 messages lost, 500", &|seen| (seen.recorder_deaths, seen.messages.lost, seen.messages.in_files) = (1, 501, 49_500));
         caught("1 messages lost, 0", &|seen| seen.messages.lost = 1);
-        caught("1 messages are not in the files", &|seen| seen.messages.kept -= 1);
+        caught("1 messages are not in the files", &|seen| seen.messages.in_files -= 1);
         caught("only 50000 sent", &|seen| seen.messages.taken_in += 1);
         caught("of 9898 ticks of 10000", &|seen| (seen.recorder_deaths, seen.files.rows) = (1, 9_898));
         caught("cannot read", &|seen| seen.files.unreadable.push("cannot read run.rrd".to_owned()));

@@ -19,7 +19,7 @@ pub struct Stop {
     pub until: u64,
 }
 
-/// Reads the kept messages back: what the arm did, when the drives stopped it, and how many there are of each topic.
+/// Reads the messages back: what the arm did, when the drives stopped it, and how many there are of each topic.
 pub(super) fn read(mut motion: Motion, messages: &Path) -> (Motion, Vec<Stop>, Files, [u64; COUNT]) {
     let (mut files, mut stops) = (Files::default(), Vec::<Stop>::new());
     each::<PlantState>(messages, &mut files, |state| {
@@ -48,8 +48,8 @@ pub(super) fn read(mut motion: Motion, messages: &Path) -> (Motion, Vec<Stop>, F
 fn each<M: Message>(messages: &Path, files: &mut Files, mut each: impl FnMut(&M)) -> u64 {
     let mut n = 0;
     let mut read = || -> Result<(), LogError> {
-        let mut kept = LogReader::<M>::open(messages)?;
-        while let Some(message) = kept.next_message()? {
+        let mut log = LogReader::<M>::open(messages)?;
+        while let Some(message) = log.next_message()? {
             n += 1;
             each(&message);
         }

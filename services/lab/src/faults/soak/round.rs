@@ -202,7 +202,7 @@ impl Seen {
     fn judge(&self, setting: &Setting<'_>, number: usize, seed: u64, job: &Job, out: &Path) -> Result<Round, Failure> {
         let rate_hz = job.scenario.rate_hz;
         let faults = self.summary.faults.iter().filter(|fault| fault.occurred).filter_map(|fault| fault.plan.as_ref());
-        let (motion, stops, mut files, kept) =
+        let (motion, stops, mut files, by_topic) =
             read(Motion::new(Guarantee::new(setting.robot, &job.scenario, SPEED_MARGIN_AT_FULL_TORQUE, faults)), &out.join(MESSAGES));
         self.read_recording(out, &mut files);
         let mut injected: Vec<Injected> = self.executed.iter().filter_map(|executed| self.injected(executed, rate_hz)).collect();
@@ -210,7 +210,7 @@ impl Seen {
         let recorder_counts = self.outcome.processes.iter().find(|process| process.name == Program::Recorder.name()).map(|one| one.counts);
         let (refused, fenced) = recorder_counts.map_or((0, 0), |counts| (counts.refused, counts.fenced));
         let sent = self.outcome.processes.iter().map(|process| process.counts.sent).sum::<u64>();
-        let in_files: u64 = kept.iter().sum();
+        let in_files: u64 = by_topic.iter().sum();
         // A recorder that is dead at the end leaves no account, but it leaves its files; where a full volume has ended those, its last words.
         let account = &self.summary.recorder;
         let (taken_in, recording_error) = match (account.messages, self.full_at()) {
@@ -218,7 +218,7 @@ impl Seen {
             (0, None) => (in_files, String::new()),
             (messages, _) => (messages, account.error.clone()),
         };
-        let messages = Messages { sent, taken_in, refused, fenced, lost: sent.saturating_sub(taken_in + refused + fenced), kept: in_files };
+        let messages = Messages { sent, taken_in, refused, fenced, lost: sent.saturating_sub(taken_in + refused + fenced), in_files };
         // As `drill` sees it: what it went through on its way is not the goal.
         let (task, goal) = (&self.summary.task, &job.scenario.goal);
         let is_there = task.final_position_mm <= goal.position_mm && task.final_orientation_deg <= goal.orientation_deg;
@@ -229,7 +229,7 @@ impl Seen {
             fatal: self.fatal(),
             goal_reached,
             rate_hz,
-            topics: kept.len() as u64,
+            topics: by_topic.len() as u64,
             ticks: self.outcome.ticks,
             motion,
             messages,

@@ -9,7 +9,7 @@ use serde::Serialize;
 use session::{Failure, Observer, Progress, load};
 use shared_types::scenario::Scenario;
 
-use super::draw::Dealer;
+use super::draw::FaultDraw;
 use super::round::{Round, Setting};
 use super::tally::{Kind, Totals, kinds};
 use crate::folder::Folder;
@@ -82,9 +82,9 @@ pub struct Soak {
     pub rounds: Vec<Round>,
     /// After each round.
     pub usage: Vec<Usage>,
-    /// Where the rounds with a broken guarantee are kept.
+    /// The folder that holds the rounds with a broken guarantee.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub kept: Option<PathBuf>,
+    pub folder: Option<PathBuf>,
 }
 
 /// Runs rounds until so many seconds of the arm's time are over; what is broken stays in `out`, or in a temporary folder that is named.
@@ -101,7 +101,7 @@ pub fn soak(
     let folder = Folder::create(out)?;
     let seed = seed.unwrap_or_else(|| runtime::now_ns() % 1_000_000);
     let (seconds, rate) = (seconds as f64, f64::from(rate_hz));
-    let mut dealer = Dealer::new(robot, load::graph(None)?, rate_hz, seed);
+    let mut faults = FaultDraw::new(robot, load::graph(None)?, rate_hz, seed);
     observer(Progress::Begin { title: "round 1", length: (seconds * rate) as u64, unit: "ticks" });
     let (mut rounds, mut usage, mut interrupted) = (Vec::<Round>::new(), Vec::<Usage>::new(), None);
     let mut done = 0;
@@ -115,7 +115,7 @@ pub fn soak(
         let setting = Setting { robot, scenario: &scenario, seconds: scenario.duration_s() };
         let out = folder.path().join(format!("round-{number:03}"));
         std::fs::create_dir_all(&out).map_err(|error| Failure::Work(format!("cannot make {}: {error}", out.display())))?;
-        let planned = dealer.round(setting.seconds);
+        let planned = faults.round(setting.seconds);
         let broken = rounds.iter().filter(|round| !round.broken.is_empty()).count();
         observer(Progress::Title(&format!("round {number}{}", if broken > 0 { format!(", {broken} BROKEN") } else { String::new() })));
         let mut progress = |ticks: u64| observer(Progress::Position(done + ticks));
@@ -148,7 +148,7 @@ pub fn soak(
         passed &= grown.is_empty();
         round.broken.extend(grown);
     }
-    let kept = (!passed).then(|| folder.keep());
+    let folder = (!passed).then(|| folder.keep());
     Ok(Soak {
         seed,
         rate_hz,
@@ -158,7 +158,7 @@ pub fn soak(
         totals: Totals::of(&rounds),
         rounds,
         usage,
-        kept,
+        folder,
     })
 }
 

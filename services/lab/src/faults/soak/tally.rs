@@ -149,7 +149,7 @@ impl Totals {
                 (&mut sum.refused, one.refused),
                 (&mut sum.fenced, one.fenced),
                 (&mut sum.lost, one.lost),
-                (&mut sum.kept, one.kept),
+                (&mut sum.in_files, one.in_files),
             ] {
                 *sum += one;
             }

@@ -63,8 +63,8 @@ impl fmt::Display for Soak {
         )?;
         let restarts = all.restarts.iter().filter(|(_, count)| **count > 0).map(|(process, count)| format!("{process} {count}"));
         writeln!(f, "restarts   {}", restarts.collect::<Vec<_>>().join(", "))?;
-        let Messages { sent, taken_in, refused, fenced, lost, kept } = all.messages;
-        writeln!(f, "messages   {sent} sent, {taken_in} received by the recorder, {kept} read back from its files")?;
+        let Messages { sent, taken_in, refused, fenced, lost, in_files } = all.messages;
+        writeln!(f, "messages   {sent} sent, {taken_in} received by the recorder, {in_files} read back from its files")?;
         writeln!(
             f,
             "           {refused} refused for a number that is not finite, {fenced} of a dead incarnation; {lost} lost, sent while the recorder was away or too far behind ({:.0} for each of its deaths)",
@@ -101,8 +101,8 @@ impl fmt::Display for Soak {
                 writeln!(f, "BROKEN     round {}, seed {}: {what}", round.round, round.seed)?;
             }
         }
-        if let Some(kept) = &self.kept {
-            writeln!(f, "           {}/round-NNN/scenario.toml holds the faults of each such round", kept.display())?;
+        if let Some(folder) = &self.folder {
+            writeln!(f, "           {}/round-NNN/scenario.toml holds the faults of each such round", folder.display())?;
         }
         if self.passed {
             writeln!(f, "every guarantee held, and nothing is left behind")?;
