@@ -3,64 +3,101 @@
 use shared_types::process::Program;
 use viz::plot::{Axis, BLUE, Color, GREY, INK, Page, Panel, RED, Row, numbered};
 
+use super::round::{Injected, Round};
 use super::rounds::Soak;
 use super::tally::Kind;
 
 /// Faults against time in a row per process, with what the drives did; and one round of them closely.
 pub fn picture(soak: &Soak) -> Page {
-    let rate = f64::from(soak.rate_hz);
-    let lengths: Vec<f64> = soak.rounds.iter().map(|round| round.ticks as f64 / rate).collect();
-    let total: f64 = lengths.iter().sum();
-    let processes: Vec<String> = Program::ALL.map(|program| program.name().to_owned()).to_vec();
-    let rows: Vec<String> = processes.iter().cloned().chain(["drives".to_owned()]).collect();
-    let drives = processes.len() as f64;
-    let mut all = Panel::new(
+    let busiest = soak.rounds.iter().filter(|round| round.end == "goal reached").max_by_key(|round| round.injected.len());
+    let closely = busiest.or(soak.rounds.first()).map(|round| Row::of(270.0, [one_round(soak, round)]));
+    let detected: Vec<&Kind> = soak.kinds.iter().filter(|kind| kind.detected_ms_p50.is_some()).collect();
+    let detection = Row::of(90.0 + 13.0 * detected.len() as f64, [detection(&detected)]);
+    let totals = &soak.totals;
+    Page {
+        title: "The soak".to_owned(),
+        subtitle: format!(
+            "{} faults in {:.0} s of real time at {} Hz, {} rounds: {} reached the goal, {} came to rest, {} ended by design, {} broke a guarantee",
+            totals.planned,
+            soak.rounds.iter().map(|round| seconds(soak, round)).sum::<f64>(),
+            soak.rate_hz,
+            totals.rounds,
+            totals.goal,
+            totals.rest,
+            totals.ended,
+            totals.broken
+        ),
+        rows: [Row::of(270.0, [every_round(soak)])].into_iter().chain(closely).chain([detection]).collect(),
+        width: 1100.0,
+        ..Page::default()
+    }
+}
+
+/// Length of a round, s.
+fn seconds(soak: &Soak, round: &Round) -> f64 {
+    round.ticks as f64 / f64::from(soak.rate_hz)
+}
+
+/// The row of a fault: that of its process, its class a little apart, so that the later do not hide the earlier.
+fn height(injected: &Injected) -> f64 {
+    let row = Program::ALL.iter().position(|program| program.name() == injected.process).unwrap_or_default();
+    row as f64 + 0.13 * (class_of(&injected.kind) as f64 - 2.0)
+}
+
+/// A row per process, and one for the drives.
+fn rows() -> Axis {
+    Axis::names(Program::ALL.iter().map(|program| program.name().to_owned()).chain(["drives".to_owned()]))
+}
+
+/// Every fault of all rounds, one after the other.
+fn every_round(soak: &Soak) -> Panel {
+    let (rate, drives) = (f64::from(soak.rate_hz), Program::ALL.len() as f64);
+    let total: f64 = soak.rounds.iter().map(|round| seconds(soak, round)).sum();
+    let mut panel = Panel::new(
         "every fault by process; below, when the drives stopped the arm or held it",
         Axis::named("time, s").within(0.0..total.max(1.0)),
-        Axis::names(rows.clone()),
+        rows(),
     );
     for (class, color) in CLASSES.iter().zip(colors()) {
-        all.line(class, color, &[]);
+        panel.line(class, color, &[]);
     }
     let mut from = 0.0;
-    for (round, length) in soak.rounds.iter().zip(&lengths) {
-        all.line("", Color { 3: 0.5, ..GREY }, &[(from, -0.5), (from, drives + 0.5)]);
+    for round in &soak.rounds {
+        panel.line("", Color { 3: 0.5, ..GREY }, &[(from, -0.5), (from, drives + 0.5)]);
         for injected in &round.injected {
-            let row = processes.iter().position(|process| *process == injected.process).unwrap_or_default() as f64;
-            // Classes a little apart, so that the later do not hide the earlier.
-            let class = class_of(&injected.kind);
-            all.dots(colors()[class], 2.0, &[(from + injected.at_s, row + 0.13 * (class as f64 - 2.0))]);
+            panel.dots(colors()[class_of(&injected.kind)], 2.0, &[(from + injected.at_s, height(injected))]);
         }
         for stop in &round.stops {
             let until = (stop.until as f64 / rate).max(stop.from as f64 / rate + 0.0005 * total);
-            stroke(&mut all, INK, from + stop.from as f64 / rate, from + until, drives);
+            stroke(&mut panel, INK, from + stop.from as f64 / rate, from + until, drives);
         }
-        from += length;
+        from += seconds(soak, round);
     }
-    let busiest = soak.rounds.iter().filter(|round| round.end == "goal reached").max_by_key(|round| round.injected.len());
-    let mut page_rows = vec![Row::of(270.0, [all])];
-    if let Some(round) = busiest.or(soak.rounds.first()) {
-        let seconds = (round.ticks as f64 / rate).max(1.0);
-        let title = format!("round {} closely: how long each lasted; a dot where a process died", round.round);
-        let mut one = Panel::new(&title, Axis::named("time, s").within(0.0..seconds), Axis::names(rows));
-        for injected in &round.injected {
-            let row = processes.iter().position(|process| *process == injected.process).unwrap_or_default() as f64;
-            let class = class_of(&injected.kind);
-            let y = row + 0.13 * (class as f64 - 2.0);
-            // Until the process was back, where it went.
-            let length_s = injected.recovered_ms.map_or(injected.length_s, |ms| ms * 1e-3);
-            stroke(&mut one, colors()[class], injected.at_s, (injected.at_s + length_s.max(0.001 * seconds)).min(seconds), y);
-            if injected.deaths > 0 {
-                one.dots(colors()[class], 2.6, &[(injected.at_s, y)]);
-            }
+    panel
+}
+
+/// One round closely: a stroke per fault while it lasts, or until its process was back.
+fn one_round(soak: &Soak, round: &Round) -> Panel {
+    let (rate, drives, seconds) = (f64::from(soak.rate_hz), Program::ALL.len() as f64, seconds(soak, round).max(1.0));
+    let title = format!("round {} closely: how long each lasted; a dot where a process died", round.round);
+    let mut panel = Panel::new(&title, Axis::named("time, s").within(0.0..seconds), rows());
+    for injected in &round.injected {
+        let (color, y) = (colors()[class_of(&injected.kind)], height(injected));
+        let length_s = injected.recovered_ms.map_or(injected.length_s, |ms| ms * 1e-3);
+        stroke(&mut panel, color, injected.at_s, (injected.at_s + length_s.max(0.001 * seconds)).min(seconds), y);
+        if injected.deaths > 0 {
+            panel.dots(color, 2.6, &[(injected.at_s, y)]);
         }
-        for stop in &round.stops {
-            let from = stop.from as f64 / rate;
-            stroke(&mut one, INK, from, (stop.until as f64 / rate).max(from + 0.001 * seconds), drives);
-        }
-        page_rows.push(Row::of(270.0, [one]));
     }
-    let detected: Vec<&Kind> = soak.kinds.iter().filter(|kind| kind.detected_ms_p50.is_some()).collect();
+    for stop in &round.stops {
+        let from = stop.from as f64 / rate;
+        stroke(&mut panel, INK, from, (stop.until as f64 / rate).max(from + 0.001 * seconds), drives);
+    }
+    panel
+}
+
+/// The times until faults of each kind are detected.
+fn detection(detected: &[&Kind]) -> Panel {
     let mut panel = Panel::new(
         "time until a fault is detected, ms: half of them, and the slowest",
         Axis::default().logarithmic().within(0.001..10_000.0),
@@ -73,19 +110,9 @@ pub fn picture(soak: &Soak) -> Page {
         panel.dots(color, 3.0, &[(half, row as f64)]);
         panel.dots(color, 1.8, &[(most, row as f64)]);
     }
-    page_rows.push(Row::of(90.0 + 13.0 * detected.len() as f64, [panel]));
-    let totals = &soak.totals;
-    Page {
-        title: "The soak".to_owned(),
-        subtitle: format!(
-            "{} faults in {:.0} s of real time at {} Hz, {} rounds: {} reached the goal, {} came to rest, {} ended by design, {} broke a guarantee",
-            totals.planned, total, soak.rate_hz, totals.rounds, totals.goal, totals.rest, totals.ended, totals.broken
-        ),
-        rows: page_rows,
-        width: 1100.0,
-        ..Page::default()
-    }
+    panel
 }
+
 /// A line three times as thick as others.
 fn stroke(panel: &mut Panel, color: Color, from: f64, to: f64, y: f64) {
     for place in [y - 0.05, y, y + 0.05] {

@@ -11,6 +11,17 @@ use super::rounds::Soak;
 /// Faults by kind, totals, and each guarantee that does not hold.
 impl fmt::Display for Soak {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.kinds(f)?;
+        self.injected(f)?;
+        self.messages(f)?;
+        self.margins(f)?;
+        self.usage(f)?;
+        self.verdict(f)
+    }
+}
+
+impl Soak {
+    fn kinds(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut rows = table(&[
             "kind",
             "times",
@@ -41,7 +52,10 @@ impl fmt::Display for Soak {
                 number(kind.ended),
             ]);
         }
-        writeln!(f, "{rows}\nafter, ms: median / maximum")?;
+        writeln!(f, "{rows}\nafter, ms: median / maximum")
+    }
+
+    fn injected(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let all = &self.totals;
         writeln!(
             f,
@@ -62,14 +76,21 @@ impl fmt::Display for Soak {
             if left_out.is_empty() { String::new() } else { format!("; left out {left_out}") }
         )?;
         let restarts = all.restarts.iter().filter(|(_, count)| **count > 0).map(|(process, count)| format!("{process} {count}"));
-        writeln!(f, "restarts   {}", restarts.collect::<Vec<_>>().join(", "))?;
-        let Messages { sent, taken_in, refused, fenced, lost, in_files } = all.messages;
+        writeln!(f, "restarts   {}", restarts.collect::<Vec<_>>().join(", "))
+    }
+
+    fn messages(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Messages { sent, taken_in, refused, fenced, lost, in_files } = self.totals.messages;
         writeln!(f, "messages   {sent} sent, {taken_in} received by the recorder, {in_files} read back from its files")?;
         writeln!(
             f,
             "           {refused} refused for a number that is not finite, {fenced} of a dead incarnation; {lost} lost, sent while the recorder was away or too far behind ({:.0} for each of its deaths)",
-            all.lost_per_death_of_recorder
-        )?;
+            self.totals.lost_per_death_of_recorder
+        )
+    }
+
+    fn margins(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let all = &self.totals;
         writeln!(f, "deadlines  {} missed of {}", all.deadlines_missed, all.ticks)?;
         for (cause, count) in &all.deadlines_by_cause {
             writeln!(f, "           {count} {cause}")?;
@@ -83,19 +104,24 @@ impl fmt::Display for Soak {
             percent(all.speed_max_ratio),
             all.stale_ticks
         )?;
-        writeln!(f, "the arm    was stopped or braked for {:.1} s", all.stopped_s)?;
-        if let (Some(first), Some(last)) = (self.usage.first(), self.usage.last()) {
-            writeln!(
-                f,
-                "the soak   {:.1} to {:.1} MB, {} to {} open files, {} to {} threads from its first round to its last",
-                first.resident_kb as f64 / 1e3,
-                last.resident_kb as f64 / 1e3,
-                first.open_files,
-                last.open_files,
-                first.threads,
-                last.threads
-            )?;
-        }
+        writeln!(f, "the arm    was stopped or braked for {:.1} s", all.stopped_s)
+    }
+
+    fn usage(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (Some(first), Some(last)) = (self.usage.first(), self.usage.last()) else { return Ok(()) };
+        writeln!(
+            f,
+            "the soak   {:.1} to {:.1} MB, {} to {} open files, {} to {} threads from its first round to its last",
+            first.resident_kb as f64 / 1e3,
+            last.resident_kb as f64 / 1e3,
+            first.open_files,
+            last.open_files,
+            first.threads,
+            last.threads
+        )
+    }
+
+    fn verdict(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for round in self.rounds.iter().filter(|round| !round.broken.is_empty()) {
             for what in &round.broken {
                 writeln!(f, "BROKEN     round {}, seed {}: {what}", round.round, round.seed)?;

@@ -31,6 +31,16 @@ impl fmt::Display for ArmLines {
             self.law,
             self.seed
         )?;
+        self.by_line(f)?;
+        for (i, line) in self.lines.iter().enumerate().filter(|(_, line)| line.outcome != Outcome::Reached) {
+            writeln!(f, "line {}, {}: {}", i + 1, line.outcome, line.reason)?;
+        }
+        self.by_singularity(f)
+    }
+}
+
+impl ArmLines {
+    fn by_line(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let headings = [
             "line",
             "singular",
@@ -65,10 +75,10 @@ impl fmt::Display for ArmLines {
                 line.score.as_ref().map_or_else(String::new, Score::success).into(),
             ]);
         }
-        writeln!(f, "{rows}")?;
-        for (i, line) in self.lines.iter().enumerate().filter(|(_, line)| line.outcome != Outcome::Reached) {
-            writeln!(f, "line {}, {}: {}", i + 1, line.outcome, line.reason)?;
-        }
+        writeln!(f, "{rows}")
+    }
+
+    fn by_singularity(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut names: Vec<&str> = self.lines.iter().map(|line| line.singularities.as_str()).collect();
         names.sort_unstable();
         names.dedup();
@@ -102,7 +112,6 @@ impl fmt::Display for ArmLines {
                 number(format!("{:.0} {:.0}", planning[planning.len() / 2], planning[planning.len() - 1])),
             ]);
         }
-        writeln!(f, "{rows}")?;
-        Ok(())
+        writeln!(f, "{rows}")
     }
 }
