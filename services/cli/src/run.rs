@@ -114,6 +114,6 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
     if let End::Failed(failure) = &finished.end {
         return Err(Failure::Work(failure.to_string()));
     }
-    finished.kept?;
+    finished.saved?;
     Ok(if finished.summary.outcome == "goal reached" { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }

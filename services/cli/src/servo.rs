@@ -76,7 +76,8 @@ fn seconds(text: &str) -> Result<f64, String> {
 pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let terminal = Terminal::default();
     if let Some(seeds) = args.seeds {
-        let robots = if args.subject == [DEFAULT] { steered::robots().into_iter().map(str::to_owned).collect() } else { args.subject.clone() };
+        let robots =
+            if args.subject == [DEFAULT] { steered::robots().into_iter().map(str::to_owned).collect() } else { args.subject.clone() };
         let plan = |robot: &String| steering(args, robot, Targets::Text(String::new()));
         let subjects: Vec<Steering> = robots.iter().map(plan).collect();
         let scores = steered::random(&subjects, seeds, args.duration.unwrap_or(RANDOM_S), &|progress| terminal.show(progress))?;
@@ -148,7 +149,7 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
     if let End::Failed(failure) = &finished.end {
         return Err(Failure::Work(failure.to_string()));
     }
-    finished.kept?;
+    finished.saved?;
     Ok(if finished.summary.outcome == "goal reached" { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 

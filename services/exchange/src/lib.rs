@@ -55,9 +55,9 @@ pub fn run(shell: &Shell, graph: &Graph, name: &str, dof: usize, length: u64, co
     let page = Page::create(shell.run_dir(), name, about, &topics).map_err(failed)?;
     cut::explain(name, page.range());
     let limit = if process.answer_limit_s == 0 { USUAL_LIMIT } else { Duration::from_secs(u64::from(process.answer_limit_s)) };
-    let is_hasty = process.role() != Role::Observer;
+    let stops_at_once = process.role() != Role::Observer;
     let died = |tick, failure| Err(death(shell, name, tick, &failure));
-    let mut program = match Program::start(shell, name, page, command, limit, is_hasty) {
+    let mut program = match Program::start(shell, name, page, command, limit, stops_at_once) {
         Ok(program) => program,
         Err(failure) => return died(0, failure),
     };

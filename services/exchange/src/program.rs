@@ -42,7 +42,7 @@ pub(crate) struct Program<'a> {
     limit: Duration,
     /// Whether a stop of the run ends a wait at once: not for an observer, which takes in what is still there. A stop before the end of the run ends
     /// every wait that has lasted for longer than [`GRACE`].
-    is_hasty: bool,
+    stops_at_once: bool,
 }
 
 impl<'a> Program<'a> {
@@ -53,7 +53,7 @@ impl<'a> Program<'a> {
         page: Page,
         command: Option<Command>,
         limit: Duration,
-        is_hasty: bool,
+        stops_at_once: bool,
     ) -> Result<Self, Failure> {
         let failed = |error: std::io::Error| Failure::Start { process: process.to_owned(), reason: error.to_string() };
         let child = match command {
@@ -65,7 +65,7 @@ impl<'a> Program<'a> {
             }
         };
         let group = child.as_ref().map(Pid::from_child);
-        Ok(Self { shell, process: process.to_owned(), child, group, page, limit, is_hasty })
+        Ok(Self { shell, process: process.to_owned(), child, group, page, limit, stops_at_once })
     }
 
     /// Waits until the program has joined, and compares versions and layouts; `false` when the run stops before.
@@ -109,7 +109,7 @@ impl<'a> Program<'a> {
                 continue;
             }
             let is_early = || self.shell.is_stopping_early() && began.elapsed() > GRACE;
-            if self.is_hasty && self.shell.is_stopping() || is_early() {
+            if self.stops_at_once && self.shell.is_stopping() || is_early() {
                 return Ok(Answer::Stopped);
             }
             // One that fails ends behind its answer, which counts.

@@ -65,9 +65,9 @@ pub(crate) struct Progress {
     /// The last message, where there is one.
     pub(crate) message: Option<Bytes>,
     /// Bytes in the file of kept messages, which are all of them until now.
-    pub(crate) kept_bytes: u64,
+    pub(crate) log_bytes: u64,
     /// Why no more of them are kept.
-    pub(crate) kept_error: String,
+    pub(crate) log_error: String,
 }
 
 /// A row that is still waiting for messages: a tick, and the bytes of the messages that have come.

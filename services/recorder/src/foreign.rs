@@ -8,7 +8,7 @@ use shared_types::layout::MessageLayout;
 use shared_types::wire::Stamps;
 
 use crate::checkpoint::{Bytes, Progress};
-use crate::kept::{self, Kept};
+use crate::log_result::{self, LogResult};
 
 /// The end of one such topic: its fingerprint, and the file that keeps its messages where that is wanted.
 pub(crate) struct ForeignTap {
@@ -17,7 +17,7 @@ pub(crate) struct ForeignTap {
     hash: TopicHash,
     last: Option<Vec<u8>>,
     keep: Option<RowWriter>,
-    kept: Kept,
+    logged: LogResult,
 }
 
 /// The reproducible bytes of a message: all but the stamps at its beginning.
@@ -36,14 +36,14 @@ impl ForeignTap {
         let (topic, shape) = (layout.topic.clone(), Shape::from(layout));
         let mut collector = shell.foreign_collector(&topic)?;
         if shell.incarnation() == 1 {
-            let (keep, kept) = kept::first(messages.map(|folder| RowWriter::create(folder, &shape)));
-            return Ok(Self { topic, collector, hash: TopicHash::default(), last: None, keep, kept });
+            let (keep, logged) = log_result::first(messages.map(|folder| RowWriter::create(folder, &shape)));
+            return Ok(Self { topic, collector, hash: TopicHash::default(), last: None, keep, logged });
         }
         collector.resume(past.last, past.lost);
         let (mut hash, mut last) = (past.hash, past.message.clone().map(|bytes| bytes.0));
-        let mut kept = Kept { bytes: past.kept_bytes, error: past.kept_error.clone() };
-        let resumed = messages.filter(|_| kept.error.is_empty()).map(|folder| {
-            RowWriter::resume(folder, &shape, past.kept_bytes, |row| {
+        let mut logged = LogResult { bytes: past.log_bytes, error: past.log_error.clone() };
+        let resumed = messages.filter(|_| logged.error.is_empty()).map(|folder| {
+            RowWriter::resume(folder, &shape, past.log_bytes, |row| {
                 let message: Vec<u8> = bytemuck::cast_slice(&row).to_vec();
                 hash.add_content(content(&message));
                 collector.recount(&message);
@@ -52,15 +52,15 @@ impl ForeignTap {
         });
         let keep = resumed.transpose().unwrap_or_else(|error| {
             eprintln!("{error}");
-            kept.error = error.to_string();
+            logged.error = error.to_string();
             None
         });
         collector.recall(last.as_deref())?;
-        Ok(Self { topic, collector, hash, last, keep, kept })
+        Ok(Self { topic, collector, hash, last, keep, logged })
     }
 
     pub(crate) fn drain(&mut self) -> Result<(), ProcessError> {
-        let Self { collector, hash, last, keep, kept, .. } = self;
+        let Self { collector, hash, last, keep, logged, .. } = self;
         collector.collect(|message| {
             hash.add_content(content(message));
             let last = last.get_or_insert_default();
@@ -70,7 +70,7 @@ impl ForeignTap {
                 && let Err(error) = keeping.add(&words(message))
             {
                 eprintln!("{error}");
-                *kept = Kept { bytes: keeping.bytes(), error: error.to_string() };
+                *logged = LogResult { bytes: keeping.bytes(), error: error.to_string() };
                 *keep = None;
             }
         })?;
@@ -82,13 +82,13 @@ impl ForeignTap {
             && let Err(error) = keep.flush()
         {
             eprintln!("{error}");
-            self.kept = Kept { bytes: keep.bytes(), error: error.to_string() };
+            self.logged = LogResult { bytes: keep.bytes(), error: error.to_string() };
             self.keep = None;
         }
     }
 
     pub(crate) fn has_failed(&self) -> bool {
-        !self.kept.error.is_empty()
+        !self.logged.error.is_empty()
     }
 
     pub(crate) fn hash(&self) -> TopicHash {
@@ -101,16 +101,16 @@ impl ForeignTap {
             last: self.collector.last(),
             lost: self.collector.lost(),
             message: self.last.clone().map(Bytes),
-            kept_bytes: self.keep.as_ref().map_or(self.kept.bytes, RowWriter::bytes),
-            kept_error: self.kept.error.clone(),
+            log_bytes: self.keep.as_ref().map_or(self.logged.bytes, RowWriter::bytes),
+            log_error: self.logged.error.clone(),
         }
     }
 
-    pub(crate) fn finish(&mut self) -> Kept {
+    pub(crate) fn finish(&mut self) -> LogResult {
         match self.keep.take().map(|keep| (keep.bytes(), keep.finish())) {
-            None => self.kept.clone(),
-            Some((_, Ok(bytes))) => Kept { bytes, error: String::new() },
-            Some((bytes, Err(error))) => Kept { bytes, error: error.to_string() },
+            None => self.logged.clone(),
+            Some((_, Ok(bytes))) => LogResult { bytes, error: String::new() },
+            Some((bytes, Err(error))) => LogResult { bytes, error: error.to_string() },
         }
     }
 }

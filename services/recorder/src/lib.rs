@@ -6,7 +6,7 @@ mod checkpoint;
 mod fault_reporter;
 mod foreign;
 mod judge;
-mod kept;
+mod log_result;
 mod message_rows;
 mod rebuild;
 mod tape;
@@ -30,7 +30,7 @@ use viz::Level;
 use checkpoint::{Bytes, Checkpoint, Memory, Past, Progress, StoredRow, most_ticks};
 use fault_reporter::FaultReporter;
 use foreign::ForeignTap;
-use kept::Kept;
+use log_result::LogResult;
 
 pub use assemble::{Assembler, Row, Set};
 pub use judge::{Judge, Limits, TaskError, Tick, Verdict};
@@ -154,10 +154,10 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
         take(row, &mut judge, &mut tape);
     }
     fault_reporter.report(shell, &job.graph, &mut tape);
-    let (kept, mut tape) = (topics.finish(), tape.finish());
-    tape.messages_bytes = kept.bytes;
+    let (logged, mut tape) = (topics.finish(), tape.finish());
+    tape.messages_bytes = logged.bytes;
     if tape.error.is_empty() {
-        tape.error = kept.error;
+        tape.error = logged.error;
     }
     tape.cpu_s = runtime::realtime::cpu_time_s();
     // Messages sent less messages received: a gap in the ticks may be a message that a fault kept from being sent.
@@ -198,7 +198,7 @@ struct Tap<M: Message> {
     hash: TopicHash,
     last: Option<M>,
     keep: Option<LogWriter<M>>,
-    kept: Kept,
+    logged: LogResult,
 }
 
 impl<M: Topic> Tap<M> {
@@ -207,15 +207,15 @@ impl<M: Topic> Tap<M> {
     fn open(shell: &Shell, messages: Option<&Path>, past: &Progress, mut each: impl FnMut(&M)) -> Result<Self, ProcessError> {
         let mut drain = shell.collector()?;
         if shell.incarnation() == 1 {
-            let (keep, kept) = kept::first(messages.map(LogWriter::create));
-            return Ok(Self { drain, hash: TopicHash::default(), last: None, keep, kept });
+            let (keep, logged) = log_result::first(messages.map(LogWriter::create));
+            return Ok(Self { drain, hash: TopicHash::default(), last: None, keep, logged });
         }
         drain.resume(past.last, past.lost);
         let mut hash = past.hash;
         let mut last: Option<M> = past.message.as_ref().and_then(|bytes| try_pod_read_unaligned(&bytes.0).ok());
-        let mut kept = Kept { bytes: past.kept_bytes, error: past.kept_error.clone() };
-        let resumed = messages.filter(|_| kept.error.is_empty()).map(|folder| {
-            LogWriter::resume(folder, past.kept_bytes, |message: M| {
+        let mut logged = LogResult { bytes: past.log_bytes, error: past.log_error.clone() };
+        let resumed = messages.filter(|_| logged.error.is_empty()).map(|folder| {
+            LogWriter::resume(folder, past.log_bytes, |message: M| {
                 hash.add(&message);
                 drain.recount(&message);
                 each(&message);
@@ -224,15 +224,15 @@ impl<M: Topic> Tap<M> {
         });
         let keep = resumed.transpose().unwrap_or_else(|error| {
             eprintln!("{error}");
-            kept.error = error.to_string();
+            logged.error = error.to_string();
             None
         });
         drain.recall(last.as_ref())?;
-        Ok(Self { drain, hash, last, keep, kept })
+        Ok(Self { drain, hash, last, keep, logged })
     }
 
     fn drain(&mut self, assembler: &mut Assembler) -> Result<(), ProcessError> {
-        let Self { drain, hash, last, keep, kept } = self;
+        let Self { drain, hash, last, keep, logged } = self;
         drain.collect(|message| {
             hash.add(message);
             *last = Some(*message);
@@ -240,7 +240,7 @@ impl<M: Topic> Tap<M> {
                 && let Err(error) = keeping.add(message)
             {
                 eprintln!("{error}");
-                *kept = Kept { bytes: keeping.bytes(), error: error.to_string() };
+                *logged = LogResult { bytes: keeping.bytes(), error: error.to_string() };
                 *keep = None;
             }
             if let Some(row) = assembler.row(message.header().tick) {
@@ -255,7 +255,7 @@ impl<M: Topic> Tap<M> {
             && let Err(error) = keep.flush()
         {
             eprintln!("{error}");
-            self.kept = Kept { bytes: keep.bytes(), error: error.to_string() };
+            self.logged = LogResult { bytes: keep.bytes(), error: error.to_string() };
             self.keep = None;
         }
     }
@@ -266,16 +266,16 @@ impl<M: Topic> Tap<M> {
             last: self.drain.last(),
             lost: self.drain.lost(),
             message: self.last.as_ref().map(|message| Bytes(bytes_of(message).to_vec())),
-            kept_bytes: self.keep.as_ref().map_or(self.kept.bytes, LogWriter::bytes),
-            kept_error: self.kept.error.clone(),
+            log_bytes: self.keep.as_ref().map_or(self.logged.bytes, LogWriter::bytes),
+            log_error: self.logged.error.clone(),
         }
     }
 
-    fn finish(&mut self) -> Kept {
+    fn finish(&mut self) -> LogResult {
         match self.keep.take().map(|keep| (keep.bytes(), keep.finish())) {
-            None => self.kept.clone(),
-            Some((_, Ok(bytes))) => Kept { bytes, error: String::new() },
-            Some((bytes, Err(error))) => Kept { bytes, error: error.to_string() },
+            None => self.logged.clone(),
+            Some((_, Ok(bytes))) => LogResult { bytes, error: String::new() },
+            Some((bytes, Err(error))) => LogResult { bytes, error: error.to_string() },
         }
     }
 }
@@ -319,18 +319,18 @@ impl Topics {
     }
 
     /// Ends the keeping of messages: how many bytes there are, and the first thing that went wrong.
-    fn finish(&mut self) -> Kept {
+    fn finish(&mut self) -> LogResult {
         struct Finish<'a>(&'a mut ByTopic<Taps>);
         impl Each for Finish<'_> {
-            type Output = Kept;
-            fn each<M: Topic>(&mut self) -> Kept {
+            type Output = LogResult;
+            fn each<M: Topic>(&mut self) -> LogResult {
                 M::of_mut(self.0).as_mut().map(Tap::finish).unwrap_or_default()
             }
         }
         let listed = topics::each(&mut Finish(&mut self.listed));
         let all: Vec<_> = listed.into_iter().chain(self.foreign.iter_mut().map(ForeignTap::finish)).collect();
-        let error = all.iter().find(|kept| !kept.error.is_empty()).map(|kept| kept.error.clone()).unwrap_or_default();
-        Kept { bytes: all.iter().map(|kept| kept.bytes).sum(), error }
+        let error = all.iter().find(|logged| !logged.error.is_empty()).map(|logged| logged.error.clone()).unwrap_or_default();
+        LogResult { bytes: all.iter().map(|logged| logged.bytes).sum(), error }
     }
 
     fn drain(&mut self, assembler: &mut Assembler) -> Result<(), ProcessError> {
@@ -362,7 +362,7 @@ impl Topics {
         impl Each for Failed<'_> {
             type Output = bool;
             fn each<M: Topic>(&mut self) -> bool {
-                M::of(self.0).as_ref().is_some_and(|tap| !tap.kept.error.is_empty())
+                M::of(self.0).as_ref().is_some_and(|tap| !tap.logged.error.is_empty())
             }
         }
         topics::each(&mut Failed(&self.listed)).contains(&true) || self.foreign.iter().any(ForeignTap::has_failed)

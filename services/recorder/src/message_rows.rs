@@ -14,9 +14,9 @@ use crate::{HORIZON, PATIENCE};
 const STRIDE: u64 = 64;
 
 /// The messages of all topics, in the order of their ticks.
-struct Kept;
+struct StoredMessages;
 
-impl Family for Kept {
+impl Family for StoredMessages {
     type Of<M: Topic> = Option<Messages<M>>;
 }
 
@@ -30,7 +30,7 @@ struct Messages<M: Topic> {
 
 /// The rows of a run's message logs: whatever there is of each tick, in order.
 pub struct MessageRows {
-    kept: ByTopic<Kept>,
+    messages: ByTopic<StoredMessages>,
     assembler: Assembler,
     until: u64,
     has_more: bool,
@@ -55,7 +55,7 @@ impl MessageRows {
 
     fn open_with(folder: &Path, graph: &Graph, is_excused: fn(&LogError) -> bool) -> Result<Self, LogError> {
         struct Open<'a>(&'a Path, &'a Graph, fn(&LogError) -> bool);
-        impl Build<Kept> for Open<'_> {
+        impl Build<StoredMessages> for Open<'_> {
             type Error = LogError;
             fn build<M: Topic>(&mut self) -> Result<Option<Messages<M>>, LogError> {
                 if self.1.writer(M::TOPIC).is_none() {
@@ -68,15 +68,15 @@ impl MessageRows {
                 Ok(Some(Messages { reader, next: None, hash: TopicHash::default() }))
             }
         }
-        let kept = ByTopic::try_build(&mut Open(folder, graph, is_excused))?;
+        let messages = ByTopic::try_build(&mut Open(folder, graph, is_excused))?;
         let assembler = Assembler::new(Set::of(|topic| graph.writer(topic).is_some()), PATIENCE, HORIZON);
-        Ok(Self { kept, assembler, until: 0, has_more: true })
+        Ok(Self { messages, assembler, until: 0, has_more: true })
     }
 
     /// The next row; `None` at the end.
     pub fn next_row(&mut self) -> Option<&Row> {
         /// Puts the messages of the ticks before `until` into their rows; whether there are more.
-        struct Put<'a>(&'a mut ByTopic<Kept>, &'a mut Assembler, u64);
+        struct Put<'a>(&'a mut ByTopic<StoredMessages>, &'a mut Assembler, u64);
         impl Each for Put<'_> {
             type Output = bool;
             fn each<M: Topic>(&mut self) -> bool {
@@ -100,7 +100,7 @@ impl MessageRows {
         }
         while self.has_more && !self.assembler.is_ready(self.until) {
             self.until += STRIDE;
-            self.has_more = topics::each(&mut Put(&mut self.kept, &mut self.assembler, self.until)).contains(&true);
+            self.has_more = topics::each(&mut Put(&mut self.messages, &mut self.assembler, self.until)).contains(&true);
         }
         self.assembler.pop(self.until, !self.has_more)
     }
@@ -121,13 +121,13 @@ impl MessageRows {
 
     /// How many messages of each topic have been read, and their hash.
     pub(crate) fn account(&self) -> Vec<(&'static str, TopicHash)> {
-        struct Account<'a>(&'a ByTopic<Kept>);
+        struct Account<'a>(&'a ByTopic<StoredMessages>);
         impl Each for Account<'_> {
             type Output = Option<(&'static str, TopicHash)>;
             fn each<M: Topic>(&mut self) -> Self::Output {
                 M::of(self.0).as_ref().map(|messages| (M::TOPIC, messages.hash))
             }
         }
-        topics::each(&mut Account(&self.kept)).into_iter().flatten().collect()
+        topics::each(&mut Account(&self.messages)).into_iter().flatten().collect()
     }
 }

@@ -62,12 +62,12 @@ pub fn export(run: &Run, format: ExportFormat, out: &Path, observer: Observer<'_
         }
         ExportFormat::Numbers(format) => {
             let parts = run.recording()?;
-            let mut messages = Kept::open(run).inspect_err(|reason| {
+            let mut messages = StoredMessages::open(run).inspect_err(|reason| {
                 observer(Progress::Line(&format!("armplane: the columns that come from the run's messages are left out: {reason}")));
             });
-            let slides = messages.as_ref().map_or(Vec::new(), |kept| kept.slides.clone());
-            let steered = messages.as_ref().is_ok_and(|kept| kept.steered);
-            let lent = messages.as_mut().ok().map(|kept| kept as &mut dyn Messages);
+            let slides = messages.as_ref().map_or(Vec::new(), |stored| stored.slides.clone());
+            let steered = messages.as_ref().is_ok_and(|stored| stored.steered);
+            let lent = messages.as_mut().ok().map(|stored| stored as &mut dyn Messages);
             let ticks = run.summary().map_or(0, |summary| summary.ticks);
             observer(Progress::Begin { title: "export", length: ticks, unit: "rows" });
             let written = viz::export(Exported { parts, messages: lent, slides: &slides, steered }, format, out, &mut |news| {
@@ -78,7 +78,7 @@ pub fn export(run: &Run, format: ExportFormat, out: &Path, observer: Observer<'_
             });
             observer(Progress::End);
             let summary = run.summary().ok();
-            damage = messages.ok().zip(summary).map_or(Vec::new(), |(kept, summary)| kept.rows.damage(&summary));
+            damage = messages.ok().zip(summary).map_or(Vec::new(), |(stored, summary)| stored.rows.damage(&summary));
             written.map_err(Failure::work)?
         }
     };
@@ -88,7 +88,7 @@ pub fn export(run: &Run, format: ExportFormat, out: &Path, observer: Observer<'_
 }
 
 /// The messages in a run's folder.
-struct Kept {
+struct StoredMessages {
     rows: MessageRows,
     /// The row read last.
     row: Option<Row>,
@@ -96,7 +96,7 @@ struct Kept {
     steered: bool,
 }
 
-impl Kept {
+impl StoredMessages {
     fn open(run: &Run) -> Result<Self, String> {
         if run.parts != viz::parts_in(&run.folder) {
             return Err("the recording has been given a name of its own; export its run's folder".to_owned());
@@ -112,7 +112,7 @@ impl Kept {
     }
 }
 
-impl Messages for Kept {
+impl Messages for StoredMessages {
     fn at(&mut self, tick: u64, take: &mut dyn FnMut(&TickRow<'_>)) {
         while self.row.as_ref().is_none_or(|row| row.tick < tick) {
             match self.rows.next_row() {

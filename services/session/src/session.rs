@@ -55,7 +55,7 @@ pub struct Finished {
     /// How its processes ended.
     pub end: End,
     /// Whether the summary, the job and the scenario could be written into the folder.
-    pub kept: Result<(), Failure>,
+    pub saved: Result<(), Failure>,
 }
 
 /// Loads, validates, launches, summarises and keeps one run.
@@ -105,6 +105,6 @@ pub fn run_loaded(request: &Request, loaded: Loaded, begin: Begin<'_>, observer:
     let (outcome, account) = launched?;
     let mut summary = summarise(&job, &outcome, account);
     complete(&results.folder, &mut summary, observer);
-    let kept = results.keep(&job, &summary);
-    Ok(Finished { summary, folder: results.folder.clone(), end: outcome.end, kept })
+    let saved = results.keep(&job, &summary);
+    Ok(Finished { summary, folder: results.folder.clone(), end: outcome.end, saved })
 }

@@ -13,9 +13,9 @@ use crate::scene::{Mark, Presence, rotation};
 use crate::signals::{Drawn, SHARES, Signal, Width, logarithm};
 use crate::solid::Placement;
 
-/// How a column's values are kept.
+/// The form in which a column's values are written.
 #[derive(Clone, Copy)]
-pub(super) enum Kept {
+pub(super) enum Encoding {
     F64,
     F32,
     Log,
@@ -34,7 +34,7 @@ pub(super) struct Table {
 /// line across it then.
 struct Column {
     name: &'static str,
-    kept: Kept,
+    encoding: Encoding,
     wide: Vec<f64>,
     narrow: Vec<f32>,
     ends: Vec<i32>,
@@ -45,13 +45,13 @@ struct Column {
 impl Table {
     /// A column for each signal that is recorded.
     pub(super) fn of_signals() -> Self {
-        let kept = |signal: &Signal| match signal.width() {
-            Width::F64 => Some(Kept::F64),
-            Width::F32 => Some(Kept::F32),
-            Width::Log => Some(Kept::Log),
+        let encoding = |signal: &Signal| match signal.width() {
+            Width::F64 => Some(Encoding::F64),
+            Width::F32 => Some(Encoding::F32),
+            Width::Log => Some(Encoding::Log),
             Width::Slow | Width::Derived => None,
         };
-        let columns = Signal::ALL.iter().map(|signal| kept(signal).map(|kept| Column::new(signal.component(), kept)));
+        let columns = Signal::ALL.iter().map(|signal| encoding(signal).map(|encoding| Column::new(signal.component(), encoding)));
         Self { ticks: Vec::new(), columns: columns.collect() }
     }
 
@@ -59,8 +59,9 @@ impl Table {
     ///
     /// With `faults` the column of faults is written from the beginning, as empty as it may be: a viewer that follows looks for it.
     pub(super) fn of_drawn(faults: bool) -> Self {
-        let slow = |signal: &Signal| (signal.width() == Width::Slow).then(|| Column::new(signal.component(), Kept::F32));
-        let columns = Drawn::ALL.iter().map(|drawn| Some(Column::new(drawn.component(), Kept::Share))).chain(Signal::ALL.iter().map(slow));
+        let slow = |signal: &Signal| (signal.width() == Width::Slow).then(|| Column::new(signal.component(), Encoding::F32));
+        let columns =
+            Drawn::ALL.iter().map(|drawn| Some(Column::new(drawn.component(), Encoding::Share))).chain(Signal::ALL.iter().map(slow));
         let mut columns: Vec<Option<Column>> = columns.collect();
         columns[Drawn::Fault as usize].iter_mut().for_each(|column| column.seen = faults);
         Self { ticks: Vec::new(), columns }
@@ -76,11 +77,11 @@ impl Table {
         let columns = &mut self.columns;
         fill(&mut |place, values| {
             let Some(column) = &mut columns[place] else { return };
-            match column.kept {
-                Kept::F64 => column.wide.extend(values),
-                Kept::F32 => column.narrow.extend(values.map(|value| value as f32)),
-                Kept::Log => column.narrow.extend(values.map(logarithm)),
-                Kept::Share => column.narrow.extend(values.map(|value| (value * SHARES).round() as f32 / SHARES as f32)),
+            match column.encoding {
+                Encoding::F64 => column.wide.extend(values),
+                Encoding::F32 => column.narrow.extend(values.map(|value| value as f32)),
+                Encoding::Log => column.narrow.extend(values.map(logarithm)),
+                Encoding::Share => column.narrow.extend(values.map(|value| (value * SHARES).round() as f32 / SHARES as f32)),
             }
         });
         for column in columns.iter_mut().flatten() {
@@ -97,7 +98,7 @@ impl Table {
         }
         let ticks = std::mem::take(&mut self.ticks);
         let columns = self.columns.iter_mut().flatten().filter_map(|column| {
-            let next = Column { seen: column.seen, ..Column::new(column.name, column.kept) };
+            let next = Column { seen: column.seen, ..Column::new(column.name, column.encoding) };
             std::mem::replace(column, next).build()
         });
         Some((ticks, columns.collect()))
@@ -105,17 +106,17 @@ impl Table {
 }
 
 impl Column {
-    fn new(name: &'static str, kept: Kept) -> Self {
-        Self { name, kept, wide: Vec::new(), narrow: Vec::new(), ends: vec![0], seen: false }
+    fn new(name: &'static str, encoding: Encoding) -> Self {
+        Self { name, encoding, wide: Vec::new(), narrow: Vec::new(), ends: vec![0], seen: false }
     }
 
     fn build(self) -> Option<SerializedComponentColumn> {
         if !self.seen {
             return None;
         }
-        let values: ArrayRef = match self.kept {
-            Kept::F64 => std::sync::Arc::new(Float64Array::from(self.wide)),
-            Kept::F32 | Kept::Log | Kept::Share => std::sync::Arc::new(Float32Array::from(self.narrow)),
+        let values: ArrayRef = match self.encoding {
+            Encoding::F64 => std::sync::Arc::new(Float64Array::from(self.wide)),
+            Encoding::F32 | Encoding::Log | Encoding::Share => std::sync::Arc::new(Float32Array::from(self.narrow)),
         };
         let field = std::sync::Arc::new(Field::new_list_field(values.data_type().clone(), true));
         let list = ListArray::new(field, OffsetBuffer::new(ScalarBuffer::from(self.ends)), values, None);
