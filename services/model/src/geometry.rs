@@ -1,47 +1,19 @@
-//! Plain kinematics for any number of joints: for checking and describing a robot as it is loaded.
+//! Properties of a robot's geometry, for checking and completing its description as it is loaded.
 
-use crate::joint::{Frame, Joint, JointKind};
-use crate::pose::Pose;
+use crate::arm::Model;
+use crate::dispatch::embedded;
+use crate::joint::{Frame, Joint};
 use crate::robot::Robot;
 use crate::task::{TaskAxes, TaskAxis};
-use nalgebra::{Matrix3, Unit, Vector3, Vector6};
+use nalgebra::Vector6;
+use shared_types::MAX_DOF;
 
-/// The Jacobian's columns [v; ω] at the default frame, from axes and origins alone.
+/// The Jacobian's columns [v; ω] at the default frame, one per joint.
+///
+/// Units m, rad · Frame base axes · Requires a robot whose joints and frames are loaded, and a `q` of its joints
 pub(crate) fn jacobian(robot: &Robot, q: &[f64]) -> Vec<Vector6<f64>> {
-    let frame = robot.frame(&robot.default_frame).expect("a loaded robot has its default frame");
-    let moving = frame.joint.map_or(0, |i| i + 1);
-    let mut X = Pose::identity();
-    let mut axes = Vec::new();
-    for (joint, &q) in robot.joints.iter().zip(q).take(moving) {
-        X = X * joint.X_PJ;
-        axes.push((joint.kind, X.R * joint.axis, X.p));
-        X = X * displacement(joint, q);
-    }
-    let p_E = (X * frame.X_LF).p;
-    let column = |(kind, z, p): (JointKind, Vector3<f64>, Vector3<f64>)| {
-        let (v, w) = match kind {
-            JointKind::Prismatic => (z, Vector3::zeros()),
-            JointKind::Revolute | JointKind::Continuous => (z.cross(&(p_E - p)), z),
-        };
-        Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z)
-    };
-    let mut columns: Vec<_> = axes.into_iter().map(column).collect();
-    columns.resize(robot.dof(), Vector6::zeros());
-    columns
-}
-
-/// The joint's own motion.
-fn displacement(joint: &Joint, q: f64) -> Pose {
-    match joint.kind {
-        JointKind::Prismatic => Pose::translation(joint.axis * q),
-        JointKind::Revolute | JointKind::Continuous => {
-            let axis = Unit::new_unchecked(joint.axis);
-            let (s, c) = libm::sincos(q);
-            let K = axis.cross_matrix();
-            // Rodrigues: R = 1 + s·K + (1 − c)·K².
-            Pose::rotation(Matrix3::identity() + s * K + (1.0 - c) * K * K)
-        }
-    }
+    let model = Model::<MAX_DOF>::new(robot, None).expect("a loaded robot has its default frame, and no more joints than are supported");
+    model.jacobian(&embedded(q)).column_iter().take(robot.dof()).map(|column| column.into_owned()).collect()
 }
 
 /// Half the sum of the distances between successive joint origins, from the first to the end frame; 1 m if that is zero.
