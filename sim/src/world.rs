@@ -9,11 +9,12 @@
 use crate::error::PlantError;
 use crate::smooth::State;
 use crate::solids::{Solid, distance, placed, solids, to_rapier};
-use model::{JointKind, Pose, Robot};
+use model::{Joint, JointKind, Pose, Robot};
 use nalgebra::{Matrix3, SVector, Vector3};
 use rapier3d::dynamics::{
-    CCDSolver, GenericJointBuilder, ImpulseJointSet, IntegrationParameters, IslandManager, JointAxesMask, JointAxis, MassProperties,
-    Multibody, MultibodyJointHandle, MultibodyJointSet, RigidBodyBuilder, RigidBodyHandle, RigidBodySet, SoftBodySet, SpringCoefficients,
+    CCDSolver, GenericJoint, GenericJointBuilder, ImpulseJointSet, IntegrationParameters, IslandManager, JointAxesMask, JointAxis,
+    MassProperties, Multibody, MultibodyJointHandle, MultibodyJointSet, RigidBodyBuilder, RigidBodyHandle, RigidBodySet, SoftBodySet,
+    SpringCoefficients,
 };
 use rapier3d::geometry::{
     BroadPhaseBvh, ColliderBuilder, ColliderHandle, ColliderSet, Group, InteractionGroups, InteractionTestMode, NarrowPhase, SharedShape,
@@ -82,6 +83,105 @@ pub(crate) struct World<const N: usize> {
     moving: Vec<ColliderHandle>,
 }
 
+/// The arm's links and joints in rapier3d's sets.
+struct Arm<const N: usize> {
+    bodies: RigidBodySet,
+    joints: MultibodyJointSet,
+    base: RigidBodyHandle,
+    /// The base at the places of absent joints.
+    links: [RigidBodyHandle; N],
+    /// Joint axes, link axes.
+    axes: [math::Vector; N],
+    /// The last joint, which leads to the multibody of all.
+    last: MultibodyJointHandle,
+}
+
+impl<const N: usize> Arm<N> {
+    /// The arm with all joints at zero, undamped, with the drives' inertia and, where asked for, the joints' dry friction.
+    ///
+    /// # Errors
+    /// [`PlantError`] for an arm without joints, or a link whose inertia is none.
+    fn new(robot: &Robot, dry_friction: bool) -> Result<Self, PlantError> {
+        let (mut bodies, mut joints) = (RigidBodySet::new(), MultibodyJointSet::new());
+        let base = bodies.insert(RigidBodyBuilder::fixed());
+        let (mut links, mut axes, mut last) = ([base; N], [math::Vector::ZERO; N], None);
+        for (i, joint) in robot.joints.iter().enumerate() {
+            let mass = mass_properties(joint)?;
+            links[i] = bodies.insert(RigidBodyBuilder::dynamic().can_sleep(false).additional_mass_properties(mass));
+            axes[i] = math::Vector::new(joint.axis.x, joint.axis.y, joint.axis.z);
+            let parent = if i == 0 { base } else { links[i - 1] };
+            last = joints.insert(parent, links[i], jointed(joint), true);
+        }
+        let last = last.ok_or(PlantError::NoJoints)?;
+        let (multibody, _) = joints.get_mut(last).ok_or(PlantError::NoJoints)?;
+        multibody.forward_kinematics(&bodies, true);
+        multibody.damping_mut().fill(0.0);
+        for (i, joint) in robot.joints.iter().enumerate() {
+            multibody.armature_mut()[i] = joint.armature;
+            multibody.frictions_mut()[i] = if dry_friction { joint.coulomb_friction } else { 0.0 };
+        }
+        Ok(Self { bodies, joints, base, links, axes, last })
+    }
+
+    /// Gives each solid a collider that meets its partners in `pairs` alone; the colliders on links.
+    fn collide(&mut self, solids: &[Solid], pairs: &[(usize, Option<usize>)], colliders: &mut ColliderSet) -> Vec<ColliderHandle> {
+        let mut moving = Vec::new();
+        for (k, solid) in solids.iter().enumerate() {
+            let partners = pairs.iter().filter_map(|&(a, b)| match b {
+                None if a == k => Some(FLOOR),
+                Some(b) if a == k => Some(group(solids[b].link)),
+                Some(b) if b == k => Some(group(solids[a].link)),
+                _ => None,
+            });
+            let collider = ColliderBuilder::new(solid.shape.clone())
+                .position(to_rapier(&solid.X_LS))
+                .density(0.0)
+                .friction(CONTACT_FRICTION)
+                .collision_groups(groups(group(solid.link), partners.fold(Group::NONE, |all, g| all | g)));
+            let body = solid.link.map_or(self.base, |i| self.links[i]);
+            let handle = colliders.insert_with_parent(collider, body, &mut self.bodies);
+            if solid.link.is_some() {
+                moving.push(handle);
+            }
+        }
+        moving
+    }
+}
+
+/// A joint in rapier3d's terms, within its range.
+fn jointed(joint: &Joint) -> GenericJoint {
+    // rapier's joints turn about, and slide along, the x axis of their frame.
+    let to_axis = Pose::rotation(x_to(&joint.axis));
+    let (free, locked) = match joint.kind {
+        JointKind::Prismatic => (JointAxis::LinX, JointAxesMask::LOCKED_PRISMATIC_AXES),
+        JointKind::Revolute | JointKind::Continuous => (JointAxis::AngX, JointAxesMask::LOCKED_REVOLUTE_AXES),
+    };
+    let frames = GenericJointBuilder::new(locked).local_frame1(to_rapier(&(joint.X_PJ * to_axis))).local_frame2(to_rapier(&to_axis));
+    if joint.lower.is_finite() || joint.upper.is_finite() {
+        return frames.limits(free, [joint.lower.max(-f64::MAX), joint.upper.min(f64::MAX)]).build();
+    }
+    frames.build()
+}
+
+/// rapier3d's settings for sub-steps of `h` s.
+fn parameters(h: f64) -> IntegrationParameters {
+    let softness = SpringCoefficients::new(CONTACT_FREQUENCY, 1.0);
+    IntegrationParameters {
+        dt: h,
+        num_solver_iterations: 1,
+        num_internal_pgs_iterations: ITERATIONS,
+        num_internal_stabilization_iterations: ITERATIONS,
+        contact_softness: softness,
+        static_contact_softness: softness,
+        normalized_prediction_distance: PREDICTION,
+        contact_recycling: false,
+        contact_clustering: false,
+        // Positions are ours: rapier's are a proposal.
+        max_ccd_substeps: 0,
+        ..IntegrationParameters::default()
+    }
+}
+
 impl<const N: usize> World<N> {
     /// The arm at `q`, its floor and what may touch what, with sub-steps of `h` s.
     pub(crate) fn new(
@@ -98,97 +198,30 @@ impl<const N: usize> World<N> {
             floor_m.map(|z| (math::Pose::from_translation(math::Vector::new(0.0, 0.0, z)), SharedShape::halfspace(math::Vector::Z)));
         let pairs = touching(robot, &solids, floor.as_ref(), X_BL, self_collision)?;
 
-        let mut bodies = RigidBodySet::new();
+        let mut arm = Arm::new(robot, dry_friction)?;
         let mut colliders = ColliderSet::new();
-        let mut multibody_joints = MultibodyJointSet::new();
-        let base = bodies.insert(RigidBodyBuilder::fixed());
-        let mut links = [base; N];
-        let mut axes = [math::Vector::ZERO; N];
-        let mut arm = None;
-        for (i, joint) in robot.joints.iter().enumerate() {
-            let mass = mass_properties(joint)?;
-            links[i] = bodies.insert(RigidBodyBuilder::dynamic().can_sleep(false).additional_mass_properties(mass));
-            let axis = joint.axis;
-            axes[i] = math::Vector::new(axis.x, axis.y, axis.z);
-            // rapier's joints turn about, and slide along, the x axis of their frame.
-            let to_axis = Pose::rotation(x_to(&axis));
-            let (free, locked) = match joint.kind {
-                JointKind::Prismatic => (JointAxis::LinX, JointAxesMask::LOCKED_PRISMATIC_AXES),
-                JointKind::Revolute | JointKind::Continuous => (JointAxis::AngX, JointAxesMask::LOCKED_REVOLUTE_AXES),
-            };
-            let mut builder =
-                GenericJointBuilder::new(locked).local_frame1(to_rapier(&(joint.X_PJ * to_axis))).local_frame2(to_rapier(&to_axis));
-            if joint.lower.is_finite() || joint.upper.is_finite() {
-                builder = builder.limits(free, [joint.lower.max(-f64::MAX), joint.upper.min(f64::MAX)]);
-            }
-            let parent = if i == 0 { base } else { links[i - 1] };
-            arm = multibody_joints.insert(parent, links[i], builder.build(), true);
-        }
-        let arm = arm.ok_or(PlantError::NoJoints)?;
-        let (multibody, _) = multibody_joints.get_mut(arm).ok_or(PlantError::NoJoints)?;
-        multibody.forward_kinematics(&bodies, true);
-        multibody.damping_mut().fill(0.0);
-        for (i, joint) in robot.joints.iter().enumerate() {
-            multibody.armature_mut()[i] = joint.armature;
-            multibody.frictions_mut()[i] = if dry_friction { joint.coulomb_friction } else { 0.0 };
-        }
-
-        let mut moving = Vec::new();
-        for (k, solid) in solids.iter().enumerate() {
-            let partners = pairs.iter().filter_map(|&(a, b)| match b {
-                None if a == k => Some(FLOOR),
-                Some(b) if a == k => Some(group(solids[b].link)),
-                Some(b) if b == k => Some(group(solids[a].link)),
-                _ => None,
-            });
-            let collider = ColliderBuilder::new(solid.shape.clone())
-                .position(to_rapier(&solid.X_LS))
-                .density(0.0)
-                .friction(CONTACT_FRICTION)
-                .collision_groups(groups(group(solid.link), partners.fold(Group::NONE, |all, g| all | g)));
-            let body = solid.link.map_or(base, |i| links[i]);
-            let handle = colliders.insert_with_parent(collider, body, &mut bodies);
-            if solid.link.is_some() {
-                moving.push(handle);
-            }
-        }
+        let moving = arm.collide(&solids, &pairs, &mut colliders);
         if let Some((pose, shape)) = &floor {
             let collider = ColliderBuilder::new(shape.clone()).position(*pose).friction(CONTACT_FRICTION);
             colliders.insert(collider.collision_groups(groups(FLOOR, Group::ALL)));
         }
-
-        let softness = SpringCoefficients::new(CONTACT_FREQUENCY, 1.0);
-        let parameters = IntegrationParameters {
-            dt: h,
-            num_solver_iterations: 1,
-            num_internal_pgs_iterations: ITERATIONS,
-            num_internal_stabilization_iterations: ITERATIONS,
-            contact_softness: softness,
-            static_contact_softness: softness,
-            normalized_prediction_distance: PREDICTION,
-            contact_recycling: false,
-            contact_clustering: false,
-            // Positions are ours: rapier's are a proposal.
-            max_ccd_substeps: 0,
-            ..IntegrationParameters::default()
-        };
         let g = robot.gravity;
         let mut world = Self {
             gravity: math::Vector::new(g.x, g.y, g.z),
-            parameters,
+            parameters: parameters(h),
             pipeline: PhysicsPipeline::new(),
             islands: IslandManager::new(),
             broad_phase: BroadPhaseBvh::new(),
             narrow_phase: NarrowPhase::new(),
-            bodies,
+            bodies: arm.bodies,
             colliders,
             impulse_joints: ImpulseJointSet::new(),
-            multibody_joints,
+            multibody_joints: arm.joints,
             soft_bodies: SoftBodySet::new(),
             ccd_solver: CCDSolver::new(),
-            arm,
-            links,
-            axes,
+            arm: arm.last,
+            links: arm.links,
+            axes: arm.axes,
             joints: robot.dof(),
             sliding: std::array::from_fn(|i| robot.joints.get(i).is_some_and(|joint| joint.kind == JointKind::Prismatic)),
             solids,
