@@ -52,10 +52,10 @@ mod tests {
     #[test]
     fn the_peak_survives_a_restart_and_a_wrist_lock_has_no_manipulability() {
         let robot = Robot::builtin("puma560").unwrap();
-        let (mut cycle, mut out) = (Cycle::new(&robot, "").unwrap(), Energy::default());
+        let (mut cycle, mut out) = (Cycle::new(&robot, None).unwrap(), Energy::default());
         cycle.step(&estimate(&[0.3, -1.0, 2.9, 0.1, 0.6, 0.2], &[0.5; 6]), &mut out);
         assert!(out.kinetic_j > 0.0 && out.kinetic_j == out.peak_kinetic_j && out.manipulability > 1e-3, "{out:?}");
-        let (mut checkpoint, mut next) = (EnergyCheckpoint::default(), Cycle::new(&robot, "").unwrap());
+        let (mut checkpoint, mut next) = (EnergyCheckpoint::default(), Cycle::new(&robot, None).unwrap());
         cycle.save(&mut checkpoint);
         next.restore(&checkpoint);
         let peak = out.peak_kinetic_j;

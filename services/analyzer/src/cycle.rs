@@ -9,8 +9,6 @@ use shared_types::{AnalyzerCheckpoint, SingularityReport, StateEstimate};
 pub trait Step {
     /// The report for an estimate, at its tick. No allocation.
     fn step(&mut self, estimate: &StateEstimate, out: &mut SingularityReport);
-    /// Leaves singular values, and whatever follows from them alone, at zero in every report.
-    fn leave_out_conditioning(&mut self);
     /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its input.
     fn save(&self, out: &mut AnalyzerCheckpoint);
     /// Takes up what [`save`](Self::save) has written: the next step continues bit for bit.
@@ -22,8 +20,6 @@ pub trait Step {
 pub struct Cycle<const N: usize> {
     model: Model<N>,
     analyzer: Analyzer<N>,
-    /// Whether the report has singular values, rank, condition, determinant and manipulability.
-    with_conditioning: bool,
 }
 
 impl<const N: usize> Cycle<N> {
@@ -32,15 +28,11 @@ impl<const N: usize> Cycle<N> {
     /// # Errors
     /// [`SetupError`] where the robot does not have `N` joints, or no such frame.
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, SetupError> {
-        Ok(Self { model: Model::new(robot, scenario.frame())?, analyzer: Analyzer::new(robot, &scenario.analysis), with_conditioning: true })
+        Ok(Self { model: Model::new(robot, scenario.frame())?, analyzer: Analyzer::new(robot, &scenario.analysis) })
     }
 }
 
 impl<const N: usize> Step for Cycle<N> {
-    fn leave_out_conditioning(&mut self) {
-        self.with_conditioning = false;
-    }
-
     fn save(&self, out: &mut AnalyzerCheckpoint) {
         self.analyzer.save(out);
     }
@@ -51,11 +43,7 @@ impl<const N: usize> Step for Cycle<N> {
 
     fn step(&mut self, estimate: &StateEstimate, out: &mut SingularityReport) {
         let (q, qdot) = (joints(&estimate.q), joints(&estimate.qdot));
-        let terms = self.model.evaluate(&q, &qdot);
-        let report = match self.with_conditioning {
-            true => self.analyzer.step(&q, &qdot, &terms),
-            false => self.analyzer.listed(&q, &qdot, &terms).0,
-        };
+        let report = self.analyzer.step(&q, &qdot, &self.model.evaluate(&q, &qdot));
         wire::report_message(estimate.header.tick, &report, out);
     }
 }

@@ -59,7 +59,7 @@ impl<const N: usize> Analyzer<N> {
     /// The same without singular values, rank and determinant, which are zero in it; and the kinematics at C.
     ///
     /// Cost about 1 µs for six joints, no allocation.
-    pub fn listed(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, terms: &Terms<N>) -> (Report<N>, AtCentre<N>) {
+    pub(crate) fn listed(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, terms: &Terms<N>) -> (Report<N>, AtCentre<N>) {
         let family = self.family.get_mut();
         let p_C = family.centre(terms);
         let at = AtCentre::new(terms, &p_C, &terms.omega[N - 1]);

@@ -104,9 +104,8 @@ pub fn steps(robot: &Robot, scenario: &Scenario, which: &str) -> Result<Vec<Benc
     if which == "plant" {
         return Ok(vec![BenchRow::alone("plant", "sample", of(0)), BenchRow::alone("plant", "move", of(4))]);
     }
-    let mut whole = |name: &str, scenario: &Scenario, with_conditioning: bool| -> Result<BenchRow, Failure> {
-        let chain = Chain::new(robot, scenario).map_err(Failure::work)?;
-        let mut chain = if with_conditioning { chain } else { chain.without_conditioning() };
+    let mut whole = |name: &str, scenario: &Scenario| -> Result<BenchRow, Failure> {
+        let mut chain = Chain::new(robot, scenario).map_err(Failure::work)?;
         let mut times = histogram();
         while !chain.is_over() {
             let began = now_ns();
@@ -124,10 +123,9 @@ pub fn steps(robot: &Robot, scenario: &Scenario, which: &str) -> Result<Vec<Benc
         BenchRow::alone("control", "analyzer", of(2)),
         BenchRow::alone("control", "controller", of(3)),
         BenchRow::alone("control", "controller, steered", steered(robot)?),
-        whole("whole tick, one thread", scenario, true)?,
-        whole("whole tick, exact plant", &exact, true)?,
-        whole("whole tick, exact plant, no singular values", &exact, false)?,
-        whole("whole tick, dry friction", &rubbing, true)?,
+        whole("whole tick, one thread", scenario)?,
+        whole("whole tick, exact plant", &exact)?,
+        whole("whole tick, dry friction", &rubbing)?,
     ])
 }
 

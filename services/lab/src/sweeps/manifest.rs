@@ -85,8 +85,6 @@ pub(super) struct Sweep {
     pub(super) space: Space,
     /// Columns of its table.
     pub(super) columns: Vec<Column>,
-    /// Whether its rows have the hash of each topic.
-    pub(super) with_hashes: bool,
     source: Source,
     graph: Graph,
     robots: BTreeMap<String, Robot>,
@@ -158,7 +156,7 @@ impl Sweep {
             partition_runs,
             shard: Shard::WHOLE,
         };
-        Ok(Self { manifest, space, columns, with_hashes: spec.hashes, source, graph, robots })
+        Ok(Self { manifest, space, columns, source, graph, robots })
     }
 
     /// The robot and the scenario of a run.

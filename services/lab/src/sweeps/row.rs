@@ -104,9 +104,9 @@ pub(super) fn hash_column(topic: &str) -> String {
     format!("hash.{topic}")
 }
 
-/// Computes a run and gives its results: what comes after the keys in its row, and its ticks. Without hashes their cells are empty.
-pub(super) fn results(loaded: Result<(&Robot, &Scenario), String>, with_hashes: bool) -> (Vec<Cell>, u64) {
-    let computed = loaded.and_then(|(robot, scenario)| guarded(|| run(robot, scenario, with_hashes)));
+/// Computes a run and gives its results: what comes after the keys in its row, and its ticks.
+pub(super) fn results(loaded: Result<(&Robot, &Scenario), String>) -> (Vec<Cell>, u64) {
+    let computed = loaded.and_then(|(robot, scenario)| guarded(|| run(robot, scenario)));
     let without = |outcome: &str, reason: String| {
         let head = [Cell::Text(outcome.to_owned()), Cell::Text(reason)];
         (head.into_iter().chain(std::iter::repeat_n(Cell::Absent, RESULTS.len() + COUNT)).collect(), 0)
@@ -128,14 +128,13 @@ fn guarded<T>(run: impl FnOnce() -> Result<T, Refused>) -> Result<T, String> {
     catch_unwind(AssertUnwindSafe(run)).map_err(|_| String::new())?.map_err(|refused| refused.to_string())
 }
 
-fn run(robot: &Robot, scenario: &Scenario, with_hashes: bool) -> Result<(Score, Verdict, [TopicHash; COUNT]), Refused> {
+fn run(robot: &Robot, scenario: &Scenario) -> Result<(Score, Verdict, [TopicHash; COUNT]), Refused> {
     // As `armplane run` does it: a start that the control law refuses is no run.
     chain::try_first_tick(robot, scenario)?;
     let mut hashes = [TopicHash::default(); COUNT];
-    let mut add = |tick: &chain::Tick| {
+    let (score, verdict) = scored(robot, scenario, &mut |tick| {
         topics::each(&mut Add { hashes: &mut hashes, tick, is_steered: scenario.servo.is_some() });
-    };
-    let (score, verdict) = scored(robot, scenario, with_hashes.then_some(&mut add as &mut dyn FnMut(&chain::Tick)))?;
+    })?;
     Ok((score, verdict, hashes))
 }
 
@@ -163,16 +162,16 @@ mod tests {
     fn a_panic_is_a_row_and_not_the_end_of_the_sweep() {
         let ended: Result<(), String> = guarded(|| panic!("planted"));
         assert_eq!(ended, Err(String::new()));
-        let (row, ticks) = results(Err(String::new()), true);
+        let (row, ticks) = results(Err(String::new()));
         assert_eq!((&row[0], ticks, row.len()), (&Cell::Text(FAILED.to_owned()), 0, 2 + RESULTS.len() + COUNT));
-        let (row, _) = results(Err("no such posture".to_owned()), true);
+        let (row, _) = results(Err("no such posture".to_owned()));
         assert_eq!(row[..2], [Cell::Text(REFUSED.to_owned()), Cell::Text("no such posture".to_owned())]);
     }
 
     #[test]
     fn rows_and_columns_have_the_same_length_and_names_are_unique() {
         let columns = columns([("control.k_p", Kind::Number, "1/s²")].into_iter());
-        assert_eq!(columns.len(), 2 + results(Err(String::new()), true).0.len());
+        assert_eq!(columns.len(), 2 + results(Err(String::new())).0.len());
         let names: std::collections::BTreeSet<_> = columns.iter().map(|column| &column.name).collect();
         assert_eq!(names.len(), columns.len());
     }

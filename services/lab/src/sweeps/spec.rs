@@ -4,7 +4,6 @@
 //! name = "gains"                       # of the results folder: runs/gains
 //! scenario = "fig5-wrist-rotation"     # a built-in scenario, or a file beside this one
 //! set = ["plant.friction=true"]        # overrides a value of every run, as `armplane run --set` does it
-//! hashes = false                       # no hash of each topic in the table, and so no singular values: a run takes a fifth less time
 //!
 //! [[key]]                              # a grid: the product of all keys
 //! key = "control.k_p"                  # whatever `--set` accepts
@@ -43,9 +42,6 @@ pub(super) struct Spec {
     /// Values that override those of the scenario in every run.
     #[serde(default)]
     pub(super) set: Vec<String>,
-    /// Whether the table has the hash of each topic, as `summary.json` of a run with the same settings.
-    #[serde(default = "yes")]
-    pub(super) hashes: bool,
     /// The keys that differ from run to run.
     #[serde(default)]
     pub(super) key: Vec<Key>,
@@ -55,10 +51,6 @@ pub(super) struct Spec {
     /// Runs of one Parquet file, and of one piece of work of a shard.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) partition: Option<u64>,
-}
-
-fn yes() -> bool {
-    true
 }
 
 /// A scenario key and its values.

@@ -176,8 +176,7 @@ impl<'a> Work<'a> {
         {
             let loaded = self.sweep.load(*run);
             let rate_hz = loaded.as_ref().map_or(1, |(_, scenario)| scenario.rate_hz);
-            let loaded = loaded.as_ref().map(|(robot, scenario)| (*robot, scenario)).map_err(Clone::clone);
-            let (cells, ticks) = row::results(loaded, self.sweep.with_hashes);
+            let (cells, ticks) = row::results(loaded.as_ref().map(|(robot, scenario)| (*robot, scenario)).map_err(Clone::clone));
             self.simulated_ns.fetch_add(ticks * 1_000_000_000 / u64::from(rate_hz), Ordering::Relaxed);
             match self.finish(*run, cells) {
                 Ok(()) => observer(Progress::Step),

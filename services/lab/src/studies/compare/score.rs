@@ -1,6 +1,5 @@
 //! One run under one law, in numbers.
 
-use chain::Chain;
 use model::{Model, Refused, Robot, with_dof};
 use nalgebra::{Cholesky, SVector};
 use recorder::{Judge, TaskError, Verdict, limits};
@@ -114,34 +113,27 @@ impl Score {
 /// # Errors
 /// [`Refused`] where a cycle does not accept the robot or the scenario.
 pub(super) fn score(robot: &Robot, scenario: &Scenario) -> Result<Score, Refused> {
-    scored(robot, scenario, None).map(|(score, _)| score)
+    scored(robot, scenario, &mut |_| ()).map(|(score, _)| score)
 }
 
-/// What is to be done with each tick of a run.
-pub(crate) type EachTick<'a> = Option<&'a mut dyn FnMut(&chain::Tick)>;
-
-/// Runs a scenario on one thread, scores and judges it, and hands each tick to `each`; where there is none, reports have no singular values.
+/// Runs a scenario on one thread, scores and judges it, and hands each tick to `each`.
 ///
 /// # Errors
 /// As [`score`].
-pub(crate) fn scored(robot: &Robot, scenario: &Scenario, each: EachTick<'_>) -> Result<(Score, Verdict), Refused> {
+pub(crate) fn scored(robot: &Robot, scenario: &Scenario, each: &mut dyn FnMut(&chain::Tick)) -> Result<(Score, Verdict), Refused> {
     with_dof!(robot.dof(), N => sized::<N>(robot, scenario, each)).unwrap_or_else(|| Err(Refused::size(robot)))
 }
 
-fn sized<const N: usize>(robot: &Robot, scenario: &Scenario, mut each: EachTick<'_>) -> Result<(Score, Verdict), Refused> {
+fn sized<const N: usize>(robot: &Robot, scenario: &Scenario, each: &mut dyn FnMut(&chain::Tick)) -> Result<(Score, Verdict), Refused> {
     let planned = scenario.planned_ticks() as f64;
     let mut judge = Judge::new(limits(robot), scenario.goal.clone(), planned);
     let mut meter = Meter::<N>::new(robot, scenario)?;
-    let chain = Chain::new(robot, scenario)?;
-    let chain = if each.is_some() { chain } else { chain.without_conditioning() };
-    chain.run(|tick| {
-        if let Some(each) = &mut each {
-            each(tick);
-        }
+    chain::run(robot, scenario, |tick| {
+        each(tick);
         let Some(tick) = recorder::Tick::of(&tick.lent()) else { return };
         judge.tick(tick);
         meter.tick(&tick);
-    });
+    })?;
     let verdict = judge.verdict();
     Ok((meter.score(&verdict, scenario), verdict))
 }
