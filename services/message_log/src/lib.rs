@@ -2,12 +2,14 @@
 //!
 //! It knows message layouts and files; it knows no process, no clock and no transport.
 
+mod block;
 mod difference;
 mod hash;
 mod log;
 mod rows;
 
+pub use block::BLOCK;
 pub use difference::{Difference, Differences, FieldDifference, first_difference, first_difference_in};
 pub use hash::TopicHash;
 pub use log::{LogReader, LogWriter};
-pub use rows::{BLOCK, LogError, RowReader, RowWriter, Shape};
+pub use rows::{LogError, RowReader, RowWriter, Shape};

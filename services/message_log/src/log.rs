@@ -88,7 +88,7 @@ fn message<M: Message>(row: &[u64]) -> M {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rows::BLOCK;
+    use crate::block::BLOCK;
     use shared_types::{Layout, PlantState, SensorSample};
     use tempfile::TempDir;
 

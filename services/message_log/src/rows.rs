@@ -1,30 +1,23 @@
 //! A message log: every message of a topic as it was on the wire, packed, so that a run can be compared, replayed or read by others.
 //!
 //! ```text
-//! file     "armkept\x02" · layout hash u64 · bytes of a message u32 · 0 u32 · blocks
-//! block    messages n u32 · bytes of the rest u32 · LZ4 block of: which planes there are · planes
+//! file     "armkept\x03" · layout hash u64 · bytes of a message u32 · 0 u32 · blocks
 //! ```
 //!
-//! All integers little-endian. Inside a block a message is a row of 64-bit words, each word minus the one above it (the first row minus
-//! nothing), zig-zagged so that small changes of either sign are small numbers. A plane is one byte of one word of all messages: of the first
-//! word the lowest bytes, its second bytes, … then those of the second word. Planes of zeros, most of them, are left out: before the planes
-//! there is a byte for each word, with a bit for each of its eight planes that follows. Blocks do not depend on each other: what a killed writer
-//! leaves is readable up to its last whole block.
+//! All integers little-endian. Blocks ([`crate::block`]) do not depend on each other: what a killed writer leaves is readable up to its last
+//! whole block.
 
 use std::fs::{File, OpenOptions};
 use std::io::{BufReader, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use lz4_flex::block::{CompressTable, compress_into_with_table, decompress_into, get_maximum_output_size};
 use shared_types::Message;
 use shared_types::layout::MessageLayout;
 
-const MAGIC: [u8; 8] = *b"armkept\x02";
+use crate::block::{BLOCK, Head, Packer, unpack};
+
+const MAGIC: [u8; 8] = *b"armkept\x03";
 const HEAD: usize = 24;
-/// Messages in a block: what a killed writer takes with it. Its replacement finds them in the retainer of the topic, which holds far more.
-pub const BLOCK: usize = 128;
-/// Numbers of a block before its messages.
-const BLOCK_HEAD: usize = 8;
 
 /// Why a message log cannot be written or read.
 #[derive(Debug, thiserror::Error)]
@@ -120,122 +113,6 @@ impl From<&MessageLayout> for Shape {
     fn from(layout: &MessageLayout) -> Self {
         Self { topic: layout.topic.clone(), bytes: layout.bytes, hash: layout.hash }
     }
-}
-
-/// Gathers messages and packs them into blocks; its buffers are kept, so that nothing is allocated per block.
-struct Packer {
-    /// 64-bit words of a message.
-    words: usize,
-    /// Differences of each word of each gathered message from the one above it, zig-zagged; row by row.
-    folded: Vec<u64>,
-    /// The last message.
-    above: Vec<u64>,
-    /// All bits that any difference of a word has.
-    any: Vec<u64>,
-    planes: Vec<u8>,
-    /// The block, as it is written.
-    packed: Vec<u8>,
-    table: CompressTable,
-}
-
-impl Packer {
-    fn new(words: usize) -> Self {
-        Self {
-            words,
-            folded: Vec::with_capacity(BLOCK * words),
-            above: vec![0; words],
-            any: vec![0; words],
-            planes: Vec::new(),
-            packed: Vec::new(),
-            table: CompressTable::large(),
-        }
-    }
-
-    /// Messages gathered.
-    fn len(&self) -> usize {
-        self.folded.len() / self.words
-    }
-
-    /// Takes a message in while it is in the cache: one pass over its words.
-    fn add(&mut self, row: &[u64]) {
-        self.folded.extend(row.iter().zip(&mut self.above).zip(&mut self.any).map(|((value, above), any)| {
-            let delta = value.wrapping_sub(*above).cast_signed();
-            let folded = ((delta << 1) ^ (delta >> 63)).cast_unsigned();
-            *above = *value;
-            *any |= folded;
-            folded
-        }));
-    }
-
-    /// A block of what has been gathered; the next one begins with nothing.
-    fn pack(&mut self) -> &[u8] {
-        let n = self.len().min(BLOCK);
-        let Self { words, folded, above, any, planes, packed, table } = self;
-        planes.clear();
-        planes.resize(*words, 0);
-        let mut column = [0_u64; BLOCK];
-        let mut bytes = [[0_u8; BLOCK]; size_of::<u64>()];
-        for (word, any) in any.iter().enumerate().filter(|(_, any)| **any != 0) {
-            column.iter_mut().zip(folded[word..].iter().step_by(*words)).for_each(|(to, from)| *to = *from);
-            for (group, rows) in column.as_chunks::<8>().0.iter().enumerate() {
-                for (plane, eight) in bytes.iter_mut().zip(transposed(*rows)) {
-                    plane[8 * group..][..8].copy_from_slice(&eight.to_le_bytes());
-                }
-            }
-            for (byte, plane) in bytes.iter().enumerate().filter(|(byte, _)| any >> (8 * byte) & 0xff != 0) {
-                planes[word] |= 1 << byte;
-                planes.extend_from_slice(&plane[..n]);
-            }
-        }
-        folded.clear();
-        above.fill(0);
-        any.fill(0);
-        packed.resize(BLOCK_HEAD + get_maximum_output_size(planes.len()), 0);
-        // The buffer holds the worst case.
-        let size = compress_into_with_table(planes, &mut packed[BLOCK_HEAD..], table).unwrap_or(0);
-        packed[..4].copy_from_slice(&(n as u32).to_le_bytes());
-        packed[4..BLOCK_HEAD].copy_from_slice(&(size as u32).to_le_bytes());
-        &packed[..BLOCK_HEAD + size]
-    }
-}
-
-/// Eight words as a square of bytes, its rows as columns: word *b* holds byte *b* of each. Halves, quarters and eighths are swapped in turn.
-fn transposed(mut words: [u64; 8]) -> [u64; 8] {
-    for (step, mask) in [(4, 0x0000_0000_ffff_ffff_u64), (2, 0x0000_ffff_0000_ffff), (1, 0x00ff_00ff_00ff_00ff)] {
-        for i in (0..8).filter(|i| i & step == 0) {
-            let swapped = (words[i] >> (8 * step) ^ words[i + step]) & mask;
-            words[i + step] ^= swapped;
-            words[i] ^= swapped << (8 * step);
-        }
-    }
-    words
-}
-
-/// The inverse of [`Packer::pack`], of what follows a block's head: rows of as many words, one after the other.
-fn unpack(n: usize, words: usize, packed: &[u8]) -> Result<Vec<u64>, String> {
-    let mut unpacked = vec![0; words + n * words * size_of::<u64>()];
-    let size = decompress_into(packed, &mut unpacked).map_err(|error| error.to_string())?;
-    let (present, planes) = unpacked.split_at(words);
-    let expected = words + n * present.iter().map(|byte| byte.count_ones() as usize).sum::<usize>();
-    if size != expected {
-        return Err(format!("a block of {n} messages unpacks to {size} bytes and not to {expected}"));
-    }
-    let mut rows = vec![0_u64; n * words];
-    let mut planes = planes.chunks_exact(n);
-    for (word, present) in present.iter().enumerate() {
-        for byte in (0..8).filter(|byte| present & 1 << byte != 0) {
-            for (row, part) in rows.chunks_exact_mut(words).zip(planes.next().unwrap_or_default()) {
-                row[word] |= u64::from(*part) << (8 * byte);
-            }
-        }
-        let mut above = 0_u64;
-        for row in rows.chunks_exact_mut(words) {
-            let folded = row[word];
-            above = above.wrapping_add((folded >> 1) ^ (folded & 1).wrapping_neg());
-            row[word] = above;
-        }
-    }
-    Ok(rows)
 }
 
 /// Writes the message log of a topic, in a folder, as `TOPIC.log`: messages are rows of 64-bit words.
@@ -369,7 +246,9 @@ impl RowReader {
             return Err(LogError::Unbegun { path });
         }
         if n < HEAD || found[..8] != MAGIC {
-            return Err(LogError::Damaged { path, reason: "its first bytes are not those of such a file".to_owned() });
+            let is_other = n == HEAD && found[..7] == MAGIC[..7];
+            let reason = if is_other { "another version of armplane packed it" } else { "its first bytes are not those of such a file" };
+            return Err(LogError::Damaged { path, reason: reason.to_owned() });
         }
         if found != shape.head() {
             let mut theirs = [0; 8];
@@ -386,9 +265,9 @@ impl RowReader {
     pub fn next_row(&mut self) -> Result<Option<Vec<u64>>, LogError> {
         let words = self.shape.words();
         if self.block.1 >= self.block.0.len() {
-            let Some(n) = self.read_block()? else { return Ok(None) };
+            let Some(head) = self.read_block()? else { return Ok(None) };
             let damaged = |reason| LogError::Damaged { path: self.path.clone(), reason };
-            self.block = (unpack(n, words, &self.packed).map_err(damaged)?, 0);
+            self.block = (unpack(head, words, &self.packed).map_err(damaged)?, 0);
         }
         let (rows, begin) = &mut self.block;
         let row = rows.get(*begin..*begin + words).map(<[u64]>::to_vec);
@@ -404,25 +283,26 @@ impl RowReader {
         Ok(())
     }
 
-    /// Reads the next block, still packed; returns how many messages it holds.
-    fn read_block(&mut self) -> Result<Option<usize>, LogError> {
+    /// Reads the next block, still packed; returns its head.
+    fn read_block(&mut self) -> Result<Option<Head>, LogError> {
         let failed = |path: &Path, source| LogError::File { action: "read", path: path.to_owned(), source };
-        let mut head = [0; BLOCK_HEAD];
+        let mut head = [0; Head::BYTES];
         if read_whole(&mut self.file, &mut head).map_err(|source| failed(&self.path, source))? < head.len() {
             return Ok(None);
         }
-        let number = |at: usize| u32::from_le_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]) as usize;
-        let (n, size) = (number(0), number(4));
-        if n == 0 || n > BLOCK || size > get_maximum_output_size((n + 1) * self.shape.bytes) {
-            let reason = format!("a block at byte {} claims {n} messages in {size} bytes", self.place);
+        let block = Head::from(head);
+        if !block.is_possible(self.shape.bytes) {
+            let Head { messages, packed, plain } = block;
+            let reason = format!("a block at byte {} claims {messages} messages in {packed} bytes and {plain} plain planes", self.place);
             return Err(LogError::Damaged { path: self.path.clone(), reason });
         }
-        self.packed.resize(size, 0);
-        if read_whole(&mut self.file, &mut self.packed).map_err(|source| failed(&self.path, source))? < size {
+        let rest = block.rest();
+        self.packed.resize(rest, 0);
+        if read_whole(&mut self.file, &mut self.packed).map_err(|source| failed(&self.path, source))? < rest {
             return Ok(None);
         }
-        self.place += (head.len() + size) as u64;
-        Ok(Some(n))
+        self.place += (head.len() + rest) as u64;
+        Ok(Some(block))
     }
 }
 
