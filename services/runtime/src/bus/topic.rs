@@ -3,6 +3,7 @@
 use iceoryx2::prelude::*;
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 use iceoryx2::service::builder::publish_subscribe::Builder;
+use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use iceoryx2::service::static_config::message_type_details::{TypeDetail, TypeVariant};
 use shared_types::process::MAX_PROCESSES;
@@ -44,24 +45,22 @@ impl Topic {
         Ok(Self { format, service: service.map_err(|e| failed("create", &format, e))? })
     }
 
-    /// Opens a topic that the launcher made, after comparing the layouts.
+    /// Opens a topic that the launcher made, and compares the layouts.
     pub(crate) fn open(bus: &Bus, format: Format) -> Result<Self, TopicError> {
-        // Before opening: iceoryx2 itself would only say "incompatible", and only if a size changed.
-        let details = ipc::Service::details(&service_name(&format)?, bus.config(), MessagingPattern::PublishSubscribe)
-            .map_err(|e| failed("open", &format, e))?
-            .ok_or_else(|| failed("open", &format, "the launcher has not made it"))?;
-        let found =
-            details.static_details.attributes().key_value(&wire_attribute(&format)?, 0).map(ToString::to_string).unwrap_or_default();
-        let Format { topic, type_name, layout: ours, .. } = format;
-        if found != format!("{ours:016x}") {
-            let found = if found.is_empty() { "unknown".into() } else { found };
-            return Err(match format.is_listed() {
-                true => TopicError::WireFormat { topic, found, ours },
-                false => TopicError::Layout { topic, type_name, found, ours },
-            });
+        match builder(bus, &format)?.open() {
+            Ok(service) => {
+                layout_fits(service.attributes(), &format)?;
+                Ok(Self { format, service })
+            }
+            Err(error) => {
+                // iceoryx2 itself only says "incompatible". Its details of a service tell more, and cost a look at every process that has it open.
+                let details = ipc::Service::details(&service_name(&format)?, bus.config(), MessagingPattern::PublishSubscribe)
+                    .map_err(|e| failed("open", &format, e))?
+                    .ok_or_else(|| failed("open", &format, "the launcher has not made it"))?;
+                layout_fits(details.static_details.attributes(), &format)?;
+                Err(failed("open", &format, error))
+            }
         }
-        let service = builder(bus, &format)?.open().map_err(|e| failed("open", &format, e))?;
-        Ok(Self { format, service })
     }
 
     /// The end that writes.
@@ -77,6 +76,20 @@ impl Topic {
         let subscriber = subscriber.create().map_err(|e| failed("read", &self.format, e))?;
         Ok(Receiver::new(self.format, subscriber))
     }
+}
+
+/// Whether a topic is marked with the hash of the layout that is expected here.
+fn layout_fits(attributes: &AttributeSet, format: &Format) -> Result<(), TopicError> {
+    let found = attributes.key_value(&wire_attribute(format)?, 0).map(ToString::to_string).unwrap_or_default();
+    let Format { topic, type_name, layout: ours, .. } = *format;
+    if found == format!("{ours:016x}") {
+        return Ok(());
+    }
+    let found = if found.is_empty() { "unknown".into() } else { found };
+    Err(match format.is_listed() {
+        true => TopicError::WireFormat { topic, found, ours },
+        false => TopicError::Layout { topic, type_name, found, ours },
+    })
 }
 
 fn failed(action: &'static str, format: &Format, reason: impl std::fmt::Display) -> TopicError {
