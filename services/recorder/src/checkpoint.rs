@@ -25,8 +25,9 @@ const FILE: &str = "recorder.state";
 /// Name of the file beside it with the recording's progress.
 const WRITTEN: &str = "recorder.written";
 
-/// How much a replacement has to go through again: messages that are kept, but in no figure yet.
-const EVERY: Duration = Duration::from_secs(2);
+/// How much a replacement has to go through again: messages that are kept, but in no figure yet; some 10 µs a tick. A checkpoint itself is not cheap:
+/// it ends a chunk of everything that moves in the picture.
+const EVERY: Duration = Duration::from_secs(8);
 /// The same in ticks, for runs in lockstep.
 const EVERY_TICKS: u64 = 8192;
 

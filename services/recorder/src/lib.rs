@@ -65,6 +65,7 @@ const HORIZON: u64 = 60_000;
 /// [`ProcessError`] where the recorder cannot begin, the graph breaks, or the summary cannot be written. A recording that fails
 /// (a full disk) does not end the run: the summary names it.
 pub fn run(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<(), ProcessError> {
+    runtime::realtime::keep_memory();
     // Two recorders would write the same files.
     let _recording = shell.hold("recording")?;
     let summary = record(shell, robot, job, run_dir)?;

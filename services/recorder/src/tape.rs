@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use model::Robot;
 use runtime::ProcessError;
-use shared_types::job::{self, Job};
+use shared_types::job::Job;
 use shared_types::scenario::{Record, Scenario};
 use shared_types::summary::RecorderSummary;
 use viz::{Level, RecordError, Recording, RunInfo, TickRow, Written};
@@ -24,12 +24,11 @@ pub struct Tape {
 }
 
 /// How often the recording is written besides at every checkpoint: a chunk costs the same whatever it holds, and what it holds goes with a run
-/// that is killed whole, or with a volume that is full. The picture is written rarely, but where a viewer watches.
+/// that is killed whole, until `armplane recover`, or with a volume that is full. The picture is written rarely, but where a viewer watches.
 fn chunks(job: &Job) -> viz::Options {
     let often = viz::Options::default();
-    let is_followed = job.live || job.mode == job::Mode::Realtime;
     viz::Options {
-        signal_chunk_s: if is_followed { often.signal_chunk_s } else { 1.0 },
+        signal_chunk_s: if job.live { often.signal_chunk_s } else { 1.0 },
         picture_chunk_s: if job.live { often.signal_chunk_s } else { 10.0 },
         is_live: job.live,
         ..often

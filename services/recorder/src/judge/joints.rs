@@ -1,12 +1,11 @@
 //! Loads of the joints, and the limits that they reach.
 
-use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 use shared_types::bounds::{larger, share, within};
 use shared_types::codes::{DRIVE_RATE, DRIVE_SPEED, PHASE_REFUSED, REFUSAL_LIMIT, REFUSAL_UNLISTED};
 use shared_types::summary::{JointSummary, LimitSummary};
 
-use super::histogram::{new, stored};
+use super::histogram::{Histogram, new, stored};
 use super::tick::Tick;
 
 /// Torque steps are kept in millionths of the limit: a ratio of 1 is 1 000 000.
@@ -41,7 +40,7 @@ pub(super) struct JointMeter {
     limits: Limits,
     summary: JointSummary,
     #[serde(with = "stored")]
-    torque_steps: Histogram<u64>,
+    torque_steps: Histogram,
     last_tau: Option<Vec<f64>>,
     /// Where the arm was when the controller refused to go on.
     refused: Option<String>,

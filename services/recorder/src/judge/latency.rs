@@ -2,13 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 use shared_types::graph::{BUILT_IN, Graph};
 use shared_types::summary::Latency;
 use shared_types::{SensorSample, TorqueCommand};
 
-use super::histogram::{new, stored};
+use super::histogram::{Histogram, new, stored};
 
 /// A span of time that is measured each tick.
 #[derive(Clone, Copy)]
@@ -67,7 +66,7 @@ pub(super) struct LatencyMeter {
     chain: Chain,
     /// Of each span that is timed.
     #[serde(with = "stored_all")]
-    latencies: Vec<Histogram<u64>>,
+    latencies: Vec<Histogram>,
     /// Not stored: no latency is measured over a gap.
     #[serde(skip)]
     last_sensor: Option<SensorSample>,
@@ -90,7 +89,7 @@ impl LatencyMeter {
         Self { period_ns, ..self }
     }
 
-    pub(super) fn of(&self, span: Span) -> &Histogram<u64> {
+    pub(super) fn of(&self, span: Span) -> &Histogram {
         &self.latencies[self.chain.place(span)]
     }
 
@@ -147,7 +146,7 @@ impl LatencyMeter {
     }
 }
 
-fn latency(histogram: &Histogram<u64>) -> Latency {
+fn latency(histogram: &Histogram) -> Latency {
     let us = |quantile: f64| histogram.value_at_quantile(quantile) as f64 * 1e-3;
     Latency { count: histogram.len(), p50: us(0.5), p99: us(0.99), p999: us(0.999), max: histogram.max() as f64 * 1e-3 }
 }
@@ -156,11 +155,11 @@ mod stored_all {
     use super::{Histogram, stored};
     use serde::{Deserialize, Deserializer, Serializer};
 
-    pub(super) fn serialize<S: Serializer>(all: &[Histogram<u64>], serializer: S) -> Result<S::Ok, S::Error> {
+    pub(super) fn serialize<S: Serializer>(all: &[Histogram], serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_seq(all.iter().map(stored::values))
     }
 
-    pub(super) fn deserialize<'a, D: Deserializer<'a>>(deserializer: D) -> Result<Vec<Histogram<u64>>, D::Error> {
+    pub(super) fn deserialize<'a, D: Deserializer<'a>>(deserializer: D) -> Result<Vec<Histogram>, D::Error> {
         Ok(Vec::deserialize(deserializer)?.into_iter().map(stored::of).collect())
     }
 }
