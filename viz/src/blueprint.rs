@@ -17,7 +17,7 @@ use shared_types::scenario::Layout;
 use crate::sink::Sink;
 use desk::{Desk, close_up_name};
 use sheet::Sheet;
-pub(crate) use subject::{ACROSS, ALONG, Eye, JOINTS, Subject};
+pub(crate) use subject::{ACROSS, ALONG, Eye, JOINTS, Subject, Way};
 
 /// The chunks of a layout.
 fn layout(subject: &Subject, layout: Layout) -> Vec<ChunkResult<Chunk>> {

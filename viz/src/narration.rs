@@ -216,8 +216,10 @@ impl Situation {
             let rank = format!("rank {} of {}", run.directions.saturating_sub(locks), run.directions);
             let _ = match self.inside().next() {
                 Some((i, one)) if locks == 1 => {
-                    let name = capital(&singularity_name(one.kind, i));
-                    writeln!(text, "{mark} {name} lock: the hand cannot {} · {rank}\n", lost(one.angular))
+                    // One that was found by number has no name but that.
+                    let name =
+                        if one.kind == KIND_NUMERIC { "Singular".to_owned() } else { capital(&singularity_name(one.kind, i)) + " lock" };
+                    writeln!(text, "{mark} {name}: the hand cannot {} · {rank}\n", lost(one.angular))
                 }
                 _ => writeln!(text, "{mark} {locks} locks at once: {locks} directions lost · {rank}\n"),
             };
@@ -247,7 +249,7 @@ impl Situation {
             text.push_str("\n**The controller refused to go on** and brings the arm to rest.\n");
             notes += 1;
         }
-        if locks + notes <= ROOM {
+        if locks + NOTE * notes <= ROOM {
             let _ = writeln!(text, "\n*{COLOURS}*");
         }
         text
@@ -285,8 +287,10 @@ impl Situation {
     }
 }
 
-/// Rows of the table, and notes below it, that leave room for the line on colours.
+/// Rows of the table that leave room for the line on colours.
 const ROOM: usize = 2;
+/// Rows whose room a note below the table takes.
+const NOTE: usize = 2;
 /// One line.
 const COLOURS: &str = "Green: desired. White: actual. Blue: speeds the hand can reach. Pale arms: null-space motion so far.";
 /// Spaces that make the heads of the first and the last column wider than any entry. The viewer lays a table out by the widths that it

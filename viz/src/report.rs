@@ -197,8 +197,8 @@ fn plots(page: &mut Html, job: &Job, recorded: &Recorded, singularities: &[Named
 
     let (torque, of) =
         recorded.over_limit([Signal::TorqueTaskRatio, Signal::TorqueNullRatio], [Signal::TorqueTask, Signal::TorqueNull], "N·m");
-    let task = recorded.panel(&format!("torque that acts at the hand{of}"), torque[0], Axis::default(), &joints, joint);
-    let null = recorded.panel(&format!("torque in the null space{of}"), torque[1], Axis::default(), &joints, joint);
+    let task = recorded.panel(&format!("hand torque, with gravity{of}"), torque[0], Axis::default(), &joints, joint);
+    let null = recorded.panel(&format!("null-space torque{of}"), torque[1], Axis::default(), &joints, joint);
     let range =
         recorded.panel("joints between their limits ±1", Signal::PositionInRange, Axis::default().within(-1.05..1.05), &joints, joint);
     let ([speed], of) = recorded.over_limit([Signal::SpeedRatio], [Signal::Speed], "rad/s");

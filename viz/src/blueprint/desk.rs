@@ -38,6 +38,7 @@ pub(super) struct Desk<'a> {
 impl<'a> Desk<'a> {
     pub(super) fn new(sheet: &'a mut Sheet, subject: &'a Subject) -> Self {
         sheet.marks_faults = subject.faults;
+        sheet.shows_all = subject.is_long;
         Self { sheet, subject }
     }
 

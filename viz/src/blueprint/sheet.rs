@@ -83,6 +83,8 @@ pub(super) struct Sheet {
     pub(super) root: Uuid,
     /// Whether plots have a bar for faults in force.
     pub(super) marks_faults: bool,
+    /// Plots show the whole run, whatever its length.
+    pub(super) shows_all: bool,
     /// Whether chunks are made, or ids only.
     makes_chunks: bool,
     /// Names of plots, and how many entries their legends have.
@@ -99,6 +101,7 @@ impl Sheet {
             views: Vec::new(),
             root: Uuid::nil(),
             marks_faults: false,
+            shows_all: false,
             makes_chunks: true,
             #[cfg(test)]
             legends: Vec::new(),
@@ -233,7 +236,13 @@ impl Sheet {
             }
             self.log(base, &ActiveVisualizers::new(instructions));
         }
-        self.log(path.join(&"TimeAxis".into()), &TimeAxis::new().with_link(LinkAxis::LinkToGlobal));
+        // A linked axis is as long as the viewer wants it: a minute at most.
+        let whole = TimeRange { start: TimeRangeBoundary::Infinite, end: TimeRangeBoundary::Infinite };
+        let axis = match self.shows_all {
+            true => TimeAxis::new().with_link(LinkAxis::Independent).with_view_range(whole),
+            false => TimeAxis::new().with_link(LinkAxis::LinkToGlobal),
+        };
+        self.log(path.join(&"TimeAxis".into()), &axis);
         if let Some(range) = range {
             self.log(
                 path.join(&"ScalarAxis".into()),

@@ -1,6 +1,7 @@
 //! The subject of a layout: the run's properties that it depends on.
 
 use glam::Vec3;
+use shared_types::scenario::Segment;
 
 use crate::signals::Lives;
 use crate::solid::Rgba;
@@ -33,6 +34,8 @@ pub(crate) struct Subject {
     pub(crate) goal: [Option<f64>; 2],
     /// Faults are planned, or have come: plots have a bar for them.
     pub(crate) faults: bool,
+    /// The run is longer than the minute around the cursor that plots show by themselves.
+    pub(crate) is_long: bool,
     /// The task is to stand still with the hand while the joints move.
     pub(crate) stands_still: bool,
     /// The task has no orientation, hence no error of it.
@@ -41,12 +44,41 @@ pub(crate) struct Subject {
     pub(crate) unlimited_torque: bool,
     /// The same for speeds.
     pub(crate) unlimited_speed: bool,
+    /// Where each segment of the task takes the hand, as far as the scenario itself says it.
+    pub(crate) ways: Vec<Way>,
     pub(crate) eye: Eye,
     /// Near the singular frame, across ζ.
     pub(crate) close_up: Eye,
     pub(crate) floor_m: f32,
     /// The processes that have lanes.
     pub(crate) lives: Lives,
+}
+
+/// The end of a segment of the task; base axes, m.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Way {
+    To(Vec3),
+    By(Vec3),
+}
+
+impl Way {
+    /// That of a segment which gives a place or a way in base axes.
+    pub(crate) fn of(segment: &Segment) -> Option<Self> {
+        let vector = |v: [f64; 3]| Vec3::from(v.map(|x| x as f32));
+        let slide = segment.slide.as_ref().and_then(|slide| {
+            let axis = ["x", "y", "z"].iter().position(|axis| *axis == slide.along)?;
+            Some(Vec3::AXES[axis] * slide.by_m as f32)
+        });
+        segment.to_m.map(|place| Self::To(vector(place))).or(segment.by_m.map(vector).or(slide).map(Self::By))
+    }
+
+    /// The hand's place after it.
+    pub(crate) fn after(self, place: Vec3) -> Vec3 {
+        match self {
+            Self::To(end) => end,
+            Self::By(way) => place + way,
+        }
+    }
 }
 
 /// From where the arm is seen; base axes, m.

@@ -98,7 +98,7 @@ impl Table {
         }
         let ticks = std::mem::take(&mut self.ticks);
         let columns = self.columns.iter_mut().flatten().filter_map(|column| {
-            let next = Column { seen: column.seen, ..Column::new(column.name, column.encoding) };
+            let next = column.next();
             std::mem::replace(column, next).build()
         });
         Some((ticks, columns.collect()))
@@ -108,6 +108,14 @@ impl Table {
 impl Column {
     fn new(name: &'static str, encoding: Encoding) -> Self {
         Self { name, encoding, wide: Vec::new(), narrow: Vec::new(), ends: vec![0], seen: false }
+    }
+
+    /// An empty one, with room for as many rows as this one has: chunks are about as long as the one before.
+    fn next(&self) -> Self {
+        let mut ends = Vec::with_capacity(self.ends.len());
+        ends.push(0);
+        let (wide, narrow) = (Vec::with_capacity(self.wide.len()), Vec::with_capacity(self.narrow.len()));
+        Self { name: self.name, encoding: self.encoding, wide, narrow, ends, seen: self.seen }
     }
 
     fn build(self) -> Option<SerializedComponentColumn> {
@@ -217,10 +225,12 @@ impl Picture {
                 // Each below the one before: seen from far they would overlap.
                 let below = Vec3::NEG_Z * (0.75 * unit * labels);
                 labels += 1.0;
-                // Beside the end of its axis: above it, or below where the axis points down; nearer to C the more it lies: words are wide.
+                // Beside the end of its axis: above it, or below where the axis points down; nearer to C, and higher, the more it lies: words
+                // are wide, and hang from their place.
                 let zeta = mark.zeta();
                 let end = zeta * (side * (0.85 + 0.2 * zeta.z.abs()) * unit);
-                let aside = Vec3::Z * (if end.z < -0.3 * unit { -0.25 * unit } else { 0.25 * unit });
+                let above = 0.25 + 0.45 * (1.0 - zeta.z.abs());
+                let aside = Vec3::Z * (if end.z < -0.3 * unit { -0.25 * unit } else { above * unit });
                 tracks.label.push(tick, &Placement { p: mark.X_BS.p + end + aside + below, ..Placement::IDENTITY });
             }
         }

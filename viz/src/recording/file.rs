@@ -14,7 +14,7 @@ use super::parts::{create, part_name};
 use super::pieces::application;
 use super::state::{Lanes, Level, Options, Recording, RunInfo, Title, Written};
 use crate::arm::{Figure, placement};
-use crate::blueprint::Subject;
+use crate::blueprint::{Subject, Way};
 use crate::narration::History;
 use crate::scene::NullMotion;
 use crate::signals::{Drawn, Limits, TickRow, draw, sample};
@@ -58,6 +58,9 @@ pub fn save_blueprint(path: &Path, run: &RunInfo, first: &TickRow, layout: Layou
     recording.tick(first)?;
     recording.save_blueprint(path, layout)
 }
+
+/// Seconds that a plot shows by itself: half of them before the cursor.
+const PLOTTED_S: f64 = 60.0;
 
 /// Rate of what is only drawn: more than a plot has points across.
 const DRAWN_HZ: f64 = 125.0;
@@ -118,8 +121,10 @@ impl Recording {
             floor_m,
             goal: [judged(scenario.goal.position_mm, 1000.0), judged(scenario.goal.orientation_deg, 180.0)],
             faults: !scenario.fault.is_empty() || options.is_live,
+            is_long: scenario.duration_s() > PLOTTED_S && !options.is_live,
             stands_still: stands_still(scenario),
             without_orientation: !robot.task.0[3..].contains(&true),
+            ways: scenario.segment.iter().filter_map(Way::of).collect(),
             unlimited_torque: unlimited(|joint| joint.effort),
             unlimited_speed: unlimited(|joint| joint.velocity),
             ..Subject::default()

@@ -102,7 +102,7 @@ impl Recording {
             life(row.torque.map(Message::header)),
         ];
         let has_input = [true, row.sensor.is_some(), row.estimate.is_some(), row.estimate.is_some() && row.singularity.is_some()];
-        let freshness = u64::from(self.rate_hz) * 3 / 10;
+        let freshness = u64::from(self.rate_hz) / 2;
         let lives = self.subject.lives.clone();
         for (i, name) in lives.named() {
             let Some(&incarnation) = now.get(i) else { continue };
@@ -137,7 +137,7 @@ impl Recording {
 
     /// The recorder that writes this part has taken up where one before it ended: its lane says so from tick `from` on.
     pub fn recorder_restarted(&mut self, from: u64) {
-        self.lanes.fresh_until[WRITERS] = from + u64::from(self.rate_hz) * 3 / 10;
+        self.lanes.fresh_until[WRITERS] = from + u64::from(self.rate_hz) / 2;
     }
 
     pub(super) fn lane(&mut self, tick: u64, lane: &str, state: &str) {

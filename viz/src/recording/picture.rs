@@ -71,11 +71,21 @@ impl Recording {
             let words = if angle.abs() > 0.6 * most { format!("q{} {:+.0}°", i + 1, angle.to_degrees()) } else { String::new() };
             Some((scene::turning(ring, X_BL, *angle as f32), [r, g, b, 255], words))
         });
-        let (mut strips, mut colours, mut words) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut strips, mut colours, mut words) = (Vec::new(), Vec::new(), Vec::<String>::new());
+        // Words of arcs next to each other would lie over each other: they share a place.
+        let near = 0.8 * self.mark_size();
+        let place = |strip: &[[f32; 3]]| strip.iter().map(|p| Vec3::from(*p)).sum::<Vec3>() / strip.len().max(1) as f32;
         for (strip, colour, word) in arcs {
+            let beside = |(other, words): (&Vec<[f32; 3]>, &String)| !words.is_empty() && place(other).distance(place(&strip)) < near;
+            let shared = if word.is_empty() { None } else { strips.iter().zip(&words).position(beside) };
+            words.push(String::new());
+            let last = words.len() - 1;
+            match shared {
+                Some(first) => words[first] += &format!(", {word}"),
+                None => words[last] = word,
+            }
             strips.push(strip);
             colours.push(colour);
-            words.push(word);
         }
         let radius = 0.004 * self.figure.reach;
         self.log(tick, entity::TURNED, &lettered(strips, colours, words, radius));

@@ -77,15 +77,21 @@ pub(super) fn albedo([r, g, b, a]: Rgba) -> AlbedoFactor {
     AlbedoFactor(re_sdk_types::datatypes::Rgba32::from_unmultiplied_rgba(r, g, b, a))
 }
 
-/// An eye that sees the arm from floor to hand, with room for a mark of that size at the hand: off to the side of the plane in which the arm
+/// An eye that sees the arm from floor to hand, and where the task takes the hand, with room for a mark of that size there: off to the side of the plane in which the arm
 /// reaches out, a little above; a planar arm from above.
 pub(crate) fn eye(places: &[Vec3], mark: f32, subject: &Subject, planar: bool) -> Eye {
     // Half of Rerun's field of view; the sphere is roomier than the arm in it.
     let distance = |radius: f32| 0.88 * radius / 27.5f32.to_radians().sin();
     let hand = places.last().copied().unwrap_or(Vec3::X);
     let foot = if planar { Vec3::ZERO } else { Vec3::Z * subject.floor_m.min(0.0) };
-    // Above the mark are its words.
-    let room = [hand + Vec3::splat(mark), hand - Vec3::splat(mark), hand + Vec3::Z * (1.8 * mark), foot];
+    // Above the mark are its words; seen from above, beside it.
+    let words = if planar && !subject.stands_still { Vec3::X * (2.2 * mark) } else { Vec3::Z * (1.8 * mark) };
+    let around = |hand: Vec3| [hand + Vec3::splat(mark), hand - Vec3::splat(mark), hand + words];
+    let ends = subject.ways.iter().scan(hand, |hand, way| {
+        *hand = way.after(*hand);
+        Some(*hand)
+    });
+    let room: Vec<Vec3> = ends.chain([hand]).flat_map(around).chain([foot]).collect();
     let (low, high) = places.iter().chain(&room).fold((Vec3::ZERO, Vec3::ZERO), |(low, high), p| (low.min(*p), high.max(*p)));
     let (look_at, radius) = ((low + high) / 2.0, (high - low).length() / 2.0);
     if planar {

@@ -149,8 +149,8 @@ pub struct Recording {
     /// Whether this part has the mesh of each link's ghosts.
     pub(super) ghost_drawn: [bool; MAX_DOF],
     pub(super) situation: Option<Situation>,
-    /// Of a steered arm: the reason last written at the hand, its joint and side.
-    pub(super) reason: Option<(u32, u32, u32)>,
+    /// Of a steered arm: the reason last written at the hand, its joint and side; and the way down from there, in the hand's axes.
+    pub(super) reason: Option<((u32, u32, u32), Vec3)>,
     pub(super) history: History,
     /// Faults in force.
     pub(super) faults: Vec<Fault>,

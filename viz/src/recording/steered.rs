@@ -20,6 +20,10 @@ const ASKED: Rgba = [255, 240, 120, 255];
 const GHOST: Rgba = [150, 235, 190, 200];
 /// Twist that is drawn; m/s, rad/s.
 const LEAST: f32 = 1e-3;
+/// How far below the hand its words are, in half lengths of a mark.
+const BELOW: f32 = 1.5;
+/// Cosine of the angle by which the hand may turn before they are put below it again.
+const STILL_BELOW: f32 = 0.94;
 /// Lines of a curve.
 const PIECES: usize = 16;
 
@@ -36,9 +40,13 @@ impl Recording {
         let V = row.control_state.map_or([0.0; 6], |command| command.V_BE_d);
         self.write_ahead(row.tick, &V, desired.unwrap_or(hand), unit);
         let words = (state.reason, state.joint, state.upper);
-        if self.reason.replace(words) != Some(words) {
-            let point =
-                Points3D::new([[0.0, 0.0, -0.55 * unit]]).with_radii([Radius::new_ui_points(0.5)]).with_colors([colour(of_words(ASKED))]);
+        // Below the hand in base axes, in which it stays where the hand only moves: the labels of marks are beside it or above.
+        let below = hand.R.transpose() * Vec3::NEG_Z;
+        let stands = |(before, at): &((u32, u32, u32), Vec3)| *before == words && at.dot(below) > STILL_BELOW;
+        if !self.reason.as_ref().is_some_and(stands) {
+            self.reason = Some((words, below));
+            let point = Points3D::new([(below * BELOW * unit).to_array()]);
+            let point = point.with_radii([Radius::new_ui_points(0.5)]).with_colors([colour(of_words(ASKED))]);
             self.log(row.tick, entity::REASON, &point.with_labels([reason_text(words.0, words.1, words.2)]).with_show_labels(true));
         }
     }
