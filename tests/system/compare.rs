@@ -54,6 +54,21 @@ fn lines_through_exactly_singular_postures_of_an_arm_reach_their_goals() {
 
 // covers: CK95 Figure 3
 #[test]
+fn a_race_has_the_marks_of_a_steered_run_only_where_one_is_steered() {
+    let desk = Desk::new();
+    let marks = |scenario: &str| {
+        let said = desk.armplane(&["compare", scenario, "--race", "--out", scenario, "--json"]);
+        assert_eq!(said.code, 0, "{}", said.err);
+        let recording = std::fs::read(desk.path().join(scenario).join("run.rrd")).unwrap();
+        // Paths of entities stand in the heads of chunks as they are.
+        let has = |path: &str| recording.windows(path.len()).any(|bytes| bytes == path.as_bytes());
+        ["/world/rival/link", "/world/asked/motion", "/world/hand/reason"].map(has)
+    };
+    assert_eq!(marks("fig5-wrist-rotation"), [true, false, false], "the other arm, and no target");
+    assert_eq!(marks("servo-line-panda"), [true; 3], "the other arm, the twist that is asked for and the reason why it is no faster");
+}
+
+#[test]
 fn the_papers_figures_are_drawn_with_their_numbers() {
     let desk = Desk::new();
     let said = desk.armplane(&["figures", "--out", "out"]);

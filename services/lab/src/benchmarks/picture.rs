@@ -1,6 +1,6 @@
 //! The times of a bench as pictures: one for each question that it answers.
 
-use viz::plot::{Axis, BLUE, Color, GREY, Page, Panel, Row as PlotRow, digits};
+use viz::plot::{Axis, BLUE, Color, GREY, Page, Panel, Row as PlotRow, digits, numbered};
 
 use super::distribution::Row;
 
@@ -18,6 +18,12 @@ const QUESTIONS: [(&str, &str); 7] = [
 /// Height of a bar's row, and of what surrounds the rows; points.
 const BAR: f64 = 24.0;
 const AROUND: f64 = 84.0;
+
+/// Height of a plot over the size of the payload; points.
+const CURVES: f64 = 420.0;
+/// What the marks mean.
+const BARS: &str = "blue: half of the samples are quicker; grey, and in brackets: 99 of 100 are";
+const LINES: &str = "lines: half of the samples are quicker; dashed: 99 of 100 are";
 
 /// Pictures with the names of their benchmarks: a bar for each mechanism, in µs.
 pub fn pictures(rows: &[Row], machine: &str) -> Vec<(String, Page)> {
@@ -39,7 +45,18 @@ fn picture(bench: &str, rows: &[Row], machine: &str) -> Page {
             keys.push((&row.placement, row.payload_bytes));
         }
     }
-    let panels: Vec<(usize, Panel)> = keys
+    // Many sizes are an axis of their own: a picture for each would be a page of bars.
+    let sizes = |placement: &str| keys.iter().filter(|(of, _)| *of == placement).count();
+    let mut by_size: Vec<&str> = Vec::new();
+    for (placement, _) in &keys {
+        if sizes(placement) > 2 && !by_size.contains(placement) {
+            by_size.push(placement);
+        }
+    }
+    keys.retain(|(placement, _)| !by_size.contains(placement));
+    let curves = by_size.iter().map(|placement| over_size(placement, &of_bench, range.clone()));
+    let mut pairs: Vec<PlotRow> = curves.collect::<Vec<_>>().chunks(2).map(|pair| PlotRow::of(CURVES, pair.to_vec())).collect();
+    let bars: Vec<(usize, Panel)> = keys
         .iter()
         .map(|(placement, bytes)| {
             let shown: Vec<&&Row> = of_bench.iter().filter(|row| row.placement == *placement && row.payload_bytes == *bytes).collect();
@@ -54,21 +71,40 @@ fn picture(bench: &str, rows: &[Row], machine: &str) -> Page {
             (shown.len(), panel)
         })
         .collect();
-    let mut pairs = Vec::new();
-    let mut panels = panels.into_iter().peekable();
-    while panels.peek().is_some() {
-        let pair: Vec<(usize, Panel)> = panels.by_ref().take(2).collect();
+    for pair in bars.chunks(2) {
         let most = pair.iter().map(|(bars, _)| *bars).max().unwrap_or(1);
-        pairs.push(PlotRow::of(AROUND + BAR * most as f64, pair.into_iter().map(|(_, panel)| panel)));
+        pairs.push(PlotRow::of(AROUND + BAR * most as f64, pair.iter().map(|(_, panel)| panel.clone())));
     }
+    let legend = match (by_size.is_empty(), keys.is_empty()) {
+        (true, _) => BARS.to_owned(),
+        (_, true) => LINES.to_owned(),
+        _ => format!("{LINES}; {BARS}"),
+    };
     let question = QUESTIONS.iter().find(|(known, _)| bench.starts_with(known)).map_or(bench, |(_, question)| *question);
-    Page {
-        title: question.to_owned(),
-        subtitle: format!("blue: half of the samples are quicker; grey, and in brackets: 99 of 100 are. {machine}"),
-        rows: pairs,
-        width: 1100.0,
-        ..Page::default()
+    Page { title: question.to_owned(), subtitle: format!("{legend}. {machine}"), rows: pairs, width: 1100.0, ..Page::default() }
+}
+
+/// A line for each mechanism: its times over the size of what it carries.
+fn over_size(placement: &str, rows: &[&Row], range: std::ops::Range<f64>) -> Panel {
+    let rows: Vec<&Row> = rows.iter().filter(|row| row.placement == placement).copied().collect();
+    let mut mechanisms: Vec<&str> = Vec::new();
+    for row in &rows {
+        if !mechanisms.contains(&row.mechanism.as_str()) {
+            mechanisms.push(&row.mechanism);
+        }
     }
+    let x = Axis::named("bytes").logarithmic();
+    let mut panel = Panel::new(&format!("{placement}, µs"), x, Axis::default().logarithmic().within(range));
+    for (place, mechanism) in mechanisms.into_iter().enumerate() {
+        let mut points: Vec<&Row> = rows.iter().filter(|row| row.mechanism == mechanism).copied().collect();
+        points.sort_by_key(|row| row.payload_bytes);
+        let of = |time: fn(&Row) -> f64| points.iter().map(|row| (row.payload_bytes as f64, time(row))).collect::<Vec<_>>();
+        let (color, median) = (numbered(place), of(|row| row.distribution.p50_us));
+        panel.line(mechanism, color, &median);
+        panel.dots(color, 2.5, &median);
+        panel.dashed("", color, &of(|row| row.distribution.p99_us));
+    }
+    panel
 }
 
 #[cfg(test)]
@@ -84,5 +120,23 @@ mod tests {
         let pictures = pictures(&rows, "a machine");
         assert_eq!(pictures.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(), ["hop", "model"]);
         assert!(pictures.iter().all(|(_, page)| page.title.ends_with('?') && page.rows.len() == 1), "{pictures:?}");
+    }
+
+    #[test]
+    fn many_sizes_are_an_axis_and_not_a_page_of_bars() {
+        let mut times = histogram();
+        (1..=1000).for_each(|nanoseconds| times.saturating_record(nanoseconds));
+        let row = |placement: &str, payload_bytes| Row {
+            placement: placement.to_owned(),
+            payload_bytes,
+            ..Row::alone("hop", "pipe", Distribution::of(&times))
+        };
+        let sizes = [64, 4096, 416, 1 << 20];
+        let rows: Vec<Row> = ["same core", "cross core"].iter().flat_map(|placement| sizes.map(|bytes| row(placement, bytes))).collect();
+        let page = pictures(&rows, "a machine").remove(0).1;
+        assert!(page.rows.len() == 1 && page.subtitle.starts_with(LINES), "both placements side by side: {page:?}");
+        let rows: Vec<Row> = rows.into_iter().chain([row("not pinned", 64)]).collect();
+        let page = pictures(&rows, "a machine").remove(0).1;
+        assert!(page.rows.len() == 2 && page.subtitle.contains(BARS), "one size is a bar: {page:?}");
     }
 }

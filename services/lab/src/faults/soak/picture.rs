@@ -99,7 +99,7 @@ fn one_round(soak: &Soak, round: &Round) -> Panel {
 /// The times until faults of each kind are detected.
 fn detection(detected: &[&Kind]) -> Panel {
     let mut panel = Panel::new(
-        "time until a fault is detected, ms: half of them, and the slowest",
+        "time until a fault is detected, ms: median, and the largest",
         Axis::default().logarithmic().within(0.001..10_000.0),
         Axis::names(detected.iter().map(|kind| format!("{} ({})", kind.kind, kind.times))),
     );
