@@ -28,7 +28,7 @@ pub struct FileInfo {
 pub(crate) struct Sink {
     /// `None` once closed.
     stream: Option<Stream>,
-    /// Bytes of whole messages, of those too that wait to be written.
+    /// Bytes of whole messages.
     bytes: u64,
     chunks: u64,
     /// The error that closed it, until it is answered.
@@ -100,14 +100,8 @@ impl Sink {
         self.stream.is_none()
     }
 
-    /// Writes what waits in memory: from now on it outlives the process.
-    pub(crate) fn flush(&mut self) {
-        self.write(Stream::flush);
-    }
-
-    /// Writes what waits; the error that closed the stream, once.
+    /// The error that closed the stream, once.
     pub(crate) fn check(&mut self) -> Result<(), RecordError> {
-        self.flush();
         self.error.take().map_or(Ok(()), Err)
     }
 

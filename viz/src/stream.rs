@@ -3,8 +3,6 @@
 //! Rerun's `Encoder` writes the same bytes at more than twice the cost: it parses every batch again, twice, for what the chunk says itself, and enters
 //! the chunks of a blueprint, half of those of a short run and with a column for each of their components, into the table of contents. A
 //! blueprint is read from its first message to its last, never sought in, so this table lists the recording's chunks only.
-//!
-//! Messages are gathered, and written together by [`Stream::flush`]: a part begins with more than a hundred of a thousand bytes each.
 
 use std::collections::HashMap;
 use std::fmt::Display;
@@ -23,9 +21,6 @@ use re_protos::log_msg::v1alpha1::{ArrowMsg, Encoding, RrdFooter, RrdManifest, l
 
 use crate::storage::{RecordError, Storage};
 
-/// The most bytes of messages that wait to be written, but for the last of them.
-const GATHERED: usize = 1 << 16;
-
 /// A stream in the making: each message is written whole or, where the storage refuses, not at all.
 pub(crate) struct Stream {
     storage: Box<dyn Storage>,
@@ -35,7 +30,7 @@ pub(crate) struct Stream {
     contents: HashMap<StoreId, RrdManifestBuilder>,
     /// The entries for it of chunks that wait: what is not in the storage is not listed.
     unlisted: Vec<(StoreId, Entry)>,
-    /// A chunk as Arrow writes it, and the messages that wait: kept, so that their memory is.
+    /// A chunk as Arrow writes it, and the message that waits: kept, so that their memory is.
     table: Vec<u8>,
     waiting: Vec<u8>,
     packer: Packer,
@@ -86,7 +81,8 @@ impl Stream {
     /// Appends a message that is no chunk.
     pub(crate) fn message(&mut self, message: &LogMsg) -> Result<(), RecordError> {
         let message = message.to_transport(Compression::LZ4).map_err(|error| self.defect(&error))?;
-        self.append(&message)
+        self.append(&message)?;
+        self.flush()
     }
 
     /// Appends a chunk of a store.
@@ -113,11 +109,11 @@ impl Stream {
             let place = Span { start: begin + header, len: self.bytes() - begin - header };
             self.unlisted.push((store.clone(), Box::new(move |contents| contents.append(&batch, place, size))));
         }
-        if self.waiting.len() < GATHERED { Ok(()) } else { self.flush() }
+        self.flush()
     }
 
     /// Writes the messages that wait.
-    pub(crate) fn flush(&mut self) -> Result<(), RecordError> {
+    fn flush(&mut self) -> Result<(), RecordError> {
         if self.waiting.is_empty() {
             return Ok(());
         }

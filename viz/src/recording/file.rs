@@ -315,7 +315,6 @@ impl Recording {
         self.write_picture();
         self.write_pending(false);
         self.write_signals();
-        self.sink.flush();
     }
 
     /// Size of all parts so far; bytes.
