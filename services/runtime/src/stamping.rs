@@ -19,6 +19,14 @@ pub(crate) struct Stamping {
     sent_tick: Cell<Option<u64>>,
 }
 
+/// Part by part: as a whole they are copied by a call, or by way of the stack.
+#[inline]
+fn copy(from: &Stamps, to: &mut Stamps) {
+    to.received_ns = from.received_ns;
+    to.sent_ns = from.sent_ns;
+    to.due_ns = from.due_ns;
+}
+
 #[derive(Clone, Copy, Debug, Default)]
 struct Input {
     tick: u64,
@@ -41,11 +49,12 @@ impl Stamping {
     pub(crate) fn note_input(&self, header: &Header, now_ns: u64, entry: &ProcessEntry) {
         let mut input = self.input.borrow_mut();
         if input.tick != header.tick || input.received_ns == 0 {
-            *input = Input { tick: header.tick, received_ns: now_ns, stamps: header.stamps };
+            input.tick = header.tick;
+            copy(&header.stamps, &mut input.stamps);
         } else {
-            input.received_ns = now_ns;
             input.stamps.merge(&header.stamps);
         }
+        input.received_ns = now_ns;
         if self.hop == Some(0) {
             // The answer to its own tick.
             entry.note_age(now_ns.saturating_sub(input.stamps.origin_ns()));
@@ -57,10 +66,14 @@ impl Stamping {
     pub(crate) fn stamp(&self, header: &mut Header, now_ns: u64, entry: &ProcessEntry) {
         let input = self.input.borrow();
         header.incarnation = entry.incarnation();
-        header.stamps = if input.tick == header.tick { input.stamps } else { Stamps::default() };
+        if self.hop != Some(0) && input.tick == header.tick {
+            copy(&input.stamps, &mut header.stamps);
+        } else {
+            header.stamps = Stamps::default();
+        }
         if let Some(hop) = self.hop {
             if hop == 0 {
-                header.stamps = Stamps { due_ns: self.due_ns.get(), ..Stamps::default() };
+                header.stamps.due_ns = self.due_ns.get();
             }
             header.stamps.received_ns[hop] = input.received_ns;
             header.stamps.sent_ns[hop] = now_ns;

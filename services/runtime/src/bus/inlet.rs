@@ -49,6 +49,7 @@ impl Inlet {
     }
 
     /// The next message in order, whether it counts or not: from the buffer, or what a dead writer had sent to the retainer alone.
+    #[inline(always)]
     pub(crate) fn receive_in_order(&mut self) -> Result<Option<Incoming>, Interrupted> {
         // Before the look: what a process known to be dead has sent is in the buffer by now, or in the retainer alone.
         self.shared.learn();
@@ -76,6 +77,7 @@ impl Inlet {
     }
 
     /// The next message, whether it counts or not.
+    #[inline(always)]
     pub(crate) fn receive_any(&self) -> Result<Option<Incoming>, Interrupted> {
         self.receiver.receive().map_err(|error| self.shared.port_failed(self.format().topic, error))
     }
@@ -83,7 +85,8 @@ impl Inlet {
     /// The next message that counts, in shared memory still: of a living incarnation, and all its numbers finite.
     ///
     /// Where the writer has sent nothing since the buffer was empty, iceoryx2 is not asked: a look in vain costs one load.
-    #[inline]
+    // Inlined with all its parts: each call between the buffer and the loop that waits would move the message once more.
+    #[inline(always)]
     pub(crate) fn receive(&mut self) -> Result<Option<Incoming>, Interrupted> {
         // Read before the look: what is delivered later is counted later.
         let sent = self.shared.control_page.topic(self.topic).sent();
@@ -132,6 +135,7 @@ impl Inlet {
     }
 
     /// In lockstep: whether the writer sends nothing more at a tick.
+    #[inline(always)]
     pub(crate) fn is_over(&self, tick: u64) -> bool {
         self.shared.learn();
         self.shared.protocol().has_closed(self.writer, tick)

@@ -39,6 +39,13 @@ impl Sender {
         Self { format, publisher }
     }
 
+    /// Loans memory for one message, as [`Sender::loan`] does, into a place of the caller's; where its bytes begin.
+    pub(crate) fn loan_into(&self, place: &mut Option<Outgoing>) -> Result<*mut u8, LoanError> {
+        // One message is on loan at a time.
+        *place = None;
+        Ok(place.insert(self.loan()?).payload)
+    }
+
     /// Loans memory for one message, which holds what an earlier message left there.
     pub(crate) fn loan(&self) -> Result<Outgoing, LoanError> {
         // SAFETY: one element; the topic's type has a fixed size.
@@ -67,6 +74,7 @@ impl Receiver {
     }
 
     /// The next message that is there.
+    #[inline(always)]
     pub(crate) fn receive(&self) -> Result<Option<Incoming>, ReceiveError> {
         let sample = self.subscriber.receive()?;
         Ok(sample.map(|sample| Incoming {
