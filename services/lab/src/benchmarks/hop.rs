@@ -3,6 +3,7 @@
 use runtime::realtime::allowed_cores;
 use session::{Failure, Observer, Progress};
 use shared_types::topics::{CHAIN, Each, Topic, named};
+use shared_types::{Message, PlantState, SensorSample, SingularityReport, TorqueCommand};
 
 use super::distribution::{Distribution, Row};
 use super::ring::{Mechanism, Ring};
@@ -59,7 +60,6 @@ fn names(topics: &[&str]) -> Vec<String> {
 /// # Errors
 /// A process fails, or the machine refuses memory.
 pub fn hop(samples: u64, only: &Only<'_>, observer: Observer<'_>) -> Result<Vec<Row>, Failure> {
-    use shared_types::{PlantState, SensorSample, SingularityReport, TorqueCommand};
     let (mut rows, rounds) = (Vec::new(), samples.div_ceil(TRIPS));
     for (placement, cores) in placements(2) {
         // Two that spin on one core only wait for each other's time slice to end.
@@ -103,18 +103,19 @@ pub fn hop(samples: u64, only: &Only<'_>, observer: Observer<'_>) -> Result<Vec<
             let rounds = if bytes > LARGE { (rounds / 10).max(2) } else { rounds };
             measure(Ring { rounds, ..ring(topics, Some(bytes), mechanisms) }, bytes)?;
         }
-        for (topics, bytes) in [
-            (["sensor", "plant_state"], size_of::<SensorSample>().midpoint(size_of::<PlantState>())),
-            (["singularity", "torque"], size_of::<SingularityReport>().midpoint(size_of::<TorqueCommand>())),
-        ] {
-            measure(ring(&topics, None, vec![Mechanism::Futex, Mechanism::Topic, Mechanism::Doorbell, Mechanism::Pipe]), bytes)?;
+        for topics in PAIRS {
+            let mechanisms = vec![Mechanism::Futex, Mechanism::Topic, Mechanism::Doorbell, Mechanism::Pipe];
+            measure(ring(&topics, None, mechanisms), bytes_of(&topics) / topics.len())?;
         }
     }
     Ok(rows)
 }
 
-/// The bytes of one message of each topic of the chain.
-fn cycle_bytes() -> usize {
+/// Topics between which messages go to and fro: a small and a large message of the chain, each with another.
+const PAIRS: [[&str; 2]; 2] = [[SensorSample::TOPIC, PlantState::TOPIC], [SingularityReport::TOPIC, TorqueCommand::TOPIC]];
+
+/// The bytes of one message of each of these topics.
+fn bytes_of(topics: &[&str]) -> usize {
     struct Size;
     impl Each for Size {
         type Output = usize;
@@ -122,7 +123,7 @@ fn cycle_bytes() -> usize {
             size_of::<M>()
         }
     }
-    CHAIN.iter().filter_map(|topic| named(topic, &mut Size)).sum()
+    topics.iter().filter_map(|topic| named(topic, &mut Size)).sum()
 }
 
 /// Once around the processes of the chain, by mechanism and placement.
@@ -133,7 +134,7 @@ pub fn cycle(samples: u64, only: &Only<'_>, observer: Observer<'_>) -> Result<Ve
     let mut rows = Vec::new();
     for (placement, cores) in placements(4).into_iter().chain([("not pinned, no FIFO", vec![None; 4])]) {
         let mechanisms = vec![Mechanism::Futex, Mechanism::Topic, Mechanism::Doorbell, Mechanism::Pipe];
-        let mechanisms = only.choose("cycle", placement, cycle_bytes(), mechanisms);
+        let mechanisms = only.choose("cycle", placement, bytes_of(&CHAIN), mechanisms);
         if mechanisms.is_empty() {
             continue;
         }
@@ -147,7 +148,7 @@ pub fn cycle(samples: u64, only: &Only<'_>, observer: Observer<'_>) -> Result<Ve
             period_ns: None,
         };
         let measured = ring.measure(observer)?.into_iter().map(|one| (one.mechanism, one.trip));
-        rows.extend(against_baseline("cycle", placement, cycle_bytes(), Mechanism::Futex, measured.collect()));
+        rows.extend(against_baseline("cycle", placement, bytes_of(&CHAIN), Mechanism::Futex, measured.collect()));
     }
     Ok(rows)
 }
@@ -166,7 +167,7 @@ pub fn paced(rate_hz: u64, seconds: u64, observer: Observer<'_>) -> Result<Vec<R
     let wakes = measured.iter().map(|one| (one.mechanism, one.wake.clone())).collect();
     let mut rows = against_baseline(&format!("wake-up at {rate_hz} Hz"), placement, 0, Mechanism::Nothing, wakes);
     let trips = measured.iter().filter(|one| one.mechanism != Mechanism::Nothing).map(|one| (one.mechanism, one.trip.clone())).collect();
-    rows.extend(against_baseline(&format!("paced at {rate_hz} Hz"), placement, cycle_bytes(), Mechanism::Futex, trips));
+    rows.extend(against_baseline(&format!("paced at {rate_hz} Hz"), placement, bytes_of(&CHAIN), Mechanism::Futex, trips));
     Ok(rows)
 }
 

@@ -8,7 +8,8 @@ use launcher::{Child, End, Event, Launcher, Limits, Plan, Restart};
 use runtime::{ForeignMessage, Process, ProcessError, Reader, Shell, Writer, now_ns, realtime, sleep_until};
 use serde::{Deserialize, Serialize};
 use session::{Failure, Observer, Progress};
-use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+use shared_types::Message;
+use shared_types::topics::{Each, Topic, named};
 
 use super::distribution::{Distribution, histogram};
 use super::transports::{BLOCKS, BlockMessage, HEADER_BYTES, HEADER_WORDS, Iceoryx, IceoryxWake, Mailboxes, Wake, is_whole, message_words};
@@ -160,17 +161,11 @@ pub fn peer(name: &str, run: &Path) -> Result<(), ProcessError> {
     let index = (0..ring.topics.len()).find(|index| peer_name(*index) == name);
     let index = index.ok_or_else(|| ProcessError::setup(format!("{name:?} is not in the ring")))?;
     let count = ring.topics.len();
-    let (reads, writes) = (ring.topics[(index + count - 1) % count].as_str(), ring.topics[index].as_str());
-    match (ring.block_bytes, reads, writes) {
-        (Some(bytes), ..) => go_with_blocks(&ring, index, run, bytes),
-        (None, "plant_state", "sensor") => go(&ring, index, run, Messages::<PlantState, SensorSample>::open),
-        (None, "sensor", "plant_state") => go(&ring, index, run, Messages::<SensorSample, PlantState>::open),
-        (None, "torque", "singularity") => go(&ring, index, run, Messages::<TorqueCommand, SingularityReport>::open),
-        (None, "singularity", "torque") => go(&ring, index, run, Messages::<SingularityReport, TorqueCommand>::open),
-        (None, "torque", "sensor") => go(&ring, index, run, Messages::<TorqueCommand, SensorSample>::open),
-        (None, "sensor", "estimate") => go(&ring, index, run, Messages::<SensorSample, StateEstimate>::open),
-        (None, "estimate", "singularity") => go(&ring, index, run, Messages::<StateEstimate, SingularityReport>::open),
-        (None, ..) => Err(ProcessError::setup(format!("no ring leads from {reads} to {writes}"))),
+    match ring.block_bytes {
+        Some(bytes) => go_with_blocks(&ring, index, run, bytes),
+        None => go(&ring, index, run, |shell, mailboxes, place| {
+            Messages::open(shell, mailboxes, place, [&ring.topics[(index + count - 1) % count], &ring.topics[index]])
+        }),
     }
 }
 
@@ -188,59 +183,117 @@ struct Place {
     to: usize,
 }
 
-/// Messages: by topic, bare on iceoryx2, and by the machine's own means.
-struct Messages<In: Message, Out: Message> {
-    reader: Reader<In>,
-    writer: Writer<Out>,
-    iceoryx: Iceoryx,
-    mailboxes: Mailboxes,
-    place: Place,
+/// Sends a message of a topic of the list, whichever it is.
+trait Sends {
+    /// By the topic.
+    fn send(&mut self) -> Result<(), ProcessError>;
+    /// By a means of the machine.
+    fn post(&self, mailboxes: &mut Mailboxes, wake: Wake, index: usize) -> std::io::Result<()>;
+}
+
+/// Receives a message of a topic of the list, whichever it is.
+trait Receives {
+    /// By the topic.
+    fn receive(&mut self) -> Result<(), ProcessError>;
+    /// By a means of the machine.
+    fn fetch(&self, mailboxes: &mut Mailboxes, wake: Wake, index: usize) -> std::io::Result<()>;
+}
+
+struct Outbox<M: Message> {
+    writer: Writer<M>,
     /// Messages sent on the topic: their ticks follow each other.
     sent: u64,
 }
 
-impl<In: Message + Default, Out: Message + Default> Messages<In, Out> {
-    fn open(shell: &Shell, mailboxes: Mailboxes, place: Place) -> Result<Self, ProcessError> {
-        let iceoryx = Iceoryx::open(shell, [place.from, place.me, place.to], size_of::<Out>())?;
-        Ok(Self { reader: shell.reader()?, writer: shell.writer()?, iceoryx, mailboxes, place, sent: 0 })
+impl<M: Message> Sends for Outbox<M> {
+    fn send(&mut self) -> Result<(), ProcessError> {
+        let loan = self.writer.loan(self.sent)?;
+        self.sent += 1;
+        Ok(loan.send()?)
+    }
+
+    fn post(&self, mailboxes: &mut Mailboxes, wake: Wake, index: usize) -> std::io::Result<()> {
+        mailboxes.send(wake, index, &std::hint::black_box(M::zeroed()))
     }
 }
 
-impl<In: Message + Default, Out: Message + Default> Ends for Messages<In, Out> {
+struct Inbox<M: Message>(Reader<M>);
+
+impl<M: Message> Receives for Inbox<M> {
+    fn receive(&mut self) -> Result<(), ProcessError> {
+        std::hint::black_box(self.0.next()?.ok_or_else(stopped)?);
+        Ok(())
+    }
+
+    fn fetch(&self, mailboxes: &mut Mailboxes, wake: Wake, index: usize) -> std::io::Result<()> {
+        std::hint::black_box(mailboxes.receive::<M>(wake, index)?);
+        Ok(())
+    }
+}
+
+/// Opens a topic of the list for reading.
+struct Incoming<'a>(&'a Shell);
+
+impl Each for Incoming<'_> {
+    type Output = Result<Box<dyn Receives>, ProcessError>;
+    fn each<M: Topic>(&mut self) -> Self::Output {
+        Ok(Box::new(Inbox::<M>(self.0.reader()?)))
+    }
+}
+
+/// Opens a topic of the list for writing; with the bytes of its message.
+struct Outgoing<'a>(&'a Shell);
+
+impl Each for Outgoing<'_> {
+    type Output = Result<(Box<dyn Sends>, usize), ProcessError>;
+    fn each<M: Topic>(&mut self) -> Self::Output {
+        Ok((Box::new(Outbox::<M> { writer: self.0.writer()?, sent: 0 }), size_of::<M>()))
+    }
+}
+
+fn stopped() -> ProcessError {
+    ProcessError::setup("stopped before the end")
+}
+
+/// Messages: by topic, bare on iceoryx2, and by the machine's own means.
+struct Messages {
+    inbox: Box<dyn Receives>,
+    outbox: Box<dyn Sends>,
+    iceoryx: Iceoryx,
+    mailboxes: Mailboxes,
+    place: Place,
+}
+
+impl Messages {
+    fn open(shell: &Shell, mailboxes: Mailboxes, place: Place, [reads, writes]: [&str; 2]) -> Result<Self, ProcessError> {
+        let unlisted = |topic: &str| ProcessError::setup(format!("{topic:?} is no topic of the list"));
+        let (outbox, bytes) = named(writes, &mut Outgoing(shell)).ok_or_else(|| unlisted(writes))??;
+        let iceoryx = Iceoryx::open(shell, [place.from, place.me, place.to], bytes)?;
+        let inbox = named(reads, &mut Incoming(shell)).ok_or_else(|| unlisted(reads))??;
+        Ok(Self { inbox, outbox, iceoryx, mailboxes, place })
+    }
+}
+
+impl Ends for Messages {
     fn send(&mut self, mechanism: Mechanism) -> Result<(), ProcessError> {
         match mechanism.means() {
-            Means::Topic => {
-                let loan = self.writer.loan(self.sent)?;
-                self.sent += 1;
-                Ok(loan.send()?)
-            }
+            Means::Topic => self.outbox.send(),
             // The whole message is written: zeros, as a topic's loan has them.
             Means::Iceoryx(wake) => self.iceoryx.send(wake, |payload| payload.fill(0)),
-            Means::Machine(wake) => {
-                let message = std::hint::black_box(Out::default());
-                self.mailboxes.send(wake, self.place.me, &message).map_err(ProcessError::setup)
-            }
+            Means::Machine(wake) => self.outbox.post(&mut self.mailboxes, wake, self.place.me).map_err(ProcessError::setup),
             Means::None => Ok(()),
         }
     }
 
     fn receive(&mut self, mechanism: Mechanism) -> Result<(), ProcessError> {
         match mechanism.means() {
-            Means::Topic => {
-                let message = self.reader.next()?.ok_or_else(|| ProcessError::setup("stopped before the end"))?;
+            Means::Topic => self.inbox.receive(),
+            Means::Iceoryx(wake) => self.iceoryx.receive(wake, |message| {
                 std::hint::black_box(message);
-            }
-            Means::Iceoryx(wake) => {
-                self.iceoryx.receive(wake, |message| {
-                    std::hint::black_box(message);
-                })?;
-            }
-            Means::Machine(wake) => {
-                std::hint::black_box(self.mailboxes.receive::<In>(wake, self.place.from).map_err(ProcessError::setup)?);
-            }
-            Means::None => {}
+            }),
+            Means::Machine(wake) => self.inbox.fetch(&mut self.mailboxes, wake, self.place.from).map_err(ProcessError::setup),
+            Means::None => Ok(()),
         }
-        Ok(())
     }
 }
 
@@ -283,8 +336,7 @@ impl<In: Message, Out: Message> Ends for Blocks<In, Out> {
     fn receive(&mut self, mechanism: Mechanism) -> Result<(), ProcessError> {
         let header = match mechanism.means() {
             Means::Topic => {
-                let message = self.reader.next()?.ok_or_else(|| ProcessError::setup("stopped before the end"))?;
-                std::hint::black_box(message);
+                std::hint::black_box(self.reader.next()?.ok_or_else(stopped)?);
                 return Ok(());
             }
             Means::Iceoryx(wake) => self.iceoryx.receive(wake, |block| pod_read_unaligned(&block[..HEADER_BYTES]))?,
