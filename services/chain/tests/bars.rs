@@ -9,9 +9,6 @@ use nalgebra::{Matrix3, Vector3};
 use shared_types::codes::{MODE_REGULAR, PHASE_DONE, PHASE_REFUSED};
 use shared_types::scenario::Scenario;
 
-#[path = "../../lab/src/studies/lines.rs"]
-mod lines;
-
 /// The result of one run.
 #[derive(Clone, Debug, Default)]
 struct Figures {

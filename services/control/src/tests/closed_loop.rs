@@ -1,8 +1,8 @@
 //! The product's scenarios against the paper and the acceptance bars, on an exact plant.
 
-use super::lines::lines;
 use crate::testing::{Figures, Plant, Tick, robot, run, scenario};
 use crate::types::{Kind, Mode};
+use lines::lines;
 use shared_types::scenario::{Scenario, Strategy};
 
 macro_rules! scenario_text {

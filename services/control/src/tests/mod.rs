@@ -6,6 +6,3 @@ mod controller;
 mod lost;
 mod proofs;
 mod steered;
-
-#[path = "../../../lab/src/studies/lines.rs"]
-mod lines;

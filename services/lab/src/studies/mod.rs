@@ -6,5 +6,4 @@ pub mod posture;
 pub mod posture_text;
 pub mod steered;
 
-pub(crate) mod lines;
 pub(crate) mod singular_lines;

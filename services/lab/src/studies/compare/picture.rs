@@ -1,5 +1,6 @@
 //! The tables as pictures: small bars, one row a law.
 
+use lines::KINDS;
 use shared_types::scenario::{Goal, Scenario};
 use viz::plot::{Axis, BLUE, Color, GREY, Page, Panel, RED, Row, digits, numbered};
 
@@ -7,7 +8,6 @@ use super::law::name_of;
 use super::score::{Bounds, Score};
 use super::sweep::Sweep;
 use super::verdict::{failures, margin, verdicts};
-use crate::studies::lines::KINDS;
 
 /// Height of the row of a law, and of what surrounds the rows; points.
 const LAW: f64 = 22.0;

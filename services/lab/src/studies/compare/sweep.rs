@@ -1,6 +1,7 @@
 //! Many seeded lines through and near each singularity, under each law.
 
 use control::Kind;
+use lines::{KINDS, Line, lines};
 use serde_json::{Value, json};
 use session::{Failure, Observer, load};
 use shared_types::scenario::Strategy;
@@ -8,7 +9,6 @@ use shared_types::scenario::Strategy;
 use super::law::{name_of, under};
 use super::score::{Score, score};
 use crate::pool::on_all_cores;
-use crate::studies::lines::{KINDS, Line, lines};
 
 /// The scenario that stands for many lines.
 pub const SWEEP: &str = "sweep";

@@ -1,5 +1,6 @@
 //! A comparison as text for people.
 
+use lines::KINDS;
 use std::fmt;
 
 use control::Kind;
@@ -14,7 +15,6 @@ use super::scenarios::Compared;
 use super::score::{Bounds, Score};
 use super::sweep::{SWEEP, Sweep, missed};
 use super::verdict::{failures, margin, verdicts};
-use crate::studies::lines::KINDS;
 
 /// A table of the laws, the verdict, and its terms.
 impl fmt::Display for Compared {

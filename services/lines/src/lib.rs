@@ -1,9 +1,10 @@
 //! A seeded set of straight lines through and near each singularity of a PUMA: benchmark scenarios for control laws.
 //!
-//! Pure: tests of `control` and `chain` include this file, because a dependency on the laboratory would build all of it for them.
+//! Pure, and a crate of its own: the laboratory compares laws on these lines, and tests of `control` and `chain` run them without the laboratory.
 //!
 //! Each line is a [`Scenario`] of its own. It is made from a posture at or near a singularity, a direction and a turn; it is kept if the arm can follow it:
 //! at 201 points along it a posture exists within the joint limits that continues the one before, but for what the wrist does in a near miss.
+#![allow(non_snake_case)]
 
 use control::Kind;
 use control::arm_family::puma_inverse::{PumaInverse, PumaLengths};
@@ -17,7 +18,7 @@ use shared_types::scenario::{Scenario, Segment, Start};
 const STEPS: u32 = 200;
 
 /// The singularities that lines go through or near.
-pub(crate) const KINDS: [Kind; 3] = [Kind::Elbow, Kind::Wrist, Kind::Overhead];
+pub const KINDS: [Kind; 3] = [Kind::Elbow, Kind::Wrist, Kind::Overhead];
 
 /// How far from the singularity a line may pass: a third of them through it, a third within 0.02 of it, the rest within 0.15.
 const DEPTHS: [f64; 3] = [0.0, 0.02, 0.15];
@@ -27,18 +28,18 @@ const NEAR_MISS: f64 = 0.05;
 
 /// One line of a sweep.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Line {
+pub struct Line {
     /// The singularity it goes through or near.
-    pub(crate) near: Kind,
+    pub near: Kind,
     /// The run: start posture and one segment.
-    pub(crate) scenario: Scenario,
+    pub scenario: Scenario,
 }
 
 /// `count` lines for a PUMA, in turn near elbow, wrist and overhead singularity, with a peak speed of `speed` m/s.
 ///
 /// `template` gives everything but start and task. Empty for an arm without the PUMA's factors.
 #[must_use]
-pub(crate) fn lines(robot: &Robot, template: &Scenario, seed: u64, count: usize, speed: f64) -> Vec<Line> {
+pub fn lines(robot: &Robot, template: &Scenario, seed: u64, count: usize, speed: f64) -> Vec<Line> {
     let (Factors::Puma { a2, a3, d4 }, Ok(model)) = (robot.factors, Model::<6>::new(robot, None)) else { return vec![] };
     let inverse = PumaInverse::new(&model, PumaLengths::new(a2, a3, d4));
     let mut random = Uniform(seed);
