@@ -44,7 +44,7 @@ pub use read::{About, Damage, Piece, ReadError, ReadNews, Rows, Solid, read};
 pub use recording::{Level, MergeError, Options, Recording, RunInfo, Written, complete, merge, part_name, parts_in, save_blueprint};
 pub use report::{Report, ReportError, report};
 pub use shortfall::{Reading, Shortfall, has_rows};
-pub use signals::{ChainHops, HOP_NAMES, Lives, Signal, TickRow, chain_hops};
+pub use signals::{ChainHops, Lives, Signal, TickRow, chain_hops, hop_names};
 pub use sink::FileInfo;
 pub use storage::{RecordError, Storage};
 pub use tint::singularity_ink;

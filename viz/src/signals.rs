@@ -171,7 +171,7 @@ signals! {
     Scale = "control:scale" Slow,
     /// Contact force on the arm; N.
     Contact = "world:contact_force_n" F32,
-    /// Time of each hop and of the whole chain, in the order of [`HOP_NAMES`]; µs. Recorded as `latency:log10_us`.
+    /// Time of each hop and of the whole chain, in the order of [`hop_names`]; µs. Recorded as `latency:log10_us`.
     Latency = "latency:us" Log,
 }
 
@@ -195,18 +195,27 @@ impl Signal {
             Self::PositionError | Self::OrientationError => named(&["orthogonal", "along"]),
             Self::Scale => named(&["time", "task", "null"]),
             Self::Contact => named(&[""]),
-            Self::Latency => named(&HOP_NAMES),
+            Self::Latency => hop_names().to_vec(),
         }
     }
 }
 
-/// The parts of [`Signal::Latency`], named by topic: a process may have any name. `hop sensor`: from the sending of `sensor` until the writer of
-/// the chain's next topic has received it; `step estimate`: from there until `estimate` is sent.
-pub const HOP_NAMES: [&str; 7] =
-    ["hop sensor", "step estimate", "hop estimate", "step singularity", "hop singularity", "step torque", "sensor to torque"];
+/// Hops and steps between the first and the last topic of [`CHAIN`], and the whole.
+const HOPS: usize = 2 * CHAIN.len() - 1;
 
-/// The places in the stamps of the writers of [`CHAIN`]'s topics: the chain that [`HOP_NAMES`] describes.
-pub type ChainHops = [usize; 4];
+/// The parts of [`Signal::Latency`], named by topic: a process may have any name. `hop sensor`: from the sending of `sensor` until the writer of
+/// the chain's next topic has received it; `step estimate`: from there until `estimate` is sent. The last is the whole chain's.
+#[must_use]
+pub fn hop_names() -> [String; HOPS] {
+    std::array::from_fn(|part| match (part / 2, part % 2) {
+        (link, _) if link + 1 == CHAIN.len() => format!("{} to {}", CHAIN[0], CHAIN[link]),
+        (link, 0) => format!("hop {}", CHAIN[link]),
+        (link, _) => format!("step {}", CHAIN[link + 1]),
+    })
+}
+
+/// The places in the stamps of the writers of [`CHAIN`]'s topics: the chain that [`hop_names`] describes.
+pub type ChainHops = [usize; CHAIN.len()];
 
 /// The chain's places in a graph; `None` where a topic of the chain has no writer.
 #[must_use]
@@ -223,16 +232,16 @@ pub fn chain_hops(graph: &Graph) -> Option<ChainHops> {
 pub struct Lives(Arc<[String; LIVES]>);
 
 /// How many.
-pub(crate) const LIVES: usize = 5;
+pub(crate) const LIVES: usize = CHAIN.len() + 1;
 
 impl Lives {
     /// Those of a graph. A process that writes several of the topics has one lane.
     #[must_use]
     pub fn of(graph: &Graph) -> Self {
         let recorder = graph.process.iter().find(|process| process.program() == Some(Program::Recorder));
-        let writers = CHAIN.map(|topic| graph.writer(topic));
-        let [sensor, estimate, singularity, torque] = writers.map(|writer| writer.map_or(String::new(), |process| process.name.clone()));
-        let mut names = [sensor, estimate, singularity, torque, recorder.map_or(String::new(), |process| process.name.clone())];
+        let processes = CHAIN.iter().map(|topic| graph.writer(topic)).chain([recorder]);
+        let mut names: [String; LIVES] = Default::default();
+        names.iter_mut().zip(processes).for_each(|(name, process)| *name = process.map_or(String::new(), |process| process.name.clone()));
         for i in 1..LIVES {
             if names[..i].contains(&names[i]) {
                 names[i].clear();
@@ -250,8 +259,7 @@ impl Lives {
 impl Default for Lives {
     /// Those of the built-in graph.
     fn default() -> Self {
-        use Program::{Analyzer, Controller, Estimator, Plant, Recorder};
-        Self([Plant, Estimator, Analyzer, Controller, Recorder].map(|program| program.name().to_owned()).into())
+        Self(Program::NAMES.map(str::to_owned).into())
     }
 }
 
@@ -429,18 +437,18 @@ fn split(e: Vector3<f64>, directions: impl Iterator<Item = Vector3<f64>>) -> [f6
 }
 
 /// Times of the hops, µs; `None` where the data has not passed them all or clocks ran backwards.
-fn hops_us(stamps: &Stamps, hops: ChainHops) -> Option<[f64; 7]> {
+fn hops_us(stamps: &Stamps, hops: ChainHops) -> Option<[f64; HOPS]> {
     let (received, sent) = (hops.map(|hop| stamps.received_ns[hop]), hops.map(|hop| stamps.sent_ns[hop]));
     let span = |from: u64, to: u64| (from > 0).then(|| to.checked_sub(from)).flatten().map(|ns| ns as f64 * 1e-3);
-    Some([
-        span(sent[0], received[1])?,
-        span(received[1], sent[1])?,
-        span(sent[1], received[2])?,
-        span(received[2], sent[2])?,
-        span(sent[2], received[3])?,
-        span(received[3], sent[3])?,
-        span(sent[0], sent[3])?,
-    ])
+    let mut times = [0.0; HOPS];
+    for (part, time) in times.iter_mut().enumerate() {
+        *time = match (part / 2, part % 2) {
+            (link, _) if link + 1 == CHAIN.len() => span(sent[0], sent[link])?,
+            (link, 0) => span(sent[link], received[link + 1])?,
+            (link, _) => span(received[link + 1], sent[link + 1])?,
+        };
+    }
+    Some(times)
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use shared_types::scenario::Layout;
 use super::sheet::{Lines, Sheet, WITH_FAULT};
 use super::subject::{ACROSS, ALONG, JOINTS, Subject};
 use crate::entity;
-use crate::signals::{Drawn, HOP_NAMES, Signal};
+use crate::signals::{Drawn, Signal, hop_names};
 use crate::solid::Rgba;
 
 const TOLERANCE: Rgba = [255, 64, 84, 255];
@@ -246,10 +246,12 @@ impl<'a> Desk<'a> {
 
     /// `named`: all hops, where there is room, or the whole way.
     fn latency(&mut self, named: Named) -> EntityPath {
-        let last = HOP_NAMES.len() - 1;
-        let names =
-            HOP_NAMES.iter().enumerate().map(|(i, name)| if matches!(named, Named::All) || i == last { *name } else { "its parts" });
-        let hops = Lines::of(Signal::Latency, names.map(str::to_owned).collect(), JOINTS);
+        let mut names = hop_names().to_vec();
+        if !matches!(named, Named::All) {
+            let last = names.len() - 1;
+            names[..last].fill("its parts".to_owned());
+        }
+        let hops = Lines::of(Signal::Latency, names, JOINTS);
         self.sheet.plot("Latency per hop, log10 µs", vec![hops], LATENCIES, Some(Corner2D::RightTop))
     }
 }
