@@ -1,5 +1,6 @@
 //! A soak as a picture: faults against time by process, one round closely, and the times until a fault is detected.
 
+use shared_types::fault;
 use shared_types::process::Program;
 use viz::plot::{Axis, BLUE, Color, GREY, INK, Page, Panel, RED, Row, numbered};
 
@@ -127,15 +128,16 @@ fn colors() -> [Color; 5] {
     [RED, numbered(4), BLUE, numbered(2), numbered(3)]
 }
 
-fn class_of(kind: &str) -> usize {
-    let word = kind.split([' ', ',']).next().unwrap_or_default();
-    match word {
-        "SIGSTOP" if kind.contains("SIGCONT") => 1,
-        "hang" if kind.ends_with("paused") => 1,
-        "kill" | "crash" | "hang" | "SIGKILL" | "SIGSTOP" => 0,
-        "sensor" | "drive" => 3,
-        "clock" | "starve" | "slow" | "page-out" | "disk-full" | "slow-disk" => 4,
-        _ => 2,
+/// The class of an act, by its row in the table: the words of a fault's kind and way, or signals.
+fn class_of(name: &str) -> usize {
+    let (word, way) = name.split_once(' ').unwrap_or((name, ""));
+    match word.parse::<fault::Kind>() {
+        Ok(kind) if kind.ends_process(way.parse().ok()) => 0,
+        Ok(kind) if kind.takes_down() => 1,
+        Ok(kind) if kind.shapes_messages() || kind == fault::Kind::Cut => 2,
+        Ok(kind) if kind.concerns_joint() => 3,
+        Ok(_) => 4,
+        Err(_) => usize::from(name.contains("SIGCONT")),
     }
 }
 
