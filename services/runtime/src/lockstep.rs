@@ -273,16 +273,20 @@ impl<'a, V: View> Protocol<'a, V> {
     /// The first tick of which a process has sent nothing more when it died without a plan: 0 where it has not. A message of an earlier tick may
     /// have reached the retainer of its topic and not all of its readers.
     pub(crate) fn sent_before_death(&self, process: usize) -> u64 {
-        let is_it = |outage: &Outage| outage.process == process && outage.is_unplanned && outage.is_death;
-        self.view.outages().filter(is_it).map(|outage| outage.at + u64::from(outage.after_outputs > 0)).max().unwrap_or(0)
+        self.deaths(process).filter(|(death, _)| death.is_unplanned).map(|(_, end)| end).max().unwrap_or(0)
     }
 
     /// Likewise for its planned deaths between two ticks: of ticks from `from` on and below this one it has sent messages, and a reader that was not
     /// yet connected to an incarnation of few ticks has not received them.
     pub(crate) fn sent_before_planned_death(&self, process: usize, (from, before): (u64, u64)) -> u64 {
-        let is_it = |outage: &Outage| outage.process == process && !outage.is_unplanned && outage.is_death && outage.at < before;
-        let ends = self.view.outages().filter(is_it).map(|outage| outage.at + u64::from(outage.after_outputs > 0));
-        ends.filter(|end| *end > from).max().unwrap_or(0)
+        let is_it = |(death, end): &(Outage, u64)| !death.is_unplanned && death.at < before && *end > from;
+        self.deaths(process).filter(is_it).map(|(_, end)| end).max().unwrap_or(0)
+    }
+
+    /// The deaths of a process, each with the first tick of which the process has sent nothing.
+    fn deaths(&self, process: usize) -> impl Iterator<Item = (Outage, u64)> {
+        let is_it = move |outage: &Outage| outage.process == process && outage.is_death;
+        self.view.outages().filter(is_it).map(|death| (death, death.at + u64::from(death.after_outputs > 0)))
     }
 
     /// For a process that has been started again: a death that came to its predecessor's replacement before that could answer. It must come again,
