@@ -103,7 +103,7 @@ fn tables(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
     if let Some(chain) = summary.latency_us.get("chain") {
         writeln!(
             f,
-            "latency    sensor sent to torque received: p50 {:.1} µs, p99 {:.1}, p99.9 {:.1}, max {:.1}",
+            "latency    chain, sensor sent to torque received: p50 {:.1} µs, p99 {:.1}, p99.9 {:.1}, max {:.1}",
             chain.p50, chain.p99, chain.p999, chain.max
         )?;
     }
