@@ -36,6 +36,16 @@ fn a_plant_in_one_c_file_runs_like_ours() {
     assert!(apart < 1e-6, "joints {apart} rad apart");
 }
 
+/// What the examples in Python need: those with MuJoCo, the reader of results, the subscriber.
+const MUJOCO: &str = "mujoco, numpy";
+const TABLES: &str = "numpy, pandas, pyarrow";
+const TOPICS: &str = "iceoryx2";
+
+/// Why a test with such an example is skipped.
+fn lacking(modules: &str) -> String {
+    format!("python3 lacks one of {modules}, or there is none")
+}
+
 /// The largest difference between the true joint positions of two runs; rad.
 fn furthest_apart(one: &Path, other: &Path) -> f64 {
     let states = |folder: &Path| {
@@ -50,8 +60,8 @@ fn furthest_apart(one: &Path, other: &Path) -> f64 {
 
 #[test]
 fn mujoco_is_the_plant_of_figure_5() {
-    if !has_python("mujoco, numpy") {
-        return skipped("python3 has no mujoco, or there is none");
+    if !has_python(MUJOCO) {
+        return skipped(lacking(MUJOCO));
     }
     let desk = Desk::new();
     let graph = root().join("examples/mujoco/graph.toml").display().to_string();
@@ -70,8 +80,8 @@ fn mujoco_is_the_plant_of_figure_5() {
 
 #[test]
 fn a_controller_in_python_follows_a_line() {
-    if !has_python("mujoco, numpy") {
-        return skipped("python3 has no mujoco, or there is none");
+    if !has_python(MUJOCO) {
+        return skipped(lacking(MUJOCO));
     }
     let desk = Desk::new();
     let scenario = root().join("examples/python/line.toml").display().to_string();
@@ -83,8 +93,8 @@ fn a_controller_in_python_follows_a_line() {
 
 #[test]
 fn results_and_models_are_read_in_python() {
-    if !has_python("numpy, pandas, pyarrow") {
-        return skipped("python3 has no numpy, pandas and pyarrow, or there is none");
+    if !has_python(TABLES) {
+        return skipped(lacking(TABLES));
     }
     let desk = Desk::new();
     let short = scenario(&desk, "");
@@ -110,8 +120,8 @@ fn results_and_models_are_read_in_python() {
 
 #[test]
 fn a_run_is_listened_to_from_outside() {
-    if !has_python("iceoryx2") {
-        return skipped("python3 has no iceoryx2, or there is none");
+    if !has_python(TOPICS) {
+        return skipped(lacking(TOPICS));
     }
     let desk = Desk::new();
     let launcher =
