@@ -1,9 +1,10 @@
 //! Shared by tests: arms, random postures, and an exact plant to close the loop with.
 
+use crate::arm_family::puma_inverse::PumaLengths;
 use crate::linear::stack;
 use crate::types::{Command, Mode, Phase, Report};
 use crate::{Analyzer, Controller};
-use model::{Model, Robot};
+use model::{Factors, Model, Robot};
 use nalgebra::{SVector, Vector6};
 use proptest::prelude::*;
 use shared_types::random::Uniform;
@@ -16,6 +17,12 @@ pub(crate) fn robot(name: &str) -> &'static Robot {
     static ROBOTS: OnceLock<BTreeMap<&'static str, Robot>> = OnceLock::new();
     let names = ["puma560", "puma560-ideal", "planar2r", "planar3r", "iiwa14", "ur5", "panda"];
     &ROBOTS.get_or_init(|| names.into_iter().map(|name| (name, Robot::builtin(name).unwrap())).collect())[name]
+}
+
+/// The lengths of a built-in PUMA.
+pub(crate) fn puma_lengths(name: &str) -> PumaLengths {
+    let Factors::Puma { a2, a3, d4 } = robot(name).factors else { panic!("{name} has the factors of a PUMA") };
+    PumaLengths::new(a2, a3, d4)
 }
 
 /// Franka Emika's Panda (seven joints, offsets at the elbow and beyond joint 6).

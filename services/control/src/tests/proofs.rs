@@ -1,6 +1,7 @@
 //! The additions to the paper reduce to the paper's law inside D_si and to operational-space control outside.
 
 use crate::analyzer::Analyzer;
+use crate::arm_family::puma_inverse::PumaLengths;
 use crate::centre::AtCentre;
 use crate::continuous::auxiliary::{Demand, Gains, Loop};
 use crate::continuous::blended;
@@ -11,7 +12,7 @@ use crate::linear::singular_values;
 use crate::paper::chang_khatib;
 use crate::paper::operational_space::{Operational, null_torque};
 use crate::paper::reference::Target;
-use crate::testing::{posture, puma, robot};
+use crate::testing::{posture, puma, puma_lengths, robot};
 use crate::types::{Mode, Report, Singularity};
 use model::{Model, Terms};
 use nalgebra::{Matrix1, Matrix3, Vector1, Vector3, Vector6};
@@ -28,17 +29,17 @@ fn analysed(model: &Model<6>, name: &str, q: &Vector6<f64>, qdot: &Vector6<f64>)
 fn at_locks(random: &mut Uniform, locks: usize) -> Vector6<f64> {
     let mut q = Vector6::from_fn(|i, _| random.within(puma().lower()[i], puma().upper()[i]));
     let near = |random: &mut Uniform| random.within(-1.0, 1.0) * [0.0, 0.08][random.within(0.0, 2.0) as usize % 2];
+    let lengths = puma_lengths("puma560");
     if locks & 1 != 0 {
-        q[2] = 1.617_633_439_908_135_6 + near(random);
+        q[2] = lengths.q3_stretched + near(random);
     }
     if locks & 2 != 0 {
         q[4] = near(random);
     }
     if locks & 4 != 0 {
         // R = c2·K + s2·M = 0 at q2 = atan2(−K, M), up or down.
-        let theta = q[2] - 1.617_633_439_908_135_6;
-        let L3 = (0.0203_f64 * 0.0203 + 0.4331 * 0.4331).sqrt();
-        let (K, M) = (0.4318 + L3 * libm::cos(theta), -L3 * libm::sin(theta));
+        let theta = q[2] - lengths.q3_stretched;
+        let (K, M) = (lengths.a2 + lengths.L3 * libm::cos(theta), -lengths.L3 * libm::sin(theta));
         q[1] = libm::atan2(-K, M) + near(random);
     }
     q
@@ -72,7 +73,7 @@ proptest! {
     #[test]
     fn the_determinant_is_the_product_of_the_three_factors(q in posture(puma())) {
         let (report, _) = analysed(puma(), "puma560", &q, &Vector6::zeros());
-        let (a2, L3) = (0.4318, (0.0203_f64 * 0.0203 + 0.4331 * 0.4331).sqrt());
+        let PumaLengths { a2, L3, .. } = puma_lengths("puma560");
         let [elbow, wrist, overhead] = [0, 1, 2].map(|i| report.singularities[i].s);
         let product = -a2 * L3 * (a2 + L3) * elbow * wrist * overhead;
         prop_assert!((report.det - product).abs() < 1e-14, "{} {}", report.det, product);
@@ -206,7 +207,7 @@ fn straight_up_the_ideal_arm_has_rank_three_and_the_measured_one_four() {
     let ideal = Model::<6>::new(robot("puma560-ideal"), None).unwrap();
     assert_eq!(analysed(&ideal, "puma560-ideal", &q, &Vector6::zeros()).0.rank, 3);
     let mut q = q;
-    q[2] = 1.617_633_439_908_135_6;
+    q[2] = puma_lengths("puma560").q3_stretched;
     assert_eq!(analysed(puma(), "puma560", &q, &Vector6::zeros()).0.rank, 4);
 }
 

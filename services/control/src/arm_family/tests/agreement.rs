@@ -1,8 +1,9 @@
 //! Types by number against types by formula, at 1,000 random near-singular postures of each arm.
 
-use super::numeric::{Arm, ELBOW, LENGTHS, OVERHEAD, WRIST, at_lock, iiwa, nearest, puma, ur5};
+use super::numeric::{Arm, ELBOW, OVERHEAD, WRIST, at_lock, iiwa, nearest, puma, ur5};
 use crate::analyzer::Analyzer;
 use crate::arm_family::classify::FOLD;
+use crate::testing::puma_lengths;
 use crate::types::{Class, Report, Singularity};
 use nalgebra::{SVector, Vector6};
 use shared_types::random::Uniform;
@@ -60,7 +61,7 @@ fn agree(name: &str, found: &[(Class, usize, usize)], share: f64) {
 fn a_puma_has_the_types_of_its_formulas() {
     let draw = |random: &mut Uniform, k: usize| {
         let near = random.within(-0.05, 0.05);
-        at_lock(random, [ELBOW, WRIST, OVERHEAD][k % 3], near, LENGTHS)
+        at_lock(random, [ELBOW, WRIST, OVERHEAD][k % 3], near, puma_lengths("puma560"))
     };
     let found = agreement(puma(), draw);
     assert!(found.iter().all(|one| one.2 > 100), "each singularity is met: {found:?}");

@@ -9,7 +9,7 @@ use crate::linear::singular_values;
 use crate::paper::singular_frame::orthogonal_rows;
 use crate::testing::{posture, robot};
 use crate::types::Report;
-use model::{Model, Terms};
+use model::{Model, Robot, Terms};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3, Vector6};
 use proptest::prelude::*;
 use shared_types::scenario::Analysis;
@@ -92,13 +92,21 @@ fn a_guarantee_holds<const N: usize>(name: &str, q: &SVector<f64, N>, qdot: &SVe
     Ok(())
 }
 
+/// The distances between the parallel axes 2 and 3, and 3 and 4; m.
+fn between_axes(robot: &Robot) -> [f64; 2] {
+    [1, 2].map(|joint| {
+        let (n, p) = (robot.joints[joint].axis, robot.joints[joint + 1].X_PJ.p);
+        (p - n * n.dot(&p)).norm()
+    })
+}
+
 proptest! {
     // covers: CK95 Eq. 1 (parallel_axes::ParallelAxes::measure)
     #[test]
     fn the_determinant_of_parallel_axes_is_the_product_of_the_factors(q in posture(&model::<6>("ur5"))) {
         let (report, _) = analysed("ur5", &q, &Vector6::zeros());
         let [elbow, wrist, overhead] = [0, 1, 2].map(|i| report.singularities[i].s);
-        let (L2, L3) = (0.425, 0.39225);
+        let [L2, L3] = between_axes(robot("ur5"));
         let product = L2 * L3 * (L2 + L3) * elbow * wrist * overhead;
         prop_assert!((report.det.abs() - product.abs()).abs() < 1e-12, "{} {product}", report.det);
     }

@@ -5,8 +5,8 @@ use crate::arm_family::choice::Family;
 use crate::arm_family::parallel_axes_inverse::{PlanarArm, turned};
 use crate::arm_family::puma_inverse::{PumaInverse, PumaLengths};
 use crate::linear::{rotation_log, wrap_angle};
-use crate::testing::{posture, puma, robot};
-use model::{Factors, Model};
+use crate::testing::{posture, puma, puma_lengths, robot};
+use model::Model;
 use nalgebra::{SVector, Vector3};
 use proptest::prelude::*;
 use shared_types::scenario::Analysis;
@@ -14,8 +14,7 @@ use shared_types::scenario::Analysis;
 proptest! {
     #[test]
     fn a_pumas_inverse_kinematics_undoes_forward_kinematics(q in posture(puma())) {
-        let Factors::Puma { a2, a3, d4 } = robot("puma560").factors else { unreachable!() };
-        let inverse = PumaInverse::new(puma(), PumaLengths::new(a2, a3, d4));
+        let inverse = PumaInverse::new(puma(), puma_lengths("puma560"));
         let X = puma().forward_kinematics(&q);
         for found in inverse.all(&X, &q) {
             let Y = puma().forward_kinematics(&found);
@@ -75,8 +74,8 @@ fn the_predicted_motion_keeps_the_hand_still_and_turns_zeta() {
         predicted("ur5", 1, SVector::from([0.3, -1.2, 1.6, -1.0, 0.0, 0.2]), angle);
     }
     // Straight up with the elbow bent: R = 0 at q2 = atan2(−K, M).
-    let (a2, L3, q3) = (0.4318, 0.4331, 2.6_f64);
-    let theta = q3 - std::f64::consts::FRAC_PI_2;
+    let (PumaLengths { a2, L3, q3_stretched }, q3) = (puma_lengths("puma560-ideal"), 2.6_f64);
+    let theta = q3 - q3_stretched;
     let q2 = libm::atan2(-(a2 + L3 * libm::cos(theta)), -L3 * libm::sin(theta));
     for angle in [-0.6, 0.5] {
         predicted("puma560-ideal", 2, SVector::from([0.3, q2, q3, 0.2, 0.9, 0.1]), angle);

@@ -2,7 +2,9 @@
 
 use crate::analyzer::Analyzer;
 use crate::arm_family::lost_geometry::Span;
+use crate::arm_family::puma_inverse::PumaLengths;
 use crate::arm_family::screws::Screws;
+use crate::testing::puma_lengths;
 use crate::types::{Class, Report, Singularity};
 use model::{Model, Robot};
 use nalgebra::{SVector, Vector6};
@@ -61,12 +63,12 @@ pub(super) const WRIST: usize = 1;
 pub(super) const OVERHEAD: usize = 2;
 
 /// A random PUMA posture `near` one of its three locks, and away from the other two.
-pub(super) fn at_lock(random: &mut Uniform, lock: usize, near: f64, (a2, a3, d4): (f64, f64, f64)) -> Vector6<f64> {
-    let (L3, stretched) = ((a3 * a3 + d4 * d4).sqrt(), libm::atan2(d4, a3));
+pub(super) fn at_lock(random: &mut Uniform, lock: usize, near: f64, lengths: PumaLengths) -> Vector6<f64> {
+    let PumaLengths { a2, L3, q3_stretched } = lengths;
     loop {
         let mut q = Vector6::from_fn(|_, _| random.within(-2.0, 2.0));
         let theta = if lock == ELBOW { near } else { q[2] };
-        q[2] = stretched + theta;
+        q[2] = q3_stretched + theta;
         if lock == WRIST {
             q[4] = near;
         }
@@ -88,8 +90,6 @@ pub(super) fn nearest<const N: usize>(report: &Report<N>) -> Singularity<N> {
     *report.listed().iter().min_by(|a, b| a.s.abs().total_cmp(&b.s.abs())).unwrap()
 }
 
-pub(super) const LENGTHS: (f64, f64, f64) = (0.4318, -0.0203, 0.4331);
-
 #[test]
 fn directions_are_those_of_the_formulas() {
     let mut random = Uniform(3);
@@ -97,7 +97,7 @@ fn directions_are_those_of_the_formulas() {
     for (lock, median_deg, worst_deg) in [(ELBOW, 0.1, 1.0), (WRIST, 1.5, 1.5), (OVERHEAD, 2.2, 7.0)] {
         let mut angles = vec![];
         for k in 0..300 {
-            let q = at_lock(&mut random, lock, if k % 2 == 0 { 0.05 } else { -0.05 }, LENGTHS);
+            let q = at_lock(&mut random, lock, if k % 2 == 0 { 0.05 } else { -0.05 }, puma_lengths("puma560"));
             let exact = Analyzer::new(&puma().robot, &Analysis::default()).step(
                 &q,
                 &SVector::zeros(),
@@ -138,17 +138,16 @@ fn census<const N: usize>(arm: &Arm<N>, mut posture: impl FnMut(usize) -> SVecto
 fn a_puma_is_classified_as_its_geometry_says() {
     let mut random = Uniform(5);
     let ideal = Arm::<6>::new("puma560-ideal");
-    let model::Factors::Puma { a2, a3, d4 } = ideal.robot.factors else { panic!("the ideal arm has factors") };
     let mut results = vec![];
     for lock in [ELBOW, WRIST, OVERHEAD] {
         results.push(census(puma(), |k| {
             let near = random.within(-0.05, 0.05) * f64::from(k as u32 % 2);
-            at_lock(&mut random, lock, near, LENGTHS)
+            at_lock(&mut random, lock, near, puma_lengths("puma560"))
         }));
     }
     results.push(census(&ideal, |_| {
         let near = random.within(-0.05, 0.05);
-        at_lock(&mut random, OVERHEAD, near, (a2, a3, d4))
+        at_lock(&mut random, OVERHEAD, near, puma_lengths("puma560-ideal"))
     }));
     println!("elbow, wrist, overhead, overhead without offset: {results:?}");
     assert_eq!(results[0].0, [200, 0, 0, 0], "elbow");
@@ -350,7 +349,7 @@ fn a_measure_crosses_zero_in_a_straight_line() {
     let mut random = Uniform(11);
     for lock in [ELBOW, WRIST] {
         let mut analyzer = puma().analyzer();
-        let mut q = at_lock(&mut random, lock, -0.02, LENGTHS);
+        let mut q = at_lock(&mut random, lock, -0.02, puma_lengths("puma560"));
         let joint = if lock == ELBOW { 2 } else { 4 };
         let qdot = Vector6::from_fn(|i, _| if i == joint { 1.0 } else { 0.0 });
         let mut values = vec![];
