@@ -9,7 +9,7 @@ use crate::delay::Delay;
 use crate::outcome::Failure;
 use crate::plan::{Commands, Limits, Report, Restart};
 use crate::signals::Interrupts;
-use crate::spawn::{BEAT, Supervised};
+use crate::spawn::{BEAT, Slot, Supervised};
 
 /// A program that has not joined the run by then is stopped by signals.
 const TO_JOIN: Duration = Duration::from_secs(1);
@@ -63,11 +63,25 @@ impl Supervised {
         }
     }
 
+    /// Notes the end of a process as the failure of the run, if it is the first that is not excused.
+    fn judge_end(&mut self, index: usize, (is_complete, insists): (bool, bool), failure: &mut Option<Failure>) {
+        let is_success = self.slots.0[index].exit.is_some_and(Exit::is_success);
+        if !is_success && !self.is_excused(index, is_complete, insists) && failure.is_none() {
+            *failure = Some(self.died(index));
+        }
+    }
+
     fn stop_those(&mut self, ending: &Ending, commands: Commands<'_>, signals: &mut Interrupts, report: Report<'_>) -> Option<Failure> {
         let Ending { polled, limit, is_complete, is_patient } = *ending;
         let mut failure = None;
         let concerned: Vec<usize> =
             (0..self.plan.children.len()).filter(|&index| self.plan.children[index].process.polled == polled).collect();
+        // Ends that came with the one which ended the run, or between two of these stops.
+        let ended = |slot: &Slot| slot.child.is_none() && slot.due.is_none() && slot.exit.is_some();
+        let before = concerned.iter().copied().filter(|&index| ended(&self.slots.0[index])).collect::<Vec<_>>();
+        for index in before {
+            self.judge_end(index, (is_complete, false), &mut failure);
+        }
         // A stopped process cannot end.
         self.signal(&concerned, Signal::CONT);
         for insist in [None, Some(Signal::TERM)] {
@@ -88,11 +102,7 @@ impl Supervised {
                 self.rest(BEAT);
                 self.pass_lines_on(report);
                 for index in self.take_in_exits(report) {
-                    let is_success = self.slots.0[index].exit.is_some_and(Exit::is_success);
-                    let is_fine = is_success || self.is_excused(index, is_complete, is_last);
-                    if !is_fine && failure.is_none() {
-                        failure = Some(self.died(index));
-                    }
+                    self.judge_end(index, (is_complete, is_last), &mut failure);
                 }
                 if polled && let Some(failed) = self.start_again(commands, report) {
                     failure.get_or_insert(failed);

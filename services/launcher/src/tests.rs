@@ -397,6 +397,38 @@ fn a_restart_within_the_budget_goes_on_in_real_time() {
 }
 
 #[test]
+fn a_recorder_that_is_killed_while_the_plant_ends_is_replaced() {
+    let is_dead = |pid: Pid| {
+        let stat = std::fs::read_to_string(format!("/proc/{}/stat", pid.as_raw_nonzero())).unwrap_or_default();
+        stat.rsplit(')').next().is_none_or(|rest| rest.trim_start().starts_with('Z'))
+    };
+    let launcher = Launcher::prepare(plan(Mode::Lockstep, Restart::Budget { times: 1, back_off: Duration::ZERO })).unwrap();
+    let name = launcher.run_dir().file_name().unwrap().to_str().unwrap().to_owned();
+    let mut pids = None;
+    let mut report = |event: Event<'_>| {
+        if event == Event::Go {
+            pids = Some((pid_of(&name, "plant").unwrap(), pid_of(&name, "recorder").unwrap()));
+        }
+        if let Event::Progress { ticks: 2_000.. } = event
+            && let Some((plant, recorder)) = pids.take()
+        {
+            // Both are dead when the launcher looks at its children next.
+            while !is_dead(plant) {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            kill_process(recorder, Signal::KILL).unwrap();
+            while !is_dead(recorder) {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        }
+    };
+    let outcome = launcher.run(&command("controller", 2_000), &mut report).unwrap();
+    assert_eq!(outcome.end, End::Completed, "{outcome:?}");
+    assert_eq!((outcome.processes[2].restarts, outcome.processes[2].exit), (1, Exit::Code(0)), "{outcome:?}");
+    assert!(!is_left_behind(&name));
+}
+
+#[test]
 fn a_stopped_recorder_costs_the_chain_nothing_in_real_time_and_its_losses_are_counted() {
     let mut plan = plan(Mode::Realtime, Restart::Never);
     plan.rate_hz = 4_000;
