@@ -9,7 +9,7 @@ use crate::syntax::{documentation, items, paths, tokens_of, use_leaves};
 use crate::tokens::TokenTree;
 
 /// Crates in which nothing but numbers is touched.
-pub(crate) const PURE_CRATES: [&str; 4] = ["model", "control", "sim", "chain"];
+pub(crate) const PURE_CRATES: [&str; 5] = ["model", "control", "sim", "chain", "lines"];
 /// Rooms of that kind in crates that do other things too, as a file or as a folder: the judge, the order of lockstep.
 const PURE_ROOMS: [&str; 2] = ["services/recorder/src/judge", "services/runtime/src/lockstep"];
 /// The same in every process: its step.

@@ -53,13 +53,14 @@ fn kept<M: Message>(corpus: &Corpus, choice: u8, messages: impl Iterator<Item = 
     }
     keep.finish()?;
     let file = std::fs::read(folder.path().join(format!("{}.log", M::TOPIC)))?;
-    // Whole; and behind the head that the target puts before it.
+    // Whole; and behind the head that the target puts before it, with the checksums as they are and with new ones.
     corpus.seed("message_log", &format!("{}-whole", M::TOPIC), &[&[choice], &file[..]].concat())?;
-    let with_head = (8..16)
-        .chain(24..32)
-        .find(|with_head| usize::from(*with_head) % COUNT == usize::from(choice))
-        .ok_or("one of sixteen leaves any rest")?;
-    corpus.seed("message_log", &format!("{}-blocks", M::TOPIC), &[&[with_head], &file[24..]].concat())
+    for (name, choices) in [("blocks", (8..16).chain(24..32)), ("sealed", (40..48).chain(56..64))] {
+        let is_it = |with_head: &u8| usize::from(*with_head) % COUNT == usize::from(choice);
+        let with_head = choices.into_iter().find(is_it).ok_or("one of sixteen leaves any rest")?;
+        corpus.seed("message_log", &format!("{}-{name}", M::TOPIC), &[&[with_head], &file[24..]].concat())?;
+    }
+    Ok(())
 }
 
 fn begin(corpus: &Corpus) -> Done {

@@ -1,7 +1,8 @@
 //! A block of a message log: messages, packed.
 //!
 //! ```text
-//! block    messages n u32 · bytes of the LZ4 block u32 · plain planes u32 · LZ4 block of: contents · packed planes · plain planes
+//! block    messages n u32 · bytes of the LZ4 block u32 · plain planes u32 · CRC-32 u32 of all else in the block
+//!          · LZ4 block of: contents · packed planes · plain planes
 //! contents for each word which planes there are u8 · for each word which of them are plain u8 · for each word its twin u16
 //! ```
 //!
@@ -28,22 +29,23 @@ pub(crate) struct Head {
     pub(crate) packed: usize,
     /// Planes behind it.
     pub(crate) plain: usize,
+    /// CRC-32 of these three numbers and of what follows the head.
+    checksum: u32,
 }
 
 impl Head {
-    pub(crate) const BYTES: usize = 12;
-
-    fn bytes(self) -> [u8; Self::BYTES] {
-        let mut bytes = [0; Self::BYTES];
-        let numbers = [self.messages, self.packed, self.plain];
-        bytes.as_chunks_mut::<4>().0.iter_mut().zip(numbers).for_each(|(to, number)| *to = (number as u32).to_le_bytes());
-        bytes
-    }
+    pub(crate) const BYTES: usize = 16;
+    /// Those of them that the checksum covers; the checksum follows.
+    const CHECKED: usize = 12;
 
     /// Whether a block of messages of so many bytes can have it.
     pub(crate) fn is_possible(self, message_bytes: usize) -> bool {
-        let most = get_maximum_output_size((self.messages + 1) * message_bytes);
-        (1..=BLOCK).contains(&self.messages) && self.packed <= most && self.plain <= message_bytes
+        (1..=BLOCK).contains(&self.messages) && self.packed <= most_packed(self.messages, message_bytes) && self.plain <= message_bytes
+    }
+
+    /// Whether a block, which begins with it, is as it was written.
+    pub(crate) fn has_checksum_of(self, block: &[u8]) -> bool {
+        checksum(block) == self.checksum
     }
 
     /// Bytes of the block behind it.
@@ -55,8 +57,39 @@ impl Head {
 impl From<[u8; Head::BYTES]> for Head {
     fn from(bytes: [u8; Self::BYTES]) -> Self {
         let number = |at: usize| u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]) as usize;
-        Self { messages: number(0), packed: number(4), plain: number(8) }
+        Self { messages: number(0), packed: number(4), plain: number(8), checksum: number(12) as u32 }
     }
+}
+
+/// Bytes of the LZ4 block of so many messages at most.
+fn most_packed(messages: usize, message_bytes: usize) -> usize {
+    get_maximum_output_size((messages + 1) * message_bytes)
+}
+
+/// Bytes of a block at most.
+pub(crate) fn longest(message_bytes: usize) -> usize {
+    Head::BYTES + most_packed(BLOCK, message_bytes) + BLOCK * message_bytes
+}
+
+/// Whether bytes begin with a block of messages of so many bytes, as it was written.
+pub(crate) fn begins_whole(bytes: &[u8], message_bytes: usize) -> bool {
+    let Some(head) = bytes.first_chunk().map(|head| Head::from(*head)) else { return false };
+    let block = head.is_possible(message_bytes).then(|| bytes.get(..Head::BYTES + head.rest())).flatten();
+    block.is_some_and(|block| head.has_checksum_of(block))
+}
+
+/// The CRC-32 of a block but for the checksum itself.
+fn checksum(block: &[u8]) -> u32 {
+    let mut hasher = crc32fast::Hasher::new();
+    hasher.update(&block[..Head::CHECKED]);
+    hasher.update(&block[Head::BYTES..]);
+    hasher.finalize()
+}
+
+/// Gives a block, its head complete but for the checksum, the checksum of what it holds.
+pub(crate) fn seal(block: &mut [u8]) {
+    let sum = checksum(block);
+    block[Head::CHECKED..Head::BYTES].copy_from_slice(&sum.to_le_bytes());
 }
 
 /// Gathers messages and packs them into blocks; its buffers are kept, so that nothing is allocated per block.
@@ -159,8 +192,12 @@ impl Packer {
         // The buffer holds the worst case.
         let size = compress_into_with_table(planes, &mut packed[Head::BYTES..], table).unwrap_or(0);
         packed[Head::BYTES + size..][..plain.len()].copy_from_slice(plain);
-        packed[..Head::BYTES].copy_from_slice(&Head { messages: n, packed: size, plain: plain.len() / n.max(1) }.bytes());
-        &packed[..Head::BYTES + size + plain.len()]
+        for (to, number) in packed.as_chunks_mut::<4>().0.iter_mut().zip([n, size, plain.len() / n.max(1)]) {
+            *to = (number as u32).to_le_bytes();
+        }
+        let block = &mut packed[..Head::BYTES + size + plain.len()];
+        seal(block);
+        block
     }
 }
 
@@ -255,7 +292,7 @@ mod tests {
                 let block = packer.pack().to_vec();
                 let (head, rest) = block.split_first_chunk::<{ Head::BYTES }>().expect("a head");
                 let head = Head::from(*head);
-                assert!(head.is_possible(8 * WORDS) && head.rest() == rest.len(), "{head:?}");
+                assert!(head.is_possible(8 * WORDS) && head.rest() == rest.len() && head.has_checksum_of(&block), "{head:?}");
                 assert_eq!(unpack(head, WORDS, rest).as_ref(), Ok(&rows), "{n} rows from {begin}");
                 assert!(unpack(head, WORDS, &rest[..rest.len() - 1]).is_err(), "a byte is missing");
             }

@@ -12,4 +12,4 @@ pub use block::BLOCK;
 pub use difference::{Difference, Differences, FieldDifference, first_difference, first_difference_in};
 pub use hash::TopicHash;
 pub use log::{LogReader, LogWriter};
-pub use rows::{LogError, RowReader, RowWriter, Shape};
+pub use rows::{LogError, RowReader, RowWriter, Shape, seal};

@@ -4,8 +4,7 @@
 //! file     "armkept\x03" · layout hash u64 · bytes of a message u32 · 0 u32 · blocks
 //! ```
 //!
-//! All integers little-endian. Blocks ([`crate::block`]) do not depend on each other: what a killed writer leaves is readable up to its last
-//! whole block.
+//! All integers little-endian. Blocks ([`crate::block`]) do not depend on each other: what a killed writer XX
 
 use std::fs::{File, OpenOptions};
 use std::io::{BufReader, ErrorKind, Read, Seek, SeekFrom, Write};
@@ -14,10 +13,12 @@ use std::path::{Path, PathBuf};
 use shared_types::Message;
 use shared_types::layout::MessageLayout;
 
-use crate::block::{BLOCK, Head, Packer, unpack};
+use crate::block::{self, BLOCK, Head, Packer, unpack};
 
 const MAGIC: [u8; 8] = *b"armkept\x03";
 const HEAD: usize = 24;
+/// Bytes that are searched for a whole block at a time, at least.
+const WINDOW: usize = 1 << 20;
 
 /// Why a message log cannot be written or read.
 #[derive(Debug, thiserror::Error)]
@@ -63,6 +64,12 @@ impl LogError {
     #[must_use]
     pub fn is_absent(&self) -> bool {
         matches!(self, Self::File { source, .. } if source.kind() == ErrorKind::NotFound)
+    }
+
+    /// Whether the file is not what was written.
+    #[must_use]
+    pub fn is_damage(&self) -> bool {
+        matches!(self, Self::Damaged { .. })
     }
 
     /// Whether no message can have been written: there is no log, or only the beginning of its head.
@@ -112,6 +119,17 @@ impl Shape {
 impl From<&MessageLayout> for Shape {
     fn from(layout: &MessageLayout) -> Self {
         Self { topic: layout.topic.clone(), bytes: layout.bytes, hash: layout.hash }
+    }
+}
+
+/// Gives every block of a whole file's bytes the checksum of what it holds; for tests, which change blocks.
+pub fn seal(file: &mut [u8]) {
+    let mut rest = file.get_mut(HEAD..).unwrap_or_default();
+    while let Some(head) = rest.first_chunk().map(|head| Head::from(*head)) {
+        let end = Head::BYTES + head.rest();
+        let Some((block, behind)) = std::mem::take(&mut rest).split_at_mut_checked(end) else { return };
+        block::seal(block);
+        rest = behind;
     }
 }
 
@@ -261,13 +279,14 @@ impl RowReader {
     /// The next message; `None` after the last whole block.
     ///
     /// # Errors
-    /// When the file cannot be read, or is damaged.
+    /// When the file cannot be read, or is damaged: [`RowReader::skip`] goes on behind the damage.
     pub fn next_row(&mut self) -> Result<Option<Vec<u64>>, LogError> {
         let words = self.shape.words();
         if self.block.1 >= self.block.0.len() {
             let Some(head) = self.read_block()? else { return Ok(None) };
-            let damaged = |reason| LogError::Damaged { path: self.path.clone(), reason };
-            self.block = (unpack(head, words, &self.packed).map_err(damaged)?, 0);
+            let rows = unpack(head, words, &self.packed[Head::BYTES..]).map_err(|reason| self.damaged(&reason))?;
+            self.place += self.packed.len() as u64;
+            self.block = (rows, 0);
         }
         let (rows, begin) = &mut self.block;
         let row = rows.get(*begin..*begin + words).map(<[u64]>::to_vec);
@@ -275,34 +294,75 @@ impl RowReader {
         Ok(row)
     }
 
+    /// Goes on at the next whole block behind the place where the file is damaged; whether there is one.
+    ///
+    /// # Errors
+    /// When the file cannot be read.
+    pub fn skip(&mut self) -> Result<bool, LogError> {
+        let next = self.find_block(self.place + 1)?;
+        let is_found = next.is_some();
+        let end = self.file.get_ref().metadata().map_or(self.place, |file| file.len());
+        self.seek(next.unwrap_or(end))?;
+        Ok(is_found)
+    }
+
     /// Goes on at a byte at which a block begins.
     fn seek(&mut self, place: u64) -> Result<(), LogError> {
-        let failed = |source| LogError::File { action: "read", path: self.path.clone(), source };
-        self.file.seek(SeekFrom::Start(place.max(HEAD as u64))).map_err(failed)?;
         self.place = place.max(HEAD as u64);
+        self.file.seek(SeekFrom::Start(self.place)).map_err(|source| self.unread(source))?;
         Ok(())
     }
 
-    /// Reads the next block, still packed; returns its head.
+    fn unread(&self, source: std::io::Error) -> LogError {
+        LogError::File { action: "read", path: self.path.clone(), source }
+    }
+
+    fn damaged(&self, reason: &str) -> LogError {
+        LogError::Damaged { path: self.path.clone(), reason: format!("the block at byte {} is not what was written: {reason}", self.place) }
+    }
+
+    /// Reads the block at the reader's place, still packed, head included. A beginning of one that no whole block follows is what a killed writer has
+    /// left.
     fn read_block(&mut self) -> Result<Option<Head>, LogError> {
-        let failed = |path: &Path, source| LogError::File { action: "read", path: path.to_owned(), source };
         let mut head = [0; Head::BYTES];
-        if read_whole(&mut self.file, &mut head).map_err(|source| failed(&self.path, source))? < head.len() {
+        if read_whole(&mut self.file, &mut head).map_err(|source| self.unread(source))? < head.len() {
             return Ok(None);
         }
         let block = Head::from(head);
         if !block.is_possible(self.shape.bytes) {
-            let Head { messages, packed, plain } = block;
-            let reason = format!("a block at byte {} claims {messages} messages in {packed} bytes and {plain} plain planes", self.place);
-            return Err(LogError::Damaged { path: self.path.clone(), reason });
+            let Head { messages, packed, plain, .. } = block;
+            return Err(self.damaged(&format!("it claims {messages} messages in {packed} bytes and {plain} plain planes")));
         }
-        let rest = block.rest();
-        self.packed.resize(rest, 0);
-        if read_whole(&mut self.file, &mut self.packed).map_err(|source| failed(&self.path, source))? < rest {
-            return Ok(None);
+        self.packed.resize(Head::BYTES + block.rest(), 0);
+        self.packed[..Head::BYTES].copy_from_slice(&head);
+        if read_whole(&mut self.file, &mut self.packed[Head::BYTES..]).map_err(|source| self.unread(source))? < block.rest() {
+            return match self.find_block(self.place + 1)? {
+                Some(_) => Err(self.damaged("its end is missing")),
+                None => Ok(None),
+            };
         }
-        self.place += (head.len() + rest) as u64;
-        Ok(Some(block))
+        if block.has_checksum_of(&self.packed) { Ok(Some(block)) } else { Err(self.damaged("its checksum differs")) }
+    }
+
+    /// The first byte from `from` on at which a whole block begins.
+    fn find_block(&mut self, from: u64) -> Result<Option<u64>, LogError> {
+        let longest = block::longest(self.shape.bytes);
+        let mut window = vec![0; WINDOW.max(2 * longest)];
+        let mut begin = from;
+        loop {
+            self.file.seek(SeekFrom::Start(begin)).map_err(|source| self.unread(source))?;
+            let n = read_whole(&mut self.file, &mut window).map_err(|source| self.unread(source))?;
+            let is_last = n < window.len();
+            // Beyond these a block could end behind the window.
+            let places = if is_last { n } else { n - longest };
+            if let Some(at) = (0..places).find(|at| block::begins_whole(&window[*at..n], self.shape.bytes)) {
+                return Ok(Some(begin + at as u64));
+            }
+            if is_last {
+                return Ok(None);
+            }
+            begin += places as u64;
+        }
     }
 }
 
