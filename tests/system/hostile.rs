@@ -293,7 +293,7 @@ fn a_full_volume_ends_the_recording_and_nothing_else() {
     let desk = Desk::new();
     // A mount of our own, where the machine lets us have one.
     let script = "mkdir small && mount -t tmpfs -o size=3m none small && touch mounted || exit 0
-        \"$1\" run --set segment.1.duration_s=6 --json --out small/run > said.json && ls -A small/run > left && cp small/run/*.json . && \"$1\" export small/run --out out; test $? = 1";
+        \"$1\" run --set segment.1.duration_s=6 --json --out small/run > said.json; test $? = 1 && ls -A small/run > left && cp small/run/*.json . && \"$1\" export small/run --out out; test $? = 1";
     let said = Command::new("unshare")
         .args(["--map-root-user", "--mount", "sh", "-c", script, "sh", env!("CARGO_BIN_EXE_armplane")])
         .current_dir(desk.path())

@@ -6,6 +6,7 @@ mod clients;
 mod command;
 mod compare;
 mod corpus;
+mod damage;
 mod determinism;
 mod exchange;
 mod faults;

@@ -23,5 +23,5 @@ pub(crate) fn recover(args: &RecoverArgs, as_json: bool) -> Result<ExitCode, Fai
     } else {
         show(&RunText { summary: &summary, folder: &args.run });
     }
-    Ok(ExitCode::SUCCESS)
+    session::whole(&summary).map(|()| ExitCode::SUCCESS)
 }

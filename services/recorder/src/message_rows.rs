@@ -26,6 +26,50 @@ struct Messages<M: Topic> {
     /// Read, and of a later tick than was asked for.
     next: Option<M>,
     hash: TopicHash,
+    /// Tick of the last message read.
+    last: Option<u64>,
+    gaps: Vec<Gap>,
+}
+
+/// The messages that a damaged place of a log has cost: those behind one tick and before another; without end where none follows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Gap {
+    after: Option<u64>,
+    before: Option<u64>,
+}
+
+impl<M: Topic> Messages<M> {
+    /// The next message; a damaged place is noted and passed over. A block that was being written when its writer died ends the log.
+    fn read(&mut self) -> Option<M> {
+        loop {
+            let reader = self.reader.as_mut()?;
+            match reader.next_message() {
+                Ok(message) => {
+                    let tick = message.map(|message| message.header().tick);
+                    self.gaps.last_mut().filter(|gap| gap.before.is_none()).into_iter().for_each(|gap| gap.before = tick);
+                    self.last = tick.or(self.last);
+                    return message;
+                }
+                Err(_) => {
+                    if self.gaps.last().is_none_or(|gap| gap.before.is_some()) {
+                        self.gaps.push(Gap { after: self.last, before: None });
+                    }
+                    if !reader.skip().unwrap_or(false) {
+                        self.reader = None;
+                    }
+                }
+            }
+        }
+    }
+
+    /// The damage in words, where there is any; `end` is the first tick of which no topic has a message.
+    fn damage(&self, end: u64) -> Option<String> {
+        let ticks = |gap: &Gap| (gap.after.map_or(0, |after| after + 1), gap.before.unwrap_or(end));
+        let first = self.gaps.first().map(ticks)?;
+        let lost: u64 = self.gaps.iter().map(ticks).map(|(from, until)| until.saturating_sub(from)).sum();
+        let places = if self.gaps.len() > 1 { format!("in {} places, first at", self.gaps.len()) } else { "at".to_owned() };
+        Some(format!("{}.log is damaged {places} tick {}: its messages of {lost} ticks are lost", M::TOPIC, first.0))
+    }
 }
 
 /// The rows of a run's message logs: whatever there is of each tick, in order.
@@ -45,12 +89,12 @@ impl MessageRows {
         Self::open_with(folder, graph, |_| false)
     }
 
-    /// The same of a run whose launcher was killed: a topic may have no log yet.
+    /// The same of a run whose launcher was killed: a topic may have no log yet, or a damaged one.
     ///
     /// # Errors
     /// [`LogError`] where a topic's messages cannot be read or are not this program's.
     pub fn open_left(folder: &Path, graph: &Graph) -> Result<Self, LogError> {
-        Self::open_with(folder, graph, LogError::is_before_the_first_message)
+        Self::open_with(folder, graph, |error| error.is_before_the_first_message() || error.is_damage())
     }
 
     fn open_with(folder: &Path, graph: &Graph, is_excused: fn(&LogError) -> bool) -> Result<Self, LogError> {
@@ -61,11 +105,12 @@ impl MessageRows {
                 if self.1.writer(M::TOPIC).is_none() {
                     return Ok(None);
                 }
-                let reader = match LogReader::open(self.0) {
-                    Err(error) if (self.2)(&error) => None,
-                    opened => Some(opened?),
-                };
-                Ok(Some(Messages { reader, next: None, hash: TopicHash::default() }))
+                let mut messages = Messages { reader: None, next: None, hash: TopicHash::default(), last: None, gaps: Vec::new() };
+                match LogReader::open(self.0) {
+                    Err(error) if (self.2)(&error) => messages.gaps.extend(error.is_damage().then_some(Gap { after: None, before: None })),
+                    opened => messages.reader = Some(opened?),
+                }
+                Ok(Some(messages))
             }
         }
         let messages = ByTopic::try_build(&mut Open(folder, graph, is_excused))?;
@@ -81,10 +126,7 @@ impl MessageRows {
             type Output = bool;
             fn each<M: Topic>(&mut self) -> bool {
                 let Some(messages) = M::of_mut(self.0) else { return false };
-                // A block that was being written when its writer died ends the messages of its topic.
-                let reader = &mut messages.reader;
-                let mut read = || reader.as_mut()?.next_message().ok().flatten();
-                while let Some(message) = messages.next.take().or_else(&mut read) {
+                while let Some(message) = messages.next.take().or_else(|| messages.read()) {
                     let tick = message.header().tick;
                     if tick >= self.2 {
                         messages.next = Some(message);
@@ -105,10 +147,12 @@ impl MessageRows {
         self.assembler.pop(self.until, !self.has_more)
     }
 
-    /// The topics whose log, read to its end, does not hold what a run's summary counts: a clause for each. A topic that the summary does not name is left out.
+    /// The topics whose log, read to its end, is damaged or does not hold what a run's summary counts: a clause for each. A topic that the summary does not
+    /// name is left out.
     #[must_use]
     pub fn damage(mut self, summary: &Summary) -> Vec<String> {
         while self.next_row().is_some() {}
+        let gaps = self.gaps();
         let differs = |(topic, found): (&'static str, TopicHash)| {
             let expected = summary.topics.get(topic).filter(|expected| **expected != found.summary())?;
             Some(match expected.count == found.count() {
@@ -116,7 +160,30 @@ impl MessageRows {
                 false => format!("{topic}.log holds {} of {} messages", found.count(), expected.count),
             })
         };
-        self.account().into_iter().filter_map(differs).collect()
+        let of = |account: (&'static str, TopicHash)| {
+            gaps.iter().find(|(topic, _)| *topic == account.0).map(|(_, gap)| gap.clone()).or_else(|| differs(account))
+        };
+        self.account().into_iter().filter_map(of).collect()
+    }
+
+    /// What is damaged in the logs as far as they have been read: topic and clause.
+    pub(crate) fn gaps(&self) -> Vec<(&'static str, String)> {
+        struct Last<'a>(&'a ByTopic<StoredMessages>);
+        impl Each for Last<'_> {
+            type Output = Option<u64>;
+            fn each<M: Topic>(&mut self) -> Option<u64> {
+                M::of(self.0).as_ref().and_then(|messages| messages.last)
+            }
+        }
+        struct Gaps<'a>(&'a ByTopic<StoredMessages>, u64);
+        impl Each for Gaps<'_> {
+            type Output = Option<(&'static str, String)>;
+            fn each<M: Topic>(&mut self) -> Self::Output {
+                M::of(self.0).as_ref()?.damage(self.1).map(|damage| (M::TOPIC, damage))
+            }
+        }
+        let end = topics::each(&mut Last(&self.messages)).into_iter().flatten().max().map_or(0, |last| last + 1);
+        topics::each(&mut Gaps(&self.messages, end)).into_iter().flatten().collect()
     }
 
     /// How many messages of each topic have been read, and their hash.

@@ -12,7 +12,7 @@ use crate::tape::Tape;
 use crate::{MESSAGES, limits, summary, take};
 
 /// Writes the recording of a run again, and judges it, from the messages in its folder, to the last that is whole; a run that was killed before its first
-/// message has no tick.
+/// message has no tick. The damage of a message log stands in the recorder's part of the summary, as its error.
 ///
 /// # Errors
 /// [`ProcessError`] where the messages cannot be read, or the recording cannot be written.
@@ -33,5 +33,9 @@ pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
         partial.drain(..).for_each(|row| take(&row, &mut judge, &mut tape));
         take(row, &mut judge, &mut tape);
     }
-    Ok(summary(robot, job, judge.verdict(), &rows.account(), tape.finish()))
+    let mut recorded = tape.finish();
+    let damage: Vec<String> =
+        rows.gaps().into_iter().map(|(_, damage)| damage).chain([recorded.error]).filter(|clause| !clause.is_empty()).collect();
+    recorded.error = damage.join("; ");
+    Ok(summary(robot, job, judge.verdict(), &rows.account(), recorded))
 }

@@ -45,7 +45,7 @@ pub use progress::{Observer, Progress};
 pub use recover::recover;
 pub use results::{RUNS, Results, SUMMARY, keep};
 pub use runs::Run;
-pub use session::{Finished, Request, run, run_loaded};
+pub use session::{Finished, Request, run, run_loaded, whole};
 pub use shared_types::job::JOB;
 pub use steer::{Steering, Targets};
 pub use summary::{deadlines, summarise};

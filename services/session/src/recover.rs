@@ -14,7 +14,7 @@ use crate::runs::Run;
 use crate::summary::fault_summary;
 
 /// Makes the recording, the summary and the repeatable scenario of a run from the job and the messages in its folder, and its faults from what is
-/// still in shared memory.
+/// still in shared memory. Where a message log is damaged or missing, the recorder's error in the summary says which, and what it costs.
 ///
 /// # Errors
 /// [`Failure::Input`] where the run goes on, or has ended by itself, or kept no messages; [`Failure::Work`] where something cannot be written.
@@ -26,7 +26,7 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
         ))
     })?;
     // Held until all is written; refused while the run goes on.
-    let _results = Results::create(Some(&folder), "")?;
+    let _results = Results::of_run(&folder)?;
     let run = Run { folder: folder.clone(), parts: Vec::new() };
     // One that cannot be read is made anew, too.
     if run.summary().is_ok() {
@@ -45,9 +45,13 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
     job.out.clone_from(&folder);
     let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
     let mut summary = recorder::rebuild(&robot, &job).map_err(Failure::work)?;
+    let lost = without_messages(&summary);
+    if !lost.is_empty() && summary.recorder.error.is_empty() {
+        summary.recorder.error = format!("the message log of {} is missing or empty", lost.join(", "));
+    }
     if !summary.completed {
         INTERRUPTED.clone_into(&mut summary.outcome);
-        summary.reason = match (summary.ticks, &without_messages(&summary)[..]) {
+        summary.reason = match (summary.ticks, &lost[..]) {
             (0, []) => "the launcher was killed before the messages of a whole tick were kept".to_owned(),
             (0, lost) => format!("no tick is whole: the message log of {} is missing, empty or damaged", lost.join(", ")),
             (ticks, _) => format!("the launcher was killed; recovered from the messages of {ticks} ticks"),

@@ -37,6 +37,31 @@ const SUMMARY_BYTES: usize = 128 * 1024;
 /// More than the faults of a run take in its scenario; bytes.
 const FAULTS_BYTES: usize = 32 * 1024;
 
+/// The remedies for a results folder that cannot be used.
+struct Remedies {
+    busy: &'static str,
+    irregular: &'static str,
+    unwritable: &'static str,
+}
+
+const FOR_A_RUN: Remedies = Remedies {
+    busy: "choose another folder with --out",
+    irregular: "remove it, or choose another folder with --out",
+    unwritable: "choose another folder with --out",
+};
+
+const FOR_A_RECOVERY: Remedies = Remedies {
+    busy: "wait for its end",
+    irregular: "remove it, and recover the run again",
+    unwritable: "make it writable, or recover a copy of the folder",
+};
+
+impl Remedies {
+    fn unusable(&self, folder: &Path, error: &io::Error) -> Failure {
+        Failure::Input(format!("cannot write results to {}: {error}; {}", folder.display(), self.unwritable))
+    }
+}
+
 /// The results folder: made before anything starts, removed again if nothing came of it.
 pub struct Results {
     /// Absolute.
@@ -54,29 +79,43 @@ impl Results {
     /// # Errors
     /// [`Failure::Input`] if it cannot be written to.
     pub fn create(wanted: Option<&Path>, name: &str) -> Result<Self, Failure> {
-        let cannot = |path: &Path, error: std::io::Error| {
-            Failure::Input(format!("cannot write results to {}: {error}; choose another folder with --out", path.display()))
-        };
+        let remedies = &FOR_A_RUN;
         let (folder, lock, made) = match wanted {
             Some(folder) => {
-                let made = make_parents(folder).and_then(|()| make(folder)).map_err(|error| cannot(folder, error))?;
-                let lock = lock(folder).map_err(|error| cannot(folder, error))?;
+                let made = make_parents(folder).and_then(|()| make(folder)).map_err(|error| remedies.unusable(folder, &error))?;
+                let lock = lock(folder).map_err(|error| remedies.unusable(folder, &error))?;
                 (folder.to_owned(), lock, made)
             }
-            None => next_free(name).map_err(|error| cannot(Path::new(RUNS), error))?,
+            None => next_free(name).map_err(|error| remedies.unusable(Path::new(RUNS), &error))?,
         };
+        Self::hold(&folder, lock, made, remedies)
+    }
+
+    /// The folder of a run that is to be recovered.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] if it cannot be written to, or its run goes on.
+    pub(crate) fn of_run(folder: &Path) -> Result<Self, Failure> {
+        let remedies = &FOR_A_RECOVERY;
+        let lock = lock(folder).map_err(|error| remedies.unusable(folder, &error))?;
+        Self::hold(folder, lock, false, remedies)
+    }
+
+    /// A folder that is locked for this run, checked; `made`: it was not there before.
+    fn hold(folder: &Path, lock: Option<OwnedFd>, made: bool, remedies: &Remedies) -> Result<Self, Failure> {
         let Some(lock) = lock else {
-            let sentence = "another run writes its results into";
-            return Err(Failure::Input(format!("{sentence} {} now; choose another folder with --out", folder.display())));
+            let folder = folder.display();
+            return Err(Failure::Input(format!("another run writes its results into {folder} now; {}", remedies.busy)));
         };
-        let folder = folder.canonicalize().map_err(|error| cannot(&folder, error))?;
+        let folder = folder.canonicalize().map_err(|error| remedies.unusable(folder, &error))?;
         let results = Self { folder, made, has_reserve: Cell::new(false), _lock: lock };
         if let Some(path) = results.irregular() {
-            let (path, remedy) = (path.display(), "remove it, or choose another folder with --out");
-            return Err(Failure::Input(format!("{path} has the name of a result and is not an ordinary file: {remedy}")));
+            let path = path.display();
+            return Err(Failure::Input(format!("{path} has the name of a result and is not an ordinary file: {}", remedies.irregular)));
         }
         let probe = results.folder.join(PROBE);
-        std::fs::write(&probe, b"").and_then(|()| std::fs::remove_file(&probe)).map_err(|error| cannot(&results.folder, error))?;
+        let probed = std::fs::write(&probe, b"").and_then(|()| std::fs::remove_file(&probe));
+        probed.map_err(|error| remedies.unusable(&results.folder, &error))?;
         Ok(results)
     }
 
@@ -110,18 +149,34 @@ impl Results {
         for (name, bytes) in [(SUMMARY, SUMMARY_BYTES), (JOB, job_bytes + FAULTS_BYTES)].into_iter().chain(repeated) {
             runtime::reserve(&self.folder.join(name), bytes).map_err(|error| {
                 release(&self.folder);
-                Failure::Input(format!("cannot write results to {}: {error}; choose another folder with --out", self.folder.display()))
+                FOR_A_RUN.unusable(&self.folder, &error)
             })?;
         }
         Ok(())
     }
 
-    /// Removes the recording and the summary that an earlier run left in the folder.
-    pub(crate) fn remove_old_recording(&self) -> Result<(), Failure> {
-        let summary = Some(self.folder.join(SUMMARY)).filter(|path| path.exists());
-        viz::parts_in(&self.folder).iter().chain(&summary).try_for_each(|old| {
-            std::fs::remove_file(old).map_err(|error| Failure::Input(format!("cannot replace {}: {error}", old.display())))
-        })
+    /// Removes the results of an earlier run from the folder, so that none is taken for this run's: its recording, its summary, its message logs, and the
+    /// files that repeat it, except those that this run writes anew. A folder without a run is left as it is.
+    pub(crate) fn remove_old(&self, job: &Job) -> Result<(), Failure> {
+        let at = |name: &str| self.folder.join(name);
+        let mut old = viz::parts_in(&self.folder);
+        if at(SUMMARY).exists() || at(JOB).exists() {
+            let again = repeated(job, &Summary::default())?;
+            let is_again = |name: &str| name == JOB || again.iter().any(|(again, _)| *again == name);
+            old.extend(KEPT.into_iter().filter(|name| !is_again(name)).map(at));
+            let logs = std::fs::read_dir(at(recorder::MESSAGES)).into_iter().flatten().flatten().map(|entry| entry.path());
+            old.extend(logs.filter(|path| path.extension().is_some_and(|extension| extension == "log")));
+        }
+        let remove = |old: &PathBuf| match std::fs::remove_file(old) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                Err(Failure::Input(format!("cannot replace {}: {error}", old.display())))
+            }
+            _ => Ok(()),
+        };
+        old.iter().try_for_each(remove)?;
+        // Fails, as it should, where there is something in it.
+        let _ = std::fs::remove_dir(at(recorder::MESSAGES));
+        Ok(())
     }
 
     /// Writes what makes the run repeatable and readable: the summary, the job, and the scenario with every fault planned that came to pass.

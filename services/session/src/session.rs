@@ -54,7 +54,7 @@ pub struct Finished {
     pub folder: PathBuf,
     /// How its processes ended.
     pub end: End,
-    /// Whether the summary, the job and the scenario could be written into the folder.
+    /// Whether the results are whole: summary, job and scenario could be written into the folder, and the recording and the message logs to their end.
     pub saved: Result<(), Failure>,
 }
 
@@ -94,7 +94,7 @@ pub fn run_loaded(request: &Request, loaded: Loaded, begin: Begin<'_>, observer:
         ..load::job(&robot, scenario, graph, request.mode, results.folder.clone())
     };
     results.reserve(&job)?;
-    results.remove_old_recording()?;
+    results.remove_old(&job)?;
     let mut plan = plan(&job)?;
     plan.limits = plan.limits.with_silence(request.silence_limit);
     let live = if request.live { Some(Live::start(&results.folder, observer)?) } else { None };
@@ -105,6 +105,17 @@ pub fn run_loaded(request: &Request, loaded: Loaded, begin: Begin<'_>, observer:
     let (outcome, account) = launched?;
     let mut summary = summarise(&job, &outcome, account);
     complete(&results.folder, &mut summary, observer);
-    let saved = results.keep(&job, &summary);
+    let saved = results.keep(&job, &summary).and_then(|()| whole(&summary));
     Ok(Finished { summary, folder: results.folder.clone(), end: outcome.end, saved })
+}
+
+/// Whether recording and message logs hold the whole run, as far as its summary knows.
+///
+/// # Errors
+/// [`Failure::Work`] where they do not: a full volume, a damaged message log.
+pub fn whole(summary: &Summary) -> Result<(), Failure> {
+    match &summary.recorder.error {
+        error if error.is_empty() => Ok(()),
+        error => Err(Failure::Work(format!("the results are not whole: {error}"))),
+    }
 }

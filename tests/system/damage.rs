@@ -1,0 +1,135 @@
+//! Results that are not whole: each command that reads or makes them says so, and its exit code does.
+
+use std::path::Path;
+
+use serde_json::Value;
+
+use crate::command::{Desk, assert_nothing_left};
+
+/// A short motion.
+const SHORT: &str = "name = \"short\"\nrobot = \"puma560\"\nsettle_s = 0.3\n[start]\nq_deg = [20, -60, 170, 0, 30, 0]\n\
+                     [[segment]]\nby_m = [0.01, 0.0, 0.0]\nduration_s = 0.5\n";
+
+fn json(text: &str) -> Value {
+    serde_json::from_str(text).unwrap_or_else(|error| panic!("{error}: {text}"))
+}
+
+/// Takes away what a killed launcher does not leave.
+fn as_of_a_killed_launcher(run: &Path) {
+    for name in ["summary.json", "scenario.toml", "run.rrd"] {
+        std::fs::remove_file(run.join(name)).unwrap();
+    }
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut names: Vec<String> = entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn recover_says_which_log_is_damaged_and_what_that_costs() {
+    let desk = Desk::new();
+    desk.file("short.toml", SHORT);
+    let whole = desk.run(&["short.toml", "--out", "r"]);
+    let run = desk.path().join("r");
+    as_of_a_killed_launcher(&run);
+    let said = desk.armplane(&["recover", "r", "--json"]);
+    let again = json(&said.out);
+    assert_eq!((said.code, &again["topics"], &again["ticks"]), (0, &whole["topics"], &whole["ticks"]), "{}", said.err);
+
+    let log = run.join("messages/sensor.log");
+    let written = std::fs::read(&log).unwrap();
+    let mut damaged = written.clone();
+    damaged[written.len() / 2] ^= 4;
+    std::fs::write(&log, &damaged).unwrap();
+    as_of_a_killed_launcher(&run);
+    let said = desk.armplane(&["recover", "r", "--json"]);
+    let again = json(&said.out);
+    let sentence = again["recorder"]["error"].as_str().unwrap();
+    assert!(
+        sentence.starts_with("sensor.log is damaged at tick ") && sentence.ends_with("its messages of 128 ticks are lost"),
+        "{sentence}"
+    );
+    assert!(said.code == 1 && said.err.contains(&format!("the results are not whole: {sentence}")), "{}", said.err);
+    assert_eq!(again["topics"]["sensor"]["count"].as_u64().unwrap() + 128, whole["topics"]["sensor"]["count"].as_u64().unwrap());
+    assert_eq!(again["topics"]["torque"], whole["topics"]["torque"], "the other logs are whole");
+    for command in [&["export", "r"][..], &["replay", "r", "--process", "estimator"]] {
+        let said = desk.armplane(command);
+        assert!(
+            said.code == 1 && (said.err.clone() + &said.out).contains("sensor.log is damaged"),
+            "{command:?}: {}{}",
+            said.out,
+            said.err
+        );
+    }
+
+    // The first bytes of a log, and all of it.
+    for (bytes, words) in
+        [(&b"other bytes than those of a log"[..], "torque.log is damaged at tick 0"), (b"", "`torque` is missing or empty")]
+    {
+        std::fs::write(&log, &written).unwrap();
+        std::fs::write(run.join("messages/torque.log"), bytes).unwrap();
+        as_of_a_killed_launcher(&run);
+        let said = desk.armplane(&["recover", "r"]);
+        assert!(said.code == 1 && said.err.contains(words) && said.err.lines().count() == 1, "{}{}", said.out, said.err);
+    }
+}
+
+#[test]
+fn a_link_in_the_place_of_a_log_is_refused_with_a_remedy_that_recover_has() {
+    let desk = Desk::new();
+    desk.file("short.toml", SHORT);
+    desk.run(&["short.toml", "--out", "r"]);
+    let run = desk.path().join("r");
+    as_of_a_killed_launcher(&run);
+    let (log, elsewhere) = (run.join("messages/sensor.log"), desk.file("elsewhere", "mine"));
+    std::fs::remove_file(&log).unwrap();
+    std::os::unix::fs::symlink(&elsewhere, &log).unwrap();
+    let said = desk.armplane(&["recover", "r"]);
+    assert!(said.code == 2 && said.err.contains("sensor.log") && said.err.contains("recover the run again"), "{}", said.err);
+    assert!(!said.err.contains("--out"), "{}", said.err);
+    assert_eq!(std::fs::read_to_string(elsewhere).unwrap(), "mine");
+}
+
+#[test]
+fn a_folder_that_is_used_again_holds_nothing_of_its_former_run() {
+    let desk = Desk::new();
+    desk.file("short.toml", SHORT);
+    desk.file("targets.csv", "# armplane targets 1, length mm\n0, twist, base, 0.3, 100 0 0 0 0 0.2\n0.3, end\n");
+    let said = desk.armplane(&["servo", "puma560", "--from", "targets.csv", "--out", "r", "--json"]);
+    let run = desk.path().join("r");
+    assert!(said.code == 0 && run.join("targets.csv").exists() && run.join("messages/target.log").exists(), "{}", said.err);
+    desk.run(&["short.toml", "--out", "r"]);
+    desk.run(&["short.toml", "--out", "fresh"]);
+    for folder in ["", "messages"] {
+        assert_eq!(names(&run.join(folder)), names(&desk.path().join("fresh").join(folder)), "{folder}");
+    }
+    desk.run(&["short.toml", "--out", "r", "--no-messages"]);
+    assert!(!run.join("messages").exists(), "{:?}", names(&run.join("messages")));
+    // A run from its own folder reads its files before they are replaced.
+    let first = json(&desk.armplane(&["servo", "puma560", "--from", "targets.csv", "--out", "s", "--json"]).out);
+    let again = desk.run(&["s/scenario.toml", "--out", "s"]);
+    assert_eq!(first["topics"], again["topics"]);
+    // Files with the names of results, in a folder of which no run has been, are not the program's.
+    std::fs::create_dir(desk.path().join("mine")).unwrap();
+    desk.file("mine/targets.csv", "mine");
+    desk.run(&["short.toml", "--out", "mine"]);
+    assert_eq!(std::fs::read_to_string(desk.path().join("mine/targets.csv")).unwrap(), "mine");
+}
+
+#[test]
+fn a_recording_that_a_full_volume_ends_is_in_the_exit_code() {
+    let desk = Desk::new();
+    desk.file("short.toml", &(SHORT.to_owned() + "[[fault]]\nprocess = \"recorder\"\nkind = \"disk-full\"\nat_tick = 300\n"));
+    let said = desk.armplane(&["run", "short.toml", "--out", "r", "--json"]);
+    let summary = json(&said.out);
+    assert_eq!(summary["outcome"], "goal reached");
+    assert!(
+        said.code == 1 && said.err.contains("the results are not whole") && said.err.contains("the recording ends after"),
+        "{}",
+        said.err
+    );
+    assert_nothing_left(said.launcher);
+}
