@@ -140,6 +140,8 @@ codes! {
         DRIVE_SPEED = 16 "speed",
         /// A torque came that was computed from too old a state, and was refused: it counts as absent.
         DRIVE_STALE = 64 "stale",
+        /// An encoder reports another position than the drives' own sensors: the torque computed from it was refused, and counts as absent.
+        DRIVE_ENCODER = 128 "encoder",
         /// The simulated motion left the finite numbers; the arm was stopped where it last was.
         DRIVE_DIVERGED = 32 "diverged",
     }

@@ -3,8 +3,8 @@
 use model::Model;
 use nalgebra::SVector;
 use shared_types::codes::{
-    DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_EFFORT, DRIVE_HOLDING, DRIVE_RATE, DRIVE_REFUSED, DRIVE_SPEED, DRIVE_STALE,
-    DRIVE_STOPPING,
+    DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_EFFORT, DRIVE_ENCODER, DRIVE_HOLDING, DRIVE_RATE, DRIVE_REFUSED, DRIVE_SPEED,
+    DRIVE_STALE, DRIVE_STOPPING,
 };
 
 /// Fastest change of applied torque, as a fraction of the effort limit per second: half of it in a millisecond.
@@ -14,7 +14,7 @@ pub(crate) const TORQUE_RATE: f64 = 500.0;
 pub(crate) const RETURN_RATE: f64 = 100.0;
 
 /// Damping of the stop law per unit of inertia: each joint's speed falls as exp(−20 t); 1/s.
-pub(crate) const STOP_GAIN: f64 = 20.0;
+pub const STOP_GAIN: f64 = 20.0;
 
 /// Damping of what a joint is faster than its speed limit, per unit of inertia; 1/s. Other joints at full torque push with a few rad/s², which
 /// this holds at some hundredths of a rad/s.
@@ -65,7 +65,8 @@ pub struct Applied<const N: usize> {
 ///
 /// Every applied torque is within the effort limit and within a bounded step of the one before: half the effort limit per
 /// millisecond, a tenth while returning from a stop. Above its speed limit a joint gets no torque that would keep it
-/// there. A torque with a NaN or an infinity is refused whole and counts as absent.
+/// there. A torque with a NaN or an infinity is refused whole and counts as absent; so is one that was computed from a reading of the
+/// encoders that the drives' own sensors contradict.
 #[derive(Clone, Debug)]
 pub struct Drive<const N: usize> {
     /// The drives' model of the arm: its description, not the simulated deviation from it.
@@ -114,24 +115,30 @@ impl<const N: usize> Drive<N> {
 
     /// The same for a command that was computed from a state `age` ticks ago; one older than `hold_ticks` is refused and counts as absent.
     pub fn answer(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, command: Option<&SVector<f64, N>>, age: u32) -> &Applied<N> {
-        let mut flags = 0;
-        let fresh = match command {
-            Some(_) if age > self.hold_ticks => {
-                self.refused = self.refused.saturating_add(1);
-                flags |= DRIVE_STALE;
-                None
-            }
-            Some(tau) if tau.iter().all(|x| x.is_finite()) => Some(*tau),
-            Some(_) => {
-                self.refused = self.refused.saturating_add(1);
-                flags |= DRIVE_REFUSED;
-                None
-            }
-            None => {
-                flags |= DRIVE_ABSENT;
-                None
-            }
+        let (fresh, flag) = match command {
+            Some(_) if age > self.hold_ticks => (None, DRIVE_STALE),
+            Some(tau) if tau.iter().all(|x| x.is_finite()) => (Some(*tau), 0),
+            Some(_) => (None, DRIVE_REFUSED),
+            None => (None, DRIVE_ABSENT),
         };
+        self.advance(q, qdot, fresh, age, flag)
+    }
+
+    /// The same where the encoders report another position than the drives' own sensors: the command was computed from it, is refused, and counts as absent.
+    pub fn refuse(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> &Applied<N> {
+        self.advance(q, qdot, None, 0, DRIVE_ENCODER)
+    }
+
+    /// One tick under a fresh torque, or without one for the reason `flags`.
+    fn advance(
+        &mut self,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        fresh: Option<SVector<f64, N>>,
+        age: u32,
+        mut flags: u32,
+    ) -> &Applied<N> {
+        self.refused = self.refused.saturating_add(u32::from(flags & (DRIVE_STALE | DRIVE_REFUSED | DRIVE_ENCODER) != 0));
         let stale_ticks = if fresh.is_some() { age } else { self.applied.stale_ticks.saturating_add(1) };
         let drive = self.next(fresh.is_some(), stale_ticks, qdot);
         self.stopping_ticks = if drive == DRIVE_STOPPING { self.stopping_ticks + 1 } else { 0 };

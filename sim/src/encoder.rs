@@ -4,6 +4,13 @@ use crate::noise::gaussian;
 use model::{JointKind, Robot};
 use nalgebra::SVector;
 
+/// Farther from the drives' own sensors than this no reading is taken for a position; rad, and for a sliding joint m. More than a reading drifts
+/// while its arm still reaches its goal, and so little that a drive at full torque has not become fast by then.
+const CONTRADICTION: (f64, f64) = (0.03, 0.01);
+
+/// The same of coarse or noisy encoders, in counts, and in standard deviations of their noise: a reading in 10¹⁵ is that far off.
+const UNLIKELY: (f64, f64) = (1.0, 8.0);
+
 /// The joint encoders of an arm.
 ///
 /// reading = r·round(q/r + σ·z), with r = 2π/2^bits for a turning joint and 1 m/2^bits for a sliding one,
@@ -15,6 +22,8 @@ pub struct Encoders<const N: usize> {
     /// Size of a count; rad (m for a sliding joint). 0: ideal.
     resolution: SVector<f64, N>,
     noise_counts: f64,
+    /// Error that neither noise nor a small fault explains; rad (m for a sliding joint).
+    tolerance: SVector<f64, N>,
     seed: u64,
 }
 
@@ -30,7 +39,25 @@ impl<const N: usize> Encoders<N> {
             Some(JointKind::Prismatic) => 1.0 / (1u64 << bits) as f64,
             Some(JointKind::Revolute | JointKind::Continuous) => std::f64::consts::TAU / (1u64 << bits) as f64,
         });
-        Self { resolution, noise_counts, seed }
+        let tolerance = SVector::from_fn(|i, _| {
+            let is_sliding = robot.joints.get(i).is_some_and(|joint| joint.kind == JointKind::Prismatic);
+            let least = if is_sliding { CONTRADICTION.1 } else { CONTRADICTION.0 };
+            least.max(resolution[i] * (UNLIKELY.0 + UNLIKELY.1 * noise_counts))
+        });
+        Self { resolution, noise_counts, tolerance, seed }
+    }
+
+    /// The farthest that a reading may be from the drives' own sensors; rad (m for a sliding joint).
+    #[must_use]
+    pub fn tolerance(&self) -> &SVector<f64, N> {
+        &self.tolerance
+    }
+
+    /// Whether a reading is that of joints at `q`, as far as the drives can tell by their own sensors: |reading − q| within 0.03 rad (0.01 m for a sliding
+    /// joint), or within a count and eight standard deviations of the noise where that is more.
+    #[must_use]
+    pub fn agrees(&self, reading: &SVector<f64, N>, q: &SVector<f64, N>) -> bool {
+        (0..N).all(|i| (reading[i] - q[i]).abs() <= self.tolerance[i])
     }
 
     /// The encoders' readings at `tick` with the joints at `q`; rad. A pure function of both.
@@ -85,6 +112,20 @@ mod tests {
     fn zero_bits_are_ideal() {
         let q = SVector::from_fn(|i, _| 0.1 + i as f64 / 7.0);
         assert_eq!(encoders(0, 0.5).read(9, &q), q);
+    }
+
+    #[test]
+    fn noise_agrees_with_the_joints_and_a_frozen_reading_does_not() {
+        for (bits, noise, within, beyond) in [(16, 0.5, 0.029, 0.031), (0, 0.0, 0.029, 0.031), (8, 2.0, 0.41, 0.43)] {
+            let encoders = encoders(bits, noise);
+            for tick in 0..500 {
+                let q = SVector::from_fn(|i, _| (tick * 6 + i as u64) as f64 * 1.618e-3 - 3.0);
+                assert!(encoders.agrees(&encoders.read(tick, &q), &q), "{bits} bits, tick {tick}");
+            }
+            let at = |away: f64| SVector::from_fn(|i, _| if i == 4 { away } else { 0.0 });
+            let agrees = |away| encoders.agrees(&at(away), &SVector::zeros());
+            assert!(agrees(within) && agrees(-within) && !agrees(beyond) && !agrees(-beyond) && !agrees(f64::NAN), "{bits} bits");
+        }
     }
 
     #[test]

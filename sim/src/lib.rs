@@ -25,7 +25,7 @@ mod solids;
 mod tests;
 mod world;
 
-pub use drive::{Applied, Drive};
+pub use drive::{Applied, Drive, STOP_GAIN};
 pub use encoder::Encoders;
 pub use error::PlantError;
 pub use hybrid::Touch;

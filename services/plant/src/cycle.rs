@@ -35,6 +35,8 @@ pub trait Step {
     fn step(&mut self, command: Option<&TorqueCommand>);
     /// Takes up the faults that concern `tick`, before its sample.
     fn apply_faults(&mut self, tick: u64, scheduled_faults: &[ScheduledFault]);
+    /// Whether the drives' own sensors contradict the encoders' readings of this tick: its torque will be refused.
+    fn is_contradicted(&self) -> bool;
     /// Whether there is nothing more to simulate: the task is done; or the controller refused to go on, and the arm has had
     /// 2 s to come to rest; or the motion left the finite numbers; or the run is 20 times as long as planned, or as long as the interrupted one
     /// that it repeats.
@@ -54,6 +56,8 @@ pub struct Cycle<const N: usize> {
     ticks: u64,
     diverged: bool,
     hardware_faults: HardwareFaults<N>,
+    /// The encoders report a position of this tick that the drives' own sensors contradict.
+    contradicted: bool,
     /// Torque that acted on the joints over the last tick: what the drives applied, where none of them failed; N·m.
     acted: SVector<f64, N>,
 }
@@ -76,6 +80,7 @@ impl<const N: usize> Cycle<N> {
             acted: drive.applied().tau,
             drive,
             hardware_faults: HardwareFaults::new(scenario.dt_s()),
+            contradicted: false,
             encoders: Encoders::new(robot, options.encoder_bits, options.encoder_noise_counts, scenario.seed),
             dof: robot.dof(),
             end: TaskEnd::new(scenario.rate_hz, longest),
@@ -119,15 +124,24 @@ impl<const N: usize> Step for Cycle<N> {
     }
 
     fn apply_faults(&mut self, tick: u64, scheduled_faults: &[ScheduledFault]) {
-        let reading = self.encoders.read(tick, &self.plant.state().q);
+        let q = &self.plant.state().q;
+        let reading = self.encoders.read(tick, q);
         self.hardware_faults.begin(scheduled_faults, &reading, &self.acted);
+        self.contradicted = !self.encoders.agrees(&self.hardware_faults.read(tick, &reading), q);
+    }
+
+    fn is_contradicted(&self) -> bool {
+        self.contradicted
     }
 
     fn step(&mut self, command: Option<&TorqueCommand>) {
         let tau = command.map(|command| embedded::<N>(&command.tau[..self.dof]));
         let age = command.map_or(0, |command| self.ticks.saturating_sub(command.header.tick));
         let x = self.plant.state();
-        let applied = self.drive.answer(&x.q, &x.qdot, tau.as_ref(), u32::try_from(age).unwrap_or(u32::MAX));
+        let applied = match (self.contradicted, &tau) {
+            (true, Some(_)) => self.drive.refuse(&x.q, &x.qdot),
+            (_, tau) => self.drive.answer(&x.q, &x.qdot, tau.as_ref(), u32::try_from(age).unwrap_or(u32::MAX)),
+        };
         let (braked, acting) = (applied.braked, self.hardware_faults.act(&applied.tau, &x.qdot, self.plant.model().effort()));
         self.acted = acting;
         if braked {
@@ -150,8 +164,11 @@ impl<const N: usize> Step for Cycle<N> {
 mod tests {
     use super::*;
     use shared_types::codes::{
-        DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_HOLDING, DRIVE_REFUSED, DRIVE_STOPPING, PHASE_DONE, PHASE_REFUSED, PHASE_RUNNING,
+        DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_ENCODER, DRIVE_HOLDING, DRIVE_REFUSED, DRIVE_STOPPING, PHASE_DONE, PHASE_REFUSED,
+        PHASE_RUNNING,
     };
+    use shared_types::fault::{Fault, Kind, Target, Way};
+    use shared_types::process::Role;
     use shared_types::scenario::{Segment, Start};
     use shared_types::wire::Part;
     use shared_types::{MAX_DOF, Message};
@@ -300,6 +317,32 @@ mod tests {
             assert_eq!((truth.drive_flags & DRIVE_REFUSED, truth.refused), (DRIVE_REFUSED, tick as u32));
         }
         assert_eq!(sampled(&cycle, 0).1.drive, DRIVE_BRAKED);
+    }
+
+    #[test]
+    fn a_torque_computed_from_an_encoder_that_is_stuck_is_refused_until_it_reads_the_joint_again() {
+        let mut cycle = cycle(&scenario());
+        let fault =
+            Fault { way: Some(Way::Stuck), joint: Some(1), at_tick: Some(200), for_ticks: Some(500), ..Fault::new("plant", Kind::Sensor) };
+        let stuck = [fault.schedule(&Target::sending::<SensorSample>(0, Role::World), 1000, 1).unwrap()];
+        let (mut refused, mut stopped) = (0, 0);
+        for tick in 0..900 {
+            let in_force: &[ScheduledFault] = if (200..700).contains(&tick) { &stuck } else { &[] };
+            cycle.apply_faults(tick, in_force);
+            let (sample, truth) = sampled(&cycle, tick);
+            let error = (sample.q_encoder[0] - truth.q[0]).abs();
+            assert!(error < 0.2, "the arm is stopped at tick {tick}, {error} rad on");
+            assert_eq!(cycle.is_contradicted(), error > 0.03, "tick {tick}: {error} rad");
+            // From when it is stuck on, as much torque as joint 1 has, in the direction of the motion.
+            let push = [(200, 10.0), (700, 97.6), (u64::MAX, 0.0)].iter().find(|(until, _)| tick < *until).map_or(0.0, |(_, push)| *push);
+            let go_on = command(&truth, [push, 0.0, 0.0, 0.0, 0.0, 0.0]);
+            cycle.step(Some(&go_on));
+            let next = sampled(&cycle, tick + 1).1;
+            refused += u32::from(next.drive_flags & DRIVE_ENCODER != 0);
+            stopped += u32::from(matches!(next.drive, DRIVE_STOPPING | DRIVE_BRAKED));
+        }
+        assert!(refused > 400 && stopped > 400, "{refused} refused, {stopped} ticks stopped");
+        assert_eq!(sampled(&cycle, 900).1.drive, DRIVE_ACTIVE, "the encoder reads the joint again");
     }
 
     #[test]

@@ -41,6 +41,9 @@ pub fn run(shell: &Shell, robot: &Robot, scenario: &Scenario) -> Result<(), Proc
         });
         if had_faults || !scheduled_faults.is_empty() {
             cycle.apply_faults(tick, &scheduled_faults);
+            if cycle.is_contradicted() {
+                shell.mark_detected();
+            }
         }
         let (mut sample, mut truth) = (sensors.loan_as_is(tick)?, truths.loan_as_is(tick)?);
         cycle.sample(tick, &mut sample, &mut truth);

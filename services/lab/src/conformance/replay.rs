@@ -9,7 +9,7 @@ use model::{Refused, Robot};
 use recorder::MessageRows;
 use runtime::apply_to_outgoing;
 use session::{Failure, JOB, Observer, Progress, Run, SUMMARY, load};
-use shared_types::codes::{DRIVE_ABSENT, DRIVE_STALE};
+use shared_types::codes::{DRIVE_ABSENT, DRIVE_ENCODER, DRIVE_STALE};
 use shared_types::fault::{Fault, Kind, ScheduledFault};
 use shared_types::graph::Process;
 use shared_types::job::Job;
@@ -310,7 +310,7 @@ impl Tape<'_> {
             let flags = truth.map_or(0, |truth| truth.drive_flags);
             let age = next.map_or(0, |next| u64::from(next.stale_ticks));
             let command = match flags {
-                flags if flags & DRIVE_STALE != 0 => Some(TorqueCommand::default()),
+                flags if flags & (DRIVE_STALE | DRIVE_ENCODER) != 0 => Some(TorqueCommand::default()),
                 flags if flags & DRIVE_ABSENT != 0 => None,
                 _ => commands.at(tick.saturating_sub(age)).map_err(Failure::work)?,
             };

@@ -2,7 +2,7 @@
 
 use model::Robot;
 use recorder::Limits;
-use shared_types::codes::{DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_HOLDING, DRIVE_REFUSED, DRIVE_STALE};
+use shared_types::codes::{DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_ENCODER, DRIVE_HOLDING, DRIVE_REFUSED, DRIVE_STALE};
 use shared_types::fault::{Fault, Kind};
 use shared_types::scenario::Scenario;
 use shared_types::{PlantState, SensorSample};
@@ -24,7 +24,7 @@ const AFTERMATH_S: f64 = 1.0;
 const REST: f64 = 0.05;
 
 /// Why a torque is not a fresh one.
-const NOT_FRESH: u32 = DRIVE_ABSENT | DRIVE_REFUSED | DRIVE_STALE;
+const NOT_FRESH: u32 = DRIVE_ABSENT | DRIVE_REFUSED | DRIVE_STALE | DRIVE_ENCODER;
 
 /// A fault of a drive: it excuses a step of its own joint's torque while it lasts, and the speed until shortly after.
 #[derive(Clone, Copy, Debug)]

@@ -34,6 +34,10 @@ pub struct Cell {
     pub excursion_max_rad: f64,
     /// The same of the end-effector's position; mm.
     pub excursion_max_mm: f64,
+    /// The most that is allowed of a joint's; rad.
+    pub excursion_allowed_rad: f64,
+    /// The most that is allowed of the end-effector's; mm.
+    pub excursion_allowed_mm: f64,
     /// From the fault to the first tick of fresh torque after the drives had taken over, or to rest; null where they never had to.
     pub settled_ms: Option<f64>,
     /// The drives follow the controller again, or never had to stop.

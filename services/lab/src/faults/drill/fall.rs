@@ -8,10 +8,12 @@ use model::{JointKind, Model, Refused, Robot, with_dof};
 use nalgebra::SVector;
 use runtime::random;
 
-/// The bound over the fall: other joints give way a little, and a torque that is stuck may push the joint where gravity would pull it back.
-const MARGIN: f64 = 1.1;
+use super::limits::Excursion;
 
-/// Postures of which the worst counts.
+/// The bound over the fall: other joints give way a little, and a torque that is stuck may push the joint where gravity would pull it back.
+pub(super) const MARGIN: f64 = 1.1;
+
+/// How many postures.
 const POSTURES: u64 = 400;
 
 /// Steps of the integration during the fault.
@@ -23,35 +25,19 @@ const LONGEST: u32 = 3;
 /// Where a joint has no limits, its postures are within a turn.
 const TURN: f64 = std::f64::consts::PI;
 
-/// The farthest that a joint and the end-effector go.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Fall {
-    /// Of a joint; rad.
-    pub(super) joint_rad: f64,
-    /// Of the end-effector; mm.
-    pub(super) hand_mm: f64,
-}
-
 /// The fall of an arm whose drive of any one joint fails for `seconds`, and whose joints are at most so fast before; `frame` is its end-effector, the
 /// robot's own where there is none.
 ///
 /// # Errors
 /// [`Refused`] where the arm has no model.
-pub(super) fn fall(robot: &Robot, frame: Option<&str>, speed: &[f64], seconds: f64) -> Result<Fall, Refused> {
+pub(super) fn fall(robot: &Robot, frame: Option<&str>, speed: &[f64], seconds: f64) -> Result<Excursion, Refused> {
     with_dof!(robot.dof(), N => sized::<N>(robot, frame, speed, seconds)).unwrap_or_else(|| Err(Refused::size(robot)))
 }
 
-fn sized<const N: usize>(robot: &Robot, frame: Option<&str>, speed: &[f64], seconds: f64) -> Result<Fall, Refused> {
+fn sized<const N: usize>(robot: &Robot, frame: Option<&str>, speed: &[f64], seconds: f64) -> Result<Excursion, Refused> {
     let model = Model::<N>::new(robot, frame).map_err(Refused::because)?;
-    let mut most = Fall::default();
-    for posture in 0..POSTURES {
-        let at = |joint: usize| {
-            let Some(limits) = robot.joints.get(joint) else { return 0.0 };
-            let (lower, upper) = (limits.lower.max(-TURN), limits.upper.min(TURN));
-            let share = (random(posture, joint as u64) >> 11) as f64 / (1_u64 << 53) as f64;
-            lower + (upper - lower) * share
-        };
-        let q = SVector::<f64, N>::from_fn(|joint, _| at(joint));
+    let mut most = Excursion::NONE;
+    for q in postures::<N>(robot) {
         let A = model.mass_matrix(&q);
         let J = model.jacobian(&q);
         for (joint, description) in robot.joints.iter().enumerate() {
@@ -64,6 +50,17 @@ fn sized<const N: usize>(robot: &Robot, frame: Option<&str>, speed: &[f64], seco
         }
     }
     Ok(most)
+}
+
+/// Postures within the joint limits, of which the worst counts.
+pub(super) fn postures<const N: usize>(robot: &Robot) -> impl Iterator<Item = SVector<f64, N>> {
+    let at = |posture: u64, joint: usize| {
+        let Some(limits) = robot.joints.get(joint) else { return 0.0 };
+        let (lower, upper) = (limits.lower.max(-TURN), limits.upper.min(TURN));
+        let share = (random(posture, joint as u64) >> 11) as f64 / (1_u64 << 53) as f64;
+        lower + (upper - lower) * share
+    };
+    (0..POSTURES).map(move |posture| SVector::from_fn(|joint, _| at(posture, joint)))
 }
 
 /// The way of one joint of inertia `A_jj` from a posture, in the direction in which gravity pulls it; rad or m.
@@ -91,7 +88,7 @@ fn dropped<const N: usize>(model: &Model<N>, from: &SVector<f64, N>, joint: usiz
 mod tests {
     use super::*;
 
-    fn of(name: &str, speed: f64, seconds: f64) -> Fall {
+    fn of(name: &str, speed: f64, seconds: f64) -> Excursion {
         let robot = Robot::builtin(name).unwrap();
         fall(&robot, None, &[speed; 8], seconds).unwrap()
     }

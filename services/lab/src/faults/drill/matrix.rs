@@ -23,8 +23,9 @@ use shared_types::{MAX_DOF, Message, PlantState, SensorSample};
 
 use super::super::motion::{Guarantee, Motion, SPEED_MARGIN};
 use super::cell::Cell;
-use super::fall::{Fall, fall};
-use super::limits;
+use super::fall::fall;
+use super::limits::{self, Excursion};
+use super::misled::misled;
 use super::picture::picture;
 use super::plan::{Only, Plan, Terms, plans};
 use super::without::Without;
@@ -201,6 +202,7 @@ impl<'a> Drill<'a> {
         truth.iter().for_each(|state| motion.add(state));
         ran.samples.iter().for_each(|sample| motion.add_age(sample));
         let tick_ms = 1e3 / f64::from(self.job.scenario.rate_hz);
+        let allowed = self.allowed(plan, base)?;
         let mut cell = Cell {
             scenario: self.job.scenario.name.clone(),
             process: joined(&|fault| fault.process.clone()),
@@ -216,6 +218,8 @@ impl<'a> Drill<'a> {
             torque_step_max_ratio: motion.torque_step_max_ratio,
             excursion_max_rad: excursion(&base.truth, truth, joints_apart),
             excursion_max_mm: 1e3 * excursion(&base.truth, truth, hands_apart),
+            excursion_allowed_rad: allowed.joint_rad,
+            excursion_allowed_mm: allowed.hand_mm,
             settled_ms: settled(truth, at_tick).map(|ticks| ticks as f64 * tick_ms),
             restarts: ran.summary.processes.iter().map(|process| process.restarts).sum(),
             messages_lost: ran.summary.recorder.lost,
@@ -229,8 +233,7 @@ impl<'a> Drill<'a> {
         cell.goal_reached = ran.summary.completed && limits::is_goal(task.final_position_mm, task.final_orientation_deg);
         cell.recovered = ran.end == End::Completed && last.is_some_and(|state| state.drive == DRIVE_ACTIVE);
         cell.safe_stop = motion.is_at_rest();
-        let fall = self.fall(plan, base)?;
-        cell.invariants_broken = motion.broken().into_iter().chain(limits::broken(&cell, fall)).collect();
+        cell.invariants_broken = motion.broken().into_iter().chain(limits::broken(&cell)).collect();
         let mut broken = |is_broken: bool, what: String| {
             if is_broken {
                 cell.invariants_broken.push(what);
@@ -255,15 +258,21 @@ impl<'a> Drill<'a> {
         Ok(cell)
     }
 
-    /// How far the arm may fall where a drive fails, from the speeds that it has without a fault; `None` where none does.
-    fn fall(&self, plan: &Plan, base: &Ran) -> Result<Option<Fall>, Failure> {
+    /// How far the arm may go: where a drive or a sensor fails, from the speeds that it has without a fault.
+    fn allowed(&self, plan: &Plan, base: &Ran) -> Result<Excursion, Failure> {
         let rate_hz = f64::from(self.job.scenario.rate_hz);
         let length_s = |fault: &Fault| fault.for_ticks.map_or(fault.kind.usual_length_s(), |ticks| ticks as f64 / rate_hz);
-        let longest = plan.iter().filter(|fault| fault.kind == Kind::Drive).map(length_s).reduce(f64::max);
         let fastest = |joint: usize| base.truth.iter().fold(0.0_f64, |most, state| most.max(state.qdot[joint].abs()));
         let speed: Vec<f64> = (0..MAX_DOF).map(fastest).collect();
-        let fall = |seconds| fall(self.robot, self.job.scenario.frame(), &speed, seconds).map_err(Failure::input);
-        longest.map(fall).transpose()
+        let mut most = Excursion::ORDINARY;
+        for fault in plan {
+            most = most.or(match fault.kind {
+                Kind::Drive => fall(self.robot, self.job.scenario.frame(), &speed, length_s(fault)).map_err(Failure::input)?,
+                Kind::Sensor => misled(self.robot, &self.job.scenario, &speed).map_err(Failure::input)?,
+                _ => Excursion::NONE,
+            });
+        }
+        Ok(most)
     }
 }
 

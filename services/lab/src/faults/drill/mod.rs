@@ -4,6 +4,7 @@ mod cell;
 mod fall;
 mod limits;
 mod matrix;
+mod misled;
 mod picture;
 mod plan;
 mod text;
