@@ -31,6 +31,7 @@ use crate::types::{Command, Mode, Phase, Refusal, Report};
 use model::{Model, Robot, Terms};
 use nalgebra::{SVector, Vector6};
 use shared_types::scenario::{Control, Scenario, Strategy};
+use shared_types::wire::Part;
 use shared_types::{ControllerCheckpoint, MAX_SINGULARITIES};
 
 /// Joint speed over its limit, at full clock speed, beyond which the path is refused: twice the limit even at the slowest clock.
@@ -395,9 +396,13 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// Takes up what [`save`](Self::save) has written: the next tick continues bit for bit.
+    /// Takes up what [`save`](Self::save) has written: the next tick continues bit for bit. From a state with a number that is not finite nothing goes on:
+    /// it is refused, and the arm brought to rest.
     pub fn restore(&mut self, from: &ControllerCheckpoint) {
         self.state = State::from_checkpoint(from, self.model.effort());
+        if !from.is_finite() {
+            self.state.refusal = Refusal::State;
+        }
         if let Some(steered) = &mut self.steered {
             steered.analyzer.restore(&from.servo.analysis);
         }

@@ -43,6 +43,9 @@ const PARTED: f64 = 0.05;
 const BEHIND_M: (f64, f64) = (0.004, 0.008);
 const PARTED_M: f64 = 0.012;
 
+/// No arm is faster than this: a checkpoint that says so is not one of a reference arm, rad/s.
+const ABSURD: f64 = 1e3;
+
 impl<const N: usize> Controller<N> {
     /// One tick of a steered run: the torque for this state, towards the target of this tick (`None`: none has come).
     ///
@@ -93,7 +96,13 @@ impl<const N: usize> Controller<N> {
             return self.refuse(q, qdot, self.state.refusal);
         }
         let qddot_r = self.accelerate(&reference);
+        let sent = self.state.sent;
         self.follow((q, qdot), (&q_r, &qdot_r, &qddot_r), (&terms, tau_disturbance), &mut command);
+        if !command.tau.iter().all(|x| x.is_finite()) {
+            // The torque to rest begins at the last one that was sent.
+            self.state.sent = sent;
+            return self.refuse(q, qdot, Refusal::Torque);
+        }
         self.proceed(clock, command.clipped);
         let (limits, dt) = (limits(&self.model), self.scenario.dt_s());
         let V = reference.J * qdot_r;
@@ -116,7 +125,9 @@ impl<const N: usize> Controller<N> {
     fn join(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, X: &Pose) {
         let behind_m = (self.model.forward_kinematics(&self.state.servo.q).p - X.p).norm();
         let State { servo, sent, refusal, .. } = &mut self.state;
-        if servo.parted || behind_m > PARTED_M || (servo.q - q).amax() > PARTED {
+        let is_near = behind_m <= PARTED_M && (servo.q - q).iter().all(|apart| apart.abs() <= PARTED);
+        let is_an_arms = servo.qdot.iter().all(|speed| speed.abs() <= ABSURD);
+        if servo.parted || !is_near || !is_an_arms {
             (servo.q, servo.qdot, servo.sent, servo.parted) = (*q, *qdot, *sent, false);
             servo.rest_at(*X);
             servo.stops = servo.stops.saturating_add(u32::from(!servo.stopping));
@@ -336,9 +347,10 @@ impl<const N: usize> Reference<N> {
                     }
                     self.held = *target;
                 }
-                Err(refusal) if self.refused_tick != Some(target.given_tick) => {
+                // A checkpoint has room for all ticks but the last.
+                Err(refusal) if self.refused_tick != Some(target.given_tick.min(u64::MAX - 1)) => {
                     self.refused = self.refused.saturating_add(1);
-                    (self.refusal, self.refused_tick) = (refusal, Some(target.given_tick));
+                    (self.refusal, self.refused_tick) = (refusal, Some(target.given_tick.min(u64::MAX - 1)));
                 }
                 Err(_) => {}
             }

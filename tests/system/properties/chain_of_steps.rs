@@ -7,20 +7,75 @@ use std::rc::Rc;
 use model::Robot;
 use shared_types::scenario::{Scenario, Strategy};
 use shared_types::wire::Part;
-use shared_types::{Checkpoint, ControlState, Layout, Message, PlantState, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+use shared_types::{
+    AnalyzerCheckpoint, Checkpoint, ControlState, ControllerCheckpoint, EstimatorCheckpoint, Layout, Message, PlantState, SensorSample,
+    ServoState, SingularityReport, StateEstimate, Target, TorqueCommand,
+};
 
 use super::input::{Bytes, Hand, numbers};
 
-/// An arm with its task, under a control law.
-type Case = Rc<(Robot, Scenario)>;
+/// An arm with its task, under a control law, and the processes that know them: to plan a path takes long, to begin anew from the first checkpoint does
+/// not. A process that goes on from a checkpoint is one that was started again, as far as any message shows.
+struct Case {
+    robot: Robot,
+    scenario: Scenario,
+    estimator: RefCell<Begun<dyn estimator::Step, EstimatorCheckpoint>>,
+    analyzer: RefCell<Begun<dyn analyzer::Step, AnalyzerCheckpoint>>,
+    controller: RefCell<Begun<dyn controller::Step, ControllerCheckpoint>>,
+}
+
+/// A step, and its checkpoint before the first tick.
+struct Begun<S: ?Sized, C> {
+    first: C,
+    step: Box<S>,
+}
+
+impl Case {
+    /// Where arm and law fit.
+    fn new(robot: Robot, scenario: Scenario) -> Option<Self> {
+        let (estimator, analyzer, controller) = (
+            estimator::cycle(&robot, &scenario).ok()?,
+            analyzer::cycle(&robot, &scenario).ok()?,
+            controller::cycle(&robot, &scenario).ok()?,
+        );
+        plant::cycle(&robot, &scenario).ok()?;
+        let (mut first, mut second, mut third) = <(EstimatorCheckpoint, AnalyzerCheckpoint, ControllerCheckpoint)>::default();
+        estimator.save(&mut first);
+        analyzer.save(&mut second);
+        controller.save(&mut third);
+        Some(Self {
+            robot,
+            scenario,
+            estimator: RefCell::new(Begun { first, step: estimator }),
+            analyzer: RefCell::new(Begun { first: second, step: analyzer }),
+            controller: RefCell::new(Begun { first: third, step: controller }),
+        })
+    }
+}
+
+/// The controller's step, as the process makes it: towards a target where the arm is steered.
+fn control(
+    step: &mut dyn controller::Step,
+    scenario: &Scenario,
+    (estimate, report, target): (&StateEstimate, &SingularityReport, Option<&Target>),
+    (servo, state, command): (&mut ServoState, &mut ControlState, &mut TorqueCommand),
+) {
+    match scenario.servo {
+        Some(_) => step.steer((estimate, report), target, servo, state, command),
+        None => step.step(estimate, report, state, command),
+    }
+}
+
+/// By scenario, law and analysis; `None` where arm and law do not fit.
+type Cases = BTreeMap<(usize, usize, bool), Option<Rc<Case>>>;
 
 thread_local! {
-    /// Those met so far; `None` where arm and law do not fit.
-    static CASES: RefCell<BTreeMap<(usize, usize, bool), Option<Case>>> = const { RefCell::new(BTreeMap::new()) };
+    /// Those met so far.
+    static CASES: RefCell<Cases> = const { RefCell::new(BTreeMap::new()) };
 }
 
 /// Every built-in scenario under every law, analysed by its formulas or by number.
-fn case(scenario: u8, law: u8, numeric: bool) -> Option<Case> {
+fn case(scenario: u8, law: u8, numeric: bool) -> Option<Rc<Case>> {
     let names: Vec<&str> = sim::scenarios::names().collect();
     let (place, law) = (scenario as usize % names.len(), law as usize % Strategy::ALL.len());
     CASES.with_borrow_mut(|cases| {
@@ -31,7 +86,7 @@ fn case(scenario: u8, law: u8, numeric: bool) -> Option<Case> {
             // The exact integrator: quick to make, and what happens to the arm is the same.
             scenario.plant.model = shared_types::scenario::PlantModel::Reference;
             let robot = Robot::builtin(&scenario.robot).expect("built in");
-            chain::Chain::new(&robot, &scenario).ok().map(|_| Rc::new((robot, scenario)))
+            Case::new(robot, scenario).map(Rc::new)
         };
         cases.entry((place, law, numeric)).or_insert_with(make).clone()
     })
@@ -49,20 +104,24 @@ fn is_safe(tau: &[f64], robot: &Robot, who: &str) {
 pub fn controller(bytes: &[u8]) {
     let mut hand = Hand(bytes);
     let Some(case) = case(hand.byte(), hand.byte(), hand.byte() & 1 != 0) else { return };
-    let (robot, scenario) = &*case;
-    let mut cycle = controller::cycle(robot, scenario).expect("it was accepted before");
+    let Case { robot, scenario, .. } = &*case;
+    let Begun { first, step } = &mut *case.controller.borrow_mut();
+    step.restore(first);
     let mut bytes = Bytes(hand.0);
-    let (mut state, mut command) = <(ControlState, TorqueCommand)>::default();
+    let (mut servo, mut state, mut command) = <(ServoState, ControlState, TorqueCommand)>::default();
+    let mut target: Option<Target> = None;
     for tick in 0..4 {
         let (mut estimate, mut report): (StateEstimate, SingularityReport) = (bytes.next(), bytes.next());
         (estimate.header.tick, report.header.tick) = (tick, tick);
-        cycle.step(&estimate, &report, &mut state, &mut command);
+        if scenario.servo.is_some() {
+            target = Some(bytes.next());
+        }
+        control(step.as_mut(), scenario, (&estimate, &report, target.as_ref()), (&mut servo, &mut state, &mut command));
         is_safe(&command.tau, robot, "controller");
         assert_eq!(command.header.tick, tick);
     }
-    let mut poisoned = controller::cycle(robot, scenario).expect("it was accepted before");
-    poisoned.restore(&bytes.next());
-    poisoned.step(&bytes.next(), &bytes.next(), &mut state, &mut command);
+    step.restore(&bytes.next());
+    control(step.as_mut(), scenario, (&bytes.next(), &bytes.next(), target.as_ref()), (&mut servo, &mut state, &mut command));
     is_safe(&command.tau, robot, "restored controller");
 }
 
@@ -70,7 +129,7 @@ pub fn controller(bytes: &[u8]) {
 pub fn drive(bytes: &[u8]) {
     let mut hand = Hand(bytes);
     let Some(case) = case(hand.byte(), 0, false) else { return };
-    let (robot, scenario) = &*case;
+    let Case { robot, scenario, .. } = &*case;
     let mut cycle = plant::cycle(robot, scenario).expect("it was accepted before");
     let mut bytes = Bytes(hand.0);
     for tick in 0..8 {
@@ -140,15 +199,17 @@ pub fn fingers(bytes: &[u8]) {
     let mut hand = Hand(bytes);
     let (scenario, law, how) = (hand.byte(), hand.byte(), hand.byte());
     let Some(case) = case(scenario, law, how & 1 != 0) else { return };
-    let (robot, scenario) = &*case;
+    let Case { robot, scenario, .. } = &*case;
     let is_guarded = how & 2 != 0;
-    let fit = "it was accepted before";
-    let mut plant = plant::cycle(robot, scenario).expect(fit);
-    let estimators = || estimator::cycle(robot, scenario).expect(fit);
-    let analyzers = || analyzer::cycle(robot, scenario).expect(fit);
-    let controllers = || controller::cycle(robot, scenario).expect(fit);
-    let (mut estimator, mut analyzer, mut controller) = (estimators(), analyzers(), controllers());
+    let mut plant = plant::cycle(robot, scenario).expect("it was accepted before");
+    let Begun { first: first_estimator, step: estimator } = &mut *case.estimator.borrow_mut();
+    let Begun { first: first_analyzer, step: analyzer } = &mut *case.analyzer.borrow_mut();
+    let Begun { first: first_controller, step: controller } = &mut *case.controller.borrow_mut();
+    estimator.restore(first_estimator);
+    analyzer.restore(first_analyzer);
+    controller.restore(first_controller);
     let (mut estimating, mut analyzing, mut controlling) = (Life::new(is_guarded), Life::new(is_guarded), Life::new(is_guarded));
+    let mut target: Option<Target> = None;
     let mut m = chain::Tick::default();
     for tick in 0..48 {
         if hand.0.is_empty() && tick > 8 || plant.is_over() {
@@ -166,7 +227,6 @@ pub fn fingers(bytes: &[u8]) {
             if dropped & 16 != 0
                 && let Some(last) = estimating.tampered(&mut hand)
             {
-                estimator = estimators();
                 estimator.restore(&last);
             }
             if dropped & 1 != 0 || is_guarded && !sample.is_finite() {
@@ -185,7 +245,6 @@ pub fn fingers(bytes: &[u8]) {
             if dropped & 32 != 0
                 && let Some(last) = analyzing.tampered(&mut hand)
             {
-                analyzer = analyzers();
                 analyzer.restore(&last);
             }
             if dropped & 2 != 0 || is_guarded && !estimate.is_finite() {
@@ -195,8 +254,7 @@ pub fn fingers(bytes: &[u8]) {
             analyzer.step(&estimate, &mut m.singularity);
             let mut report = m.singularity;
             if !analyzing.sends(&report) {
-                analyzer = analyzers();
-                analyzing.checkpoint.iter().for_each(|last| analyzer.restore(last));
+                analyzer.restore(analyzing.checkpoint.as_ref().unwrap_or(first_analyzer));
                 break 'chain None;
             }
             analyzing.closes(|out| analyzer.save(out));
@@ -206,20 +264,31 @@ pub fn fingers(bytes: &[u8]) {
             if dropped & 64 != 0
                 && let Some(last) = controlling.tampered(&mut hand)
             {
-                controller = controllers();
                 controller.restore(&last);
             }
             if dropped & 4 != 0 || is_guarded && !report.is_finite() {
                 break 'chain None;
             }
             controlling.sane &= is_sane(&estimate) && is_sane(&report);
-            controller.step(&estimate, &report, &mut m.control_state, &mut m.torque);
+            if scenario.servo.is_some() && touched & 32 != 0 {
+                // Whatever a person asks for that is finite, the controller has an answer to.
+                let mut given = target.unwrap_or_default();
+                hand.spoil_words(&mut given, 0);
+                (given.header.tick, given.target.kind) = (tick, u32::from(hand.byte() % 6));
+                target = Some(given).filter(|given| !is_guarded || given.is_finite());
+            }
+            control(
+                controller.as_mut(),
+                scenario,
+                (&estimate, &report, target.as_ref()),
+                (&mut m.servo_state, &mut m.control_state, &mut m.torque),
+            );
             let mut command = m.torque;
             is_safe(&command.tau, robot, "controller");
             assert_eq!(command.header.tick, estimate.header.tick);
-            if !(controlling.sends(&m.control_state) && controlling.sends(&command)) {
-                controller = controllers();
-                controlling.checkpoint.iter().for_each(|last| controller.restore(last));
+            let is_steered = scenario.servo.is_some();
+            if !(controlling.sends(&m.control_state) && controlling.sends(&command) && (!is_steered || controlling.sends(&m.servo_state))) {
+                controller.restore(controlling.checkpoint.as_ref().unwrap_or(first_controller));
                 break 'chain None;
             }
             controlling.closes(|out| controller.save(out));
