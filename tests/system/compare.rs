@@ -52,7 +52,6 @@ fn lines_through_exactly_singular_postures_of_an_arm_reach_their_goals() {
     assert!(said.code == 2 && said.err.contains("armplane compare sweep --robot"), "{}", said.err);
 }
 
-// covers: CK95 Figure 3
 #[test]
 fn a_race_has_the_marks_of_a_steered_run_only_where_one_is_steered() {
     let desk = Desk::new();
@@ -68,6 +67,7 @@ fn a_race_has_the_marks_of_a_steered_run_only_where_one_is_steered() {
     assert_eq!(marks("servo-line-panda"), [true; 3], "the other arm, the twist that is asked for and the reason why it is no faster");
 }
 
+// covers: CK95 Figure 3
 #[test]
 fn the_papers_figures_are_drawn_with_their_numbers() {
     let desk = Desk::new();

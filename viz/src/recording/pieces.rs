@@ -77,8 +77,8 @@ pub(super) fn albedo([r, g, b, a]: Rgba) -> AlbedoFactor {
     AlbedoFactor(re_sdk_types::datatypes::Rgba32::from_unmultiplied_rgba(r, g, b, a))
 }
 
-/// An eye that sees the arm from floor to hand, and where the task takes the hand, with room for a mark of that size there: off to the side of the plane in which the arm
-/// reaches out, a little above; a planar arm from above.
+/// An eye that sees the arm from floor to hand, and where the task takes the hand, with room for a mark of that size there: off to the side of the
+/// plane in which the arm reaches out, a little above; a planar arm from above.
 pub(crate) fn eye(places: &[Vec3], mark: f32, subject: &Subject, planar: bool) -> Eye {
     // Half of Rerun's field of view; the sphere is roomier than the arm in it.
     let distance = |radius: f32| 0.88 * radius / 27.5f32.to_radians().sin();
