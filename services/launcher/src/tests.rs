@@ -402,7 +402,9 @@ fn a_recorder_that_is_killed_while_the_plant_ends_is_replaced() {
         let stat = std::fs::read_to_string(format!("/proc/{}/stat", pid.as_raw_nonzero())).unwrap_or_default();
         stat.rsplit(')').next().is_none_or(|rest| rest.trim_start().starts_with('Z'))
     };
-    let launcher = Launcher::prepare(plan(Mode::Lockstep, Restart::Budget { times: 1, back_off: Duration::ZERO })).unwrap();
+    let mut plan = plan(Mode::Lockstep, Restart::Never);
+    plan.children[2].restart = Restart::Budget { times: 1, back_off: Duration::ZERO };
+    let launcher = Launcher::prepare(plan).unwrap();
     let name = launcher.run_dir().file_name().unwrap().to_str().unwrap().to_owned();
     let mut pids = None;
     let mut report = |event: Event<'_>| {
