@@ -42,11 +42,14 @@ impl Desk {
     pub(crate) fn start(&self, args: &[&str]) -> Child {
         let mut command = Command::new(env!("CARGO_BIN_EXE_armplane"));
         command.args(args).current_dir(self.path()).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        // A shell without job control starts the tests with SIGINT ignored: until the program catches it, Ctrl-C would do nothing.
+        // A shell without job control starts the tests with SIGINT and SIGQUIT ignored, `nohup` with SIGHUP: until the program catches them, or for good,
+        // they would do nothing.
         // SAFETY: signal(2) may be called between fork and exec.
         unsafe {
             command.pre_exec(|| {
-                libc::signal(libc::SIGINT, libc::SIG_DFL);
+                for signal in [libc::SIGINT, libc::SIGQUIT, libc::SIGHUP] {
+                    libc::signal(signal, libc::SIG_DFL);
+                }
                 Ok(())
             });
         }
