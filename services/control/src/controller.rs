@@ -300,7 +300,8 @@ impl<const N: usize> Controller<N> {
         let Some(first) = self.family.get().first_of_higher_codimension() else { return a };
         for (place, s) in report.listed().iter().enumerate().skip(first).filter(|(place, _)| modes[*place] != Mode::Regular) {
             let (along, most) = (s.zeta_B.dot(&motion.feedback), k_v * s.gain.abs() * self.coordinates().rate_max(place, s));
-            a -= s.zeta_B * (along - along.clamp(-most, most));
+            // A report with a NaN gives a NaN, which the check of the torque finds; a bound of NaN would be a panic.
+            a -= s.zeta_B * if most.is_nan() { f64::NAN } else { along - along.clamp(-most, most) };
         }
         a
     }

@@ -195,7 +195,7 @@ impl<const N: usize> Reference<N> {
     /// Writes all of it; the analysis is the controller's.
     #[must_use]
     pub fn checkpoint(&self) -> ServoCheckpoint {
-        let plus_one = |tick: Option<u64>| tick.map_or(0, |tick| tick + 1);
+        let plus_one = |tick: Option<u64>| tick.map_or(0, |tick| tick.saturating_add(1));
         ServoCheckpoint {
             held: self.held,
             tick: self.tick,
