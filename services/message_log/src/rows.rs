@@ -252,6 +252,10 @@ impl RowReader {
     pub fn open(folder: &Path, shape: &Shape) -> Result<Self, LogError> {
         let path = shape.path_in(folder);
         let mut found = [0; HEAD];
+        // Whoever opens a pipe waits for its writer.
+        if std::fs::metadata(&path).is_ok_and(|file| !file.is_file()) {
+            return Err(LogError::Damaged { path, reason: "it is no file".to_owned() });
+        }
         let opened = File::open(&path).map(BufReader::new).and_then(|mut file| {
             let n = read_whole(&mut file, &mut found)?;
             Ok((file, n))
@@ -268,10 +272,14 @@ impl RowReader {
             let reason = if is_other { "another version of armplane packed it" } else { "its first bytes are not those of such a file" };
             return Err(LogError::Damaged { path, reason: reason.to_owned() });
         }
+        let mut theirs = [0; 8];
+        theirs.copy_from_slice(&found[8..16]);
+        let theirs = u64::from_le_bytes(theirs);
+        if theirs != shape.hash {
+            return Err(LogError::WireFormat { path, found: theirs, ours: shape.hash });
+        }
         if found != shape.head() {
-            let mut theirs = [0; 8];
-            theirs.copy_from_slice(&found[8..16]);
-            return Err(LogError::WireFormat { path, found: u64::from_le_bytes(theirs), ours: shape.hash });
+            return Err(LogError::Damaged { path, reason: "its first bytes are not what was written".to_owned() });
         }
         Ok(Self { path, file, place: HEAD as u64, block: Default::default(), packed: Vec::new(), shape: shape.clone() })
     }

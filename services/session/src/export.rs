@@ -78,7 +78,11 @@ pub fn export(run: &Run, format: ExportFormat, out: &Path, observer: Observer<'_
             });
             observer(Progress::End);
             let summary = run.summary().ok();
-            damage = messages.ok().zip(summary).map_or(Vec::new(), |(stored, summary)| stored.rows.damage(&summary));
+            damage = match messages {
+                Ok(stored) => summary.map_or(Vec::new(), |summary| stored.rows.damage(&summary)),
+                Err(Unread::Defect(reason)) => vec![reason],
+                Err(Unread::NotKept(_)) => Vec::new(),
+            };
             written.map_err(Failure::work)?
         }
     };
@@ -96,18 +100,35 @@ struct StoredMessages {
     steered: bool,
 }
 
+/// The reason why the messages of a run cannot be read.
+#[derive(Debug, thiserror::Error)]
+enum Unread {
+    /// There are none beside the recording, as was asked for.
+    #[error("{0}")]
+    NotKept(&'static str),
+    /// They are damaged, or gone.
+    #[error("{0}")]
+    Defect(String),
+}
+
+impl Unread {
+    fn defect(error: impl std::fmt::Display) -> Self {
+        Self::Defect(error.to_string())
+    }
+}
+
 impl StoredMessages {
-    fn open(run: &Run) -> Result<Self, String> {
+    fn open(run: &Run) -> Result<Self, Unread> {
         if run.parts != viz::parts_in(&run.folder) {
-            return Err("the recording has been given a name of its own; export its run's folder".to_owned());
+            return Err(Unread::NotKept("the recording has been given a name of its own; export its run's folder"));
         }
-        let job = run.job().map_err(|error| error.to_string())?;
+        let job = run.job().map_err(Unread::defect)?;
         if !job.messages {
-            return Err("it was run with --no-messages".to_owned());
+            return Err(Unread::NotKept("it was run with --no-messages"));
         }
-        let robot = load::robot_of(&job.robot).map_err(|error| error.to_string())?;
+        let robot = load::robot_of(&job.robot).map_err(Unread::defect)?;
         let slides = robot.joints.iter().map(|joint| joint.kind == JointKind::Prismatic).collect();
-        let rows = MessageRows::open(&run.folder.join(MESSAGES), &job.graph).map_err(|error| error.to_string())?;
+        let rows = MessageRows::open(&run.folder.join(MESSAGES), &job.graph).map_err(Unread::defect)?;
         Ok(Self { rows, row: None, slides, steered: job.scenario.servo.is_some() })
     }
 }
