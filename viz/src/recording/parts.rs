@@ -18,9 +18,9 @@ pub fn parts_in(folder: &Path) -> Vec<PathBuf> {
     parts.filter(|path| !is_blank(path)).collect()
 }
 
-/// Whether a file is empty, or no more than the head of a recording.
+/// Whether a file is empty, or no more than the head of a recording and the message that names it: less than 150 bytes, where a chunk has 600 and more.
 pub(super) fn is_blank(path: &Path) -> bool {
-    const HEAD: usize = 64;
+    const HEAD: usize = 512;
     let mut head = Vec::new();
     let read = File::open(path).and_then(|file| std::io::Read::read_to_end(&mut std::io::Read::take(file, HEAD as u64), &mut head));
     read.is_ok() && head.len() < HEAD && (head.is_empty() || head.starts_with(b"RRF"))

@@ -321,9 +321,15 @@ fn parts_are_found_by_name() {
     // A recorder that was killed before it wrote anything: the next one takes the place.
     write(1, 0);
     let without = parts_in(&folder);
+    // One that was killed before its first chunk.
+    let named = [&b"RRF2"[..], &[0; 129]].concat();
+    std::fs::write(folder.join(part_name(0)), named).expect("a file");
+    write(1, 100);
+    let behind = parts_in(&folder);
     std::fs::remove_dir_all(&folder).expect("ours");
     assert_eq!(found, ["run.rrd", "run-001.rrd"].map(|name| folder.join(name)), "up to the first gap");
     assert_eq!(without, [folder.join("run.rrd")]);
+    assert_eq!(behind, [folder.join("run-001.rrd")]);
 }
 
 #[test]
