@@ -30,7 +30,7 @@ fn equations(text: &str) -> BTreeSet<String> {
     numbered(&split_citations(text).0)
 }
 
-/// What stands inside of `[CK95 …]`, and the rest of a text. A citation between backticks is an example of the form.
+/// The text inside of `[CK95 …]`, and the rest of a text. A citation between backticks is an example of the form.
 fn split_citations(text: &str) -> (String, String) {
     let text: String = text.split('`').step_by(2).collect();
     let (mut inside, mut outside) = (String::new(), String::new());

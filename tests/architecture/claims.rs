@@ -161,7 +161,7 @@ const PROPERTIES: &str = "tests/system/properties";
 const RETURNS: &str = "returns early without `return skipped(why)`";
 const PASSES: &str = "passes over what cannot run without `skipped(why)`";
 
-/// What is wrong with a test, beside the functions of its target that are compiled for tests only.
+/// The defects of a test, beside the functions of its target that are compiled for tests only.
 fn faults_of_a_test(test: &Function, all: &[Function]) -> Vec<&'static str> {
     let has = |attribute: &[TokenTree], word: &str| attribute.first().is_some_and(|name| is(name, word));
     let should_panic = test.attributes.iter().any(|attribute| has(attribute, "should_panic"));
@@ -175,7 +175,7 @@ fn faults_of_a_test(test: &Function, all: &[Function]) -> Vec<&'static str> {
     found.into_iter().filter(|(is_so, _)| *is_so).map(|(_, fault)| fault).collect()
 }
 
-/// What is wrong with a function that tests call and that asserts for them.
+/// The defects of a function that tests call and that asserts for them.
 fn faults_of_a_helper(helper: &Function) -> Vec<&'static str> {
     let mut asserts = false;
     walk(&helper.body, &mut |tokens| asserts |= asserts_itself(tokens));

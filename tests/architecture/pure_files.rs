@@ -50,7 +50,7 @@ pub(crate) fn claimed_pure(package: &Package) -> impl Iterator<Item = &File> {
     package.code().filter(|file| claims_to_be_pure(file))
 }
 
-/// What code names of a process besides its step.
+/// The names of a process in code, besides its step.
 pub(crate) fn beyond_the_step(code: &[TokenTree], processes: &[&str]) -> BTreeSet<String> {
     let is_process = |word: &String| processes.iter().any(|process| process.replace('-', "_") == *word);
     let named = paths(code).into_iter().filter(|path| path.len() > 1).chain(use_leaves(code).into_iter().map(|(_, path)| path));

@@ -60,7 +60,7 @@ fn has(words: &str, token: &TokenTree) -> bool {
     words.split_whitespace().any(|word| is(token, word))
 }
 
-/// What stands for a code that can't be read and says so, or a number beyond the range of a type.
+/// The stand-ins, each stated, for a code that can't be read or a number beyond the range of a type.
 const SAID: [(&str, &str); 4] = [
     ("Refusal::Checkpoint", "the controller refuses to go on"),
     ("Mode::Regular", "beside a refusal of the same checkpoint"),

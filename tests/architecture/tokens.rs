@@ -15,7 +15,7 @@ pub(crate) enum TokenTree {
     Literal(Literal),
 }
 
-/// What stands between two brackets.
+/// The text between two brackets.
 #[derive(Clone)]
 pub(crate) struct Group {
     delimiter: Delimiter,

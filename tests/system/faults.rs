@@ -192,7 +192,7 @@ fn drill_judges_a_cell_and_takes_only_cells_that_exist() {
         assert_eq!(one["goal_reached"], !cell.starts_with("plant:kill"), "{one}");
         assert_nothing_left(said.launcher);
     }
-    // Whatever a scenario allows itself, the bounds stay.
+    // The bounds stay, whatever a scenario allows itself.
     let said = desk.armplane(&["drill", "s.toml", "--only", "controller:kill", "--set", "plant.hold_ticks=200"]);
     assert!(said.code == 1 && said.out.contains("a torque was in force for"), "{}\n{}", said.out, said.err);
     // Nor does it pass without what it tests.

@@ -36,7 +36,7 @@ fn a_plant_in_one_c_file_runs_like_ours() {
     assert!(apart < 1e-6, "joints {apart} rad apart");
 }
 
-/// What the examples in Python need: those with MuJoCo, the reader of results, the subscriber.
+/// The needs of the examples in Python: those with MuJoCo, the reader of results, the subscriber.
 const MUJOCO: &str = "mujoco, numpy";
 const TABLES: &str = "numpy, pandas, pyarrow";
 const TOPICS: &str = "iceoryx2";

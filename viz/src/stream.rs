@@ -145,7 +145,7 @@ impl Stream {
     fn footer(&mut self) -> Result<(), RecordError> {
         let contents = std::mem::take(&mut self.contents).into_iter().map(|(store, builder)| {
             let contents = builder.build(store)?;
-            // What `to_transport` does, without its check of a table that has just been built: a fifth of the cost.
+            // As `to_transport`, without its check of a table that has just been built: a fifth of the cost.
             Ok::<_, CodecError>(RrdManifest {
                 store_id: Some(contents.store_id.into()),
                 sorbet_schema_sha256: Some(contents.sorbet_schema_sha256.to_vec().into()),

@@ -252,7 +252,7 @@ impl RowReader {
     pub fn open(folder: &Path, shape: &Shape) -> Result<Self, LogError> {
         let path = shape.path_in(folder);
         let mut found = [0; HEAD];
-        // Whoever opens a pipe waits for its writer.
+        // To open a pipe is to wait for its writer.
         if std::fs::metadata(&path).is_ok_and(|file| !file.is_file()) {
             return Err(LogError::Damaged { path, reason: "it is no file".to_owned() });
         }

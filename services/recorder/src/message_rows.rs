@@ -166,7 +166,7 @@ impl MessageRows {
         self.account().into_iter().filter_map(of).collect()
     }
 
-    /// What is damaged in the logs as far as they have been read: topic and clause.
+    /// The damage in the logs as far as they have been read: topic and clause.
     pub(crate) fn gaps(&self) -> Vec<(&'static str, String)> {
         struct Last<'a>(&'a ByTopic<StoredMessages>);
         impl Each for Last<'_> {

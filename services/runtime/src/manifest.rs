@@ -165,7 +165,7 @@ impl Manifest {
         self.processes.iter().filter(|process| process.reads.iter().any(|read| read == topic)).count()
     }
 
-    /// Whom a message on this topic wakes.
+    /// The processes that a message on this topic wakes.
     pub fn woken_by<'a>(&'a self, topic: &'a str) -> impl Iterator<Item = usize> + 'a {
         let reads = move |p: &Process| !p.polled && p.reads.iter().any(|t| t == topic);
         self.processes.iter().enumerate().filter(move |(_, p)| reads(p)).map(|(index, _)| index)

@@ -82,7 +82,7 @@ pub enum OpenError {
     /// No checkpoint.
     #[error("{process} cannot keep a checkpoint for its replacement: {source}")]
     Checkpoint {
-        /// Whose.
+        /// The process.
         process: String,
         /// Why.
         source: std::io::Error,

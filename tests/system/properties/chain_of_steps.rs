@@ -271,7 +271,7 @@ pub fn fingers(bytes: &[u8]) {
             }
             controlling.sane &= is_sane(&estimate) && is_sane(&report);
             if scenario.servo.is_some() && touched & 32 != 0 {
-                // Whatever a person asks for that is finite, the controller has an answer to.
+                // The controller answers any finite request of a person.
                 let mut given = target.unwrap_or_default();
                 hand.spoil_words(&mut given, 0);
                 (given.header.tick, given.target.kind) = (tick, u32::from(hand.byte() % 6));

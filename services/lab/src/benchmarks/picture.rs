@@ -21,7 +21,7 @@ const AROUND: f64 = 84.0;
 
 /// Height of a plot over the size of the payload; points.
 const CURVES: f64 = 420.0;
-/// What the marks mean.
+/// The legend of the marks.
 const BARS: &str = "blue: half of the samples are quicker; grey, and in brackets: 99 of 100 are";
 const LINES: &str = "lines: half of the samples are quicker; dashed: 99 of 100 are";
 
