@@ -2,6 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+/// How often a process with `restart = "always"` is started again.
+pub const MOST_RESTARTS: u32 = 5;
+
 /// Most processes a run may have.
 pub const MAX_PROCESSES: usize = 16;
 

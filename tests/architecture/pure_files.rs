@@ -10,8 +10,14 @@ use crate::tokens::TokenTree;
 
 /// Crates in which nothing but numbers is touched.
 pub(crate) const PURE_CRATES: [&str; 5] = ["model", "control", "sim", "chain", "lines"];
-/// Rooms of that kind in crates that do other things too, as a file or as a folder: the judge, the order of lockstep.
-const PURE_ROOMS: [&str; 2] = ["services/recorder/src/judge", "services/runtime/src/lockstep"];
+/// Rooms of that kind in crates that do other things too, as a file or as a folder: the judge, the lockstep protocol.
+const PURE_ROOMS: [&str; 5] = [
+    "services/recorder/src/judge",
+    "services/lockstep/src/protocol",
+    "services/lockstep/src/message_faults",
+    "services/lockstep/src/one_thread",
+    "services/lockstep/src/recall",
+];
 /// The same in every process: its step.
 const CYCLE: &str = "cycle.rs";
 

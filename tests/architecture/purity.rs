@@ -14,14 +14,16 @@ use crate::syntax::{is, is_path_separator, paths, tokens_of, use_leaves, walk};
 pub(crate) const CONTROL_PATH: [&str; 5] = ["model", "control", "estimator", "analyzer", "controller"];
 
 /// Crates that pure code may depend on: pure ones, processes (their step only), and libraries that compute or read text.
-const PURE_DEPENDENCIES: [&str; 19] = [
+const PURE_DEPENDENCIES: [&str; 21] = [
     "analyzer",
+    "bytemuck",
     "control",
     "controller",
     "estimator",
     "glam",
     "hdrhistogram",
     "libm",
+    "lockstep",
     "model",
     "nalgebra",
     "operator",

@@ -107,7 +107,7 @@ fn work_beyond_one_thread_is_left_out_by_name_or_refused() {
     assert_eq!((&json["faults_left_out"], &whole["faults_left_out"], &json["laws"]), (&1.into(), &0.into(), &whole["laws"]), "{json}");
     assert!(compare("faulty.toml", &[]).contains("without its planned faults (1)"));
     let said = desk.armplane(&["figures", "--set", "fault=[{process=\"controller\",kind=\"kill\",at_tick=100}]", "--out", "f"]);
-    assert!(said.code == 2 && said.err.contains("plans faults, and they happen to processes"), "{}", said.err);
+    assert!(said.code == 2 && said.err.contains("plans the `kill` of the controller"), "{}", said.err);
 }
 
 #[test]

@@ -50,13 +50,38 @@ fn runs_drawn_at_random_have_the_bytes_of_five_processes() {
         ("fault.0.amount", "from = -0.05\nto = 0.05"),
         ("seed", "from = 1\nto = 1000000"),
     ];
+    drawn_runs_are_those_of_five_processes(&desk, &keys, 6);
+}
+
+/// Two faults of any process and its messages, their kinds, ticks and lengths drawn at random, and run in five processes too.
+#[test]
+fn faults_drawn_at_random_have_the_bytes_of_five_processes() {
+    let desk = Desk::new();
+    let fault = |process: &str, kind: &str| format!("[[fault]]\nprocess = \"{process}\"\nkind = \"{kind}\"\nat_tick = 1\nfor_ticks = 1\n");
+    desk.file("short.toml", &[SCENARIO, &fault("controller", "kill"), &fault("plant", "drop")].concat());
+    let keys = [
+        ("fault.0.process", "values = [\"estimator\", \"analyzer\", \"controller\"]"),
+        ("fault.0.kind", "values = [\"kill\", \"crash\", \"hang\", \"cut\"]"),
+        ("fault.0.at_tick", "from = 0\nto = 400"),
+        ("fault.0.for_ticks", "from = 1\nto = 120"),
+        ("fault.1.process", "values = [\"plant\", \"estimator\", \"analyzer\", \"controller\"]"),
+        ("fault.1.kind", "values = [\"delay\", \"drop\", \"duplicate\", \"reorder\", \"stale\", \"corrupt\", \"zombie\"]"),
+        ("fault.1.at_tick", "from = 0\nto = 400"),
+        ("fault.1.for_ticks", "from = 1\nto = 120"),
+        ("seed", "from = 1\nto = 1000000"),
+    ];
+    drawn_runs_are_those_of_five_processes(&desk, &keys, 12);
+}
+
+/// A sweep of runs drawn from `keys`: the command that it gives for each has the same hashes and figures in five processes.
+fn drawn_runs_are_those_of_five_processes(desk: &Desk, keys: &[(&str, &str)], count: usize) {
     let keys: String = keys.iter().map(|(key, values)| format!("[[key]]\nkey = \"{key}\"\n{values}\n")).collect();
-    sweep_file(&desk, "drawn", &format!("{keys}[sample]\nruns = 6\nseed = 5\n"));
+    sweep_file(desk, "drawn", &format!("{keys}[sample]\nruns = {count}\nseed = 5\n"));
     let said = desk.armplane(&["sweep", "drawn.toml"]);
     assert_eq!(said.code, 0, "{}", said.err);
-    let report = report(&desk, &["runs/drawn", "--worst", "6"]);
+    let report = report(desk, &["runs/drawn", "--worst", &count.to_string()]);
     let runs = report["worst"].as_array().unwrap();
-    assert_eq!(runs.len(), 6, "{report}");
+    assert_eq!(runs.len(), count, "{report}");
     for run in runs {
         // The command as a person would paste it.
         let command = run["command"].as_str().unwrap().replacen("armplane", env!("CARGO_BIN_EXE_armplane"), 1);
@@ -156,8 +181,9 @@ fn a_sweep_that_cannot_be_is_refused_in_a_sentence() {
     refused("[[key]]\nkey = \"control.kp\"\nvalues = [1.0]\n", "did you mean `k_p`?");
     refused("[[key]]\nkey = \"start.q_deg.4\"\nunit = \"rad\"\nvalues = [1.0]\n", "is in °, not in rad");
     refused("[[key]]\nkey = \"start.q_rad\"\nvalues = [[0.0]]\n", "given 2 times");
-    let kill = "set = [\"fault=[{process='controller', kind='kill', at_tick=10}]\"]\n[[key]]\nkey = \"seed\"\nvalues = [1]\n";
-    refused(kill, "they happen to processes");
+    let fault = |fault: &str| format!("set = [\"fault=[{{{fault}, at_tick=10}}]\"]\n[[key]]\nkey = \"seed\"\nvalues = [1]\n");
+    refused(&fault("process='plant', kind='kill'"), "it ends the run");
+    refused(&fault("process='recorder', kind='slow-disk'"), "one thread has no such process");
     let grid = |values: &str| sweep_file(&desk, "grid", &format!("[[key]]\nkey = \"control.k_p\"\nvalues = {values}\n"));
     grid("[100, 200]");
     assert_eq!(desk.armplane(&["sweep", "grid.toml"]).code, 0);

@@ -26,12 +26,16 @@ at_tick = 600
 probability = 0.5
 "#;
 
+/// One thread has no recorder.
+const RECORDER: &str = "[[fault]]\nprocess = \"recorder\"\nkind = \"kill\"\nat_tick = 500\n";
+
 fn verify(args: &[&str]) -> (i32, Value) {
     let desk = Desk::new();
     desk.file("faults.toml", FAULTS);
+    desk.file("recorder.toml", &[FAULTS, RECORDER].concat());
     let said = desk.armplane(&[&["verify", "--json"], args].concat());
     assert_nothing_left(said.launcher);
-    assert_eq!(std::fs::read_dir(desk.path()).unwrap().count(), 1, "verify left something in the folder");
+    assert_eq!(std::fs::read_dir(desk.path()).unwrap().count(), 2, "verify left something in the folder");
     (said.code, serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}{}", said.out, said.err)))
 }
 
@@ -66,24 +70,32 @@ fn a_process_that_is_not_in_order_is_caught_with_tick_topic_and_field() {
 }
 
 #[test]
-fn runs_with_faults_are_compared_with_each_other_and_that_is_said() {
-    let (code, json) = verify(&["faults.toml", "--runs", "3"]);
+fn runs_with_faults_are_compared_with_one_thread() {
+    let (code, json) = verify(&["faults.toml", "--runs", "2"]);
     assert_eq!((code, &json["identical"], &json["difference"]), (0, &true.into(), &Value::Null), "{json}");
-    assert_eq!((&json["faults"], &json["reference_run"]), (&2.into(), &1.into()), "{json}");
+    assert_eq!((&json["faults"], &json["reference_run"]), (&2.into(), &Value::Null), "{json}");
+    assert!(json["reference"]["topics"]["torque"]["count"].as_u64().unwrap() < json["reference"]["ticks"].as_u64().unwrap(), "{json}");
+}
+
+#[test]
+fn runs_with_faults_that_one_thread_cannot_have_are_compared_with_each_other_and_that_is_said() {
+    let (code, json) = verify(&["recorder.toml", "--runs", "3"]);
+    assert_eq!((code, &json["identical"], &json["difference"]), (0, &true.into(), &Value::Null), "{json}");
+    assert_eq!((&json["faults"], &json["reference_run"]), (&3.into(), &1.into()), "{json}");
     assert_eq!(json["runs"].as_array().unwrap().len(), 3);
     assert_eq!(json["reference"], json["runs"][0]);
     assert!(json["runs"][2]["topics"]["torque"]["count"].as_u64().unwrap() < json["reference"]["ticks"].as_u64().unwrap(), "{json}");
     let desk = Desk::new();
-    desk.file("faults.toml", FAULTS);
-    let said = desk.armplane(&["verify", "faults.toml", "--runs", "2"]);
+    desk.file("recorder.toml", &[FAULTS, RECORDER].concat());
+    let said = desk.armplane(&["verify", "recorder.toml", "--runs", "2"]);
     assert!(said.code == 0 && said.out.contains("run 1 is the reference of the others"), "{}{}", said.out, said.err);
-    let said = desk.armplane(&["verify", "faults.toml", "--runs", "1"]);
+    let said = desk.armplane(&["verify", "recorder.toml", "--runs", "1"]);
     assert!(said.code == 2 && said.err.contains("at least --runs 2"), "{}", said.err);
 }
 
 #[test]
 fn the_first_difference_between_runs_with_faults_is_found_too() {
-    let (code, json) = verify(&["faults.toml", "--runs", "3", "--unordered"]);
+    let (code, json) = verify(&["recorder.toml", "--runs", "3", "--unordered"]);
     assert_eq!((code, &json["identical"], &json["reference_run"]), (1, &false.into(), &1.into()), "{json}");
     let difference = &json["difference"];
     assert!(difference["run"].as_u64().is_some_and(|run| run > 1) && difference["tick"].as_u64().is_some(), "{json}");

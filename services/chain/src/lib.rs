@@ -2,12 +2,16 @@
 //! Tests, comparisons and sweeps use it, and `armplane run` tries its first tick here before it starts anything.
 #![allow(non_snake_case)]
 
+mod faults;
+
 use model::{Refused, Robot};
 use shared_types::codes::{PHASE_REFUSED, REFUSALS, name_of};
 use shared_types::fault::ScheduledFault;
-use shared_types::graph::{BUILT_IN, Graph};
 use shared_types::scenario::Scenario;
 use shared_types::topics::{self, ByTopic, Each, Topic, Whole};
+
+pub use faults::{graph, planned_faults, plans_faults_of_processes, run_under_faults};
+pub use lockstep::Sink;
 
 /// One tick of the whole chain: what each process would have published.
 pub type Tick = ByTopic<Whole>;
@@ -31,7 +35,7 @@ impl Chain {
     ///
     /// # Errors
     /// [`Refused`] by the first cycle that does not accept the robot or the scenario, or where the scenario plans faults other than those of the
-    /// arm's sensors and drives: they happen to processes, and there are none here. [`without_faults`] takes all of them out.
+    /// arm's sensors and drives: [`run_under_faults`] has them, and [`without_faults`] takes all of them out.
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
         let faults = hardware_faults(scenario)?;
         Ok(Self {
@@ -94,21 +98,16 @@ impl Chain {
     }
 }
 
-/// The planned faults, which must be those of sensors and drives: physics has them, with or without processes.
-///
-/// # Errors
-/// [`Refused`] where one of them happens to a process, or makes no sense.
-pub fn hardware_faults(scenario: &Scenario) -> Result<Vec<ScheduledFault>, Refused> {
-    if scenario.fault.is_empty() {
-        return Ok(Vec::new());
-    }
+/// The planned faults, which must be those of sensors and drives: then each process sends one message of each of its topics a tick.
+fn hardware_faults(scenario: &Scenario) -> Result<Vec<ScheduledFault>, Refused> {
     if let Some(fault) = scenario.fault.iter().find(|fault| !fault.kind.concerns_joint()) {
         let (name, kind, process) = (&scenario.name, fault.kind.name(), &fault.process);
-        let what = format_args!("{name} plans faults, and they happen to processes: one thread cannot compute the `{kind}` of `{process}`");
+        let what = format_args!(
+            "{name} plans the `{kind}` of the {process}, and this is computed without one: take it out, or see it with `armplane run`"
+        );
         return Err(Refused::because(what));
     }
-    let graph = Graph::parse("graph.toml", BUILT_IN).map_err(Refused::because)?;
-    scenario.scheduled_faults(&graph).map_err(Refused::because)
+    planned_faults(scenario)
 }
 
 /// Makes each message one of its process's first incarnation.

@@ -79,9 +79,9 @@ enum Command {
     #[command(
         long_about = "Runs a scenario in lockstep several times, in real processes under deliberately different conditions: other cores, other \
                       nice values, random delays at the start and random pauses in every process, a spinning thread on every core, with and \
-                      without a recording. Compares every message of every topic with what one thread computes without shared memory, or where \
-                      the scenario plans faults, which happen to processes, with the first run. Where they differ it names the first tick, \
-                      topic and field.",
+                      without a recording. Compares every message of every topic with what one thread computes without shared memory, planned faults \
+                      included; with the first run where one thread cannot have it: a death of the plant, a fault of the recorder, a \
+                      program of the graph's own. Where they differ it names the first tick, topic and field.",
         after_help = "Examples:\n  armplane verify fig5-wrist-rotation\n  armplane verify my.toml --runs 12 --json\n  armplane verify --kills 100\n\nExit code 1: some bytes differ."
     )]
     Verify(verify::VerifyArgs),

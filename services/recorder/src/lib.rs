@@ -54,10 +54,10 @@ const fn pause(mode: Mode) -> Duration {
 }
 
 /// Ticks for which an incomplete row waits for its missing messages.
-const PATIENCE: u64 = 256;
+pub const PATIENCE: u64 = 256;
 
 /// Ticks that may be missing on end; a minute at 1 kHz.
-const HORIZON: u64 = 60_000;
+pub const HORIZON: u64 = 60_000;
 
 /// Records and judges until the run has stopped and everything on the way has arrived, then leaves its part of the summary in `run_dir`.
 ///

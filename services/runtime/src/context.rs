@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use lockstep::{Protocol, Report};
 use shared_types::fault::{Kind, ScheduledFault, Way};
 use shared_types::wire::Header;
 
@@ -17,7 +18,6 @@ use crate::disturbance::Pauses;
 use crate::fault::process::{CpuLoad, bus_error, kill_self, stop_self};
 use crate::fault::table::KnownFaults;
 use crate::fault::{burden, clock};
-use crate::lockstep::{Protocol, Report};
 use crate::manifest::Manifest;
 use crate::run_dir::RunDir;
 use crate::stamping::Stamping;

@@ -13,7 +13,6 @@
 
 mod bus;
 mod checkpoint;
-mod checkpoint_rule;
 mod clock;
 mod context;
 mod control_page;
@@ -23,18 +22,15 @@ mod doorbell;
 mod early_signal;
 mod environment;
 mod fault;
-mod lockstep;
 mod manifest;
 mod memory;
 pub mod realtime;
 mod reserved;
 mod run_dir;
 mod shell;
-pub mod simulation;
 mod stamping;
 mod tick_source;
 mod unfinished;
-mod validation;
 mod wait;
 
 #[cfg(test)]
@@ -48,16 +44,14 @@ pub use bus::reader::Reader;
 pub use bus::topic::topic_bytes;
 pub use bus::writer::{Loan, SendError, Writer};
 pub use checkpoint::CheckpointSlots;
-pub use checkpoint_rule::most_ticks_unsaved;
 pub use clock::{now_ns, sleep_until};
 pub use control_page::live_statistics::{Distribution, LiveSingularity, LiveState};
 pub use control_page::{ControlPage, ControlPageError, Count, Counts, Phase, ProcessEntry, State, Stop};
 pub use doorbell::DoorbellPort;
 pub use environment::{PROCESS_VARIABLE, RUN_VARIABLE};
 pub use fault::exit::Exit;
-pub use fault::message::apply_to_outgoing;
 pub use fault::table::{FaultRecord, FaultTable, MOST_FAULTS, MOST_WHEN_REQUESTED, Origin};
-pub use lockstep::unplanned_death;
+pub use lockstep::{apply_to_outgoing, most_ticks_unsaved, unplanned_death};
 pub use manifest::{Disturbance, ForeignMessage, Manifest, ManifestError, Process};
 pub use reserved::{release_reserve, reserve, write_reserved};
 pub use run_dir::{FoundRun, RunDir, RunDirError, SHM, free_bytes};

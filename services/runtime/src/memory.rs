@@ -11,11 +11,11 @@ use std::ptr::NonNull;
 use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use bytemuck::{bytes_of, pod_read_unaligned};
+use lockstep::Ring;
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use shared_types::Message;
 
 use crate::bus::depth::depth;
-use crate::bus::recall::Ring;
 use crate::run_dir::RunDir;
 
 /// Bytes before the first slot: the count, and room that aligns the slots as a cache line is.

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
+use lockstep::RECORDER_LAG;
 use shared_types::fault::{Kind, ScheduledFault};
 use shared_types::job::Mode;
 use shared_types::{Checkpoint, Message};
@@ -24,7 +25,6 @@ use crate::context::{Attached, Connect, Context, FaultState, StopFlag};
 use crate::control_page::{ANYTHING, ControlPage, ControlPageError, Count, PROGRESS, ProcessEntry, Stop, Watchdog};
 use crate::disturbance::{self, Pauses};
 use crate::fault::table::FaultTable;
-use crate::lockstep::RECORDER_LAG;
 use crate::manifest::{Manifest, ManifestError};
 use crate::realtime;
 use crate::run_dir::{RunDir, RunDirError};

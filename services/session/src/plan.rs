@@ -8,6 +8,7 @@ use runtime::realtime::allowed_cores;
 use shared_types::graph::{self, Role};
 use shared_types::job::{Job, Mode};
 use shared_types::layout::MessageLayout;
+use shared_types::process::MOST_RESTARTS;
 
 use crate::failure::Failure;
 use crate::robot;
@@ -39,7 +40,7 @@ pub fn plan(job: &Job) -> Result<Plan, Failure> {
         ends_run: process.role() == Role::World,
         restart: match process.restart {
             graph::Restart::Never => Restart::Never,
-            graph::Restart::Always => Restart::Budget { times: 5, back_off: Duration::from_millis(10) },
+            graph::Restart::Always => Restart::Budget { times: MOST_RESTARTS, back_off: Duration::from_millis(10) },
         },
     });
     let mode = job.mode;

@@ -1,6 +1,6 @@
 //! Random histories of the lockstep protocol, simulated on all cores.
 
-use runtime::simulation::{Defect, Outcome, history};
+use lockstep::simulation::{Defect, Outcome, history};
 use session::{Failure, Observer};
 
 use crate::pool::on_all_cores;

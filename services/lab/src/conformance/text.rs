@@ -23,7 +23,7 @@ pub struct VerifiedText<'a> {
 }
 
 /// Why the first run is the reference, where it is.
-const WHY: &str = "one thread has no processes to which faults could happen, and none of the graph's own programs:\n\
+const WHY: &str = "one thread cannot have the death of the plant, a fault of the recorder, or a program of the graph's own:\n\
                    run 1 is the reference of the others";
 
 impl fmt::Display for VerifiedText<'_> {

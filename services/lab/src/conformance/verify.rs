@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use chain::Tick;
+use chain::{Sink, Tick};
 use launcher::{End, Exit, Failure as Mishap};
 use message_log::{Difference, LogError, LogReader, LogWriter, RowReader, Shape, TopicHash, first_difference, first_difference_in};
 use model::Robot;
@@ -44,8 +44,7 @@ pub struct Reference {
     pub ran: Ran,
     /// Where its messages are; nowhere before they are needed.
     pub messages: Option<PathBuf>,
-    /// Whether it is the first of the runs: faults happen to processes, and the graph's own programs run in processes, which one thread does not
-    /// have.
+    /// Whether it is the first of the runs: one thread cannot have the death of the plant, a fault of the recorder, or a program of the graph's own.
     pub is_run: bool,
 }
 
@@ -111,9 +110,10 @@ pub fn verify(request: &Request<'_>, observer: Observer<'_>) -> Result<Verified,
     let Request { name, scenario, robot, graph, .. } = request;
     chain::try_first_tick(robot, scenario).map_err(|error| Failure::Input(format!("{name}: {error}")))?;
     let has_programs = graph.process.iter().any(|process| process.program().is_none());
-    let needs_processes = has_programs || !scenario.fault.is_empty();
+    let has_own_graph = || chain::graph(scenario).map_or(true, |built_in| built_in.process != graph.process);
+    let needs_processes = has_programs || !scenario.fault.is_empty() && (has_own_graph() || chain::planned_faults(scenario).is_err());
     if needs_processes && request.runs < 2 {
-        let reason = if has_programs { "runs in programs of its graph" } else { "plans faults" };
+        let reason = if has_programs { "runs in programs of its graph" } else { "plans faults of its plant, its recorder or its graph" };
         let sentence = format!("{reason}, which one thread cannot have: its runs are compared with each other, so take at least --runs 2");
         return Err(Failure::Input(format!("{} {sentence}", scenario.name)));
     }
@@ -195,6 +195,23 @@ impl Topics {
         topics::try_each(&mut Add(&mut self.0, tick))
     }
 
+    /// Adds what the chain sends in a scenario that plans faults; the sentence: why it ended before its task did.
+    fn add_under_faults(&mut self, robot: &Robot, scenario: &Scenario) -> Result<Option<String>, Failure> {
+        struct Add<'a>(&'a mut ByTopic<Taps>, Result<(), LogError>);
+        impl Sink for Add<'_> {
+            fn take<M: Topic>(&mut self, message: &M) {
+                let tap = M::of_mut(self.0);
+                tap.hash.add(message);
+                if self.1.is_ok() {
+                    self.1 = tap.keep.as_mut().map_or(Ok(()), |keep| keep.add(message));
+                }
+            }
+        }
+        let mut add = Add(&mut self.0, Ok(()));
+        let ended = chain::run_under_faults(robot, scenario, &mut add).map_err(Failure::input)?;
+        add.1.map_err(Failure::work).map(|()| ended)
+    }
+
     /// In the order of [`TOPICS`].
     fn finish(mut self) -> Result<[TopicSummary; COUNT], LogError> {
         struct Finish<'a>(&'a mut ByTopic<Taps>);
@@ -217,17 +234,18 @@ impl Topics {
     }
 }
 
-/// The reference of a scenario in which nothing goes wrong: no process, no shared memory, no clock.
+/// The reference of a scenario: no process, no shared memory, no clock.
 fn on_one_thread(robot: &Robot, scenario: &Scenario, messages: Option<&Path>) -> Result<Ran, Failure> {
     let began = Instant::now();
     let mut topics = Topics::create(messages).map_err(Failure::work)?;
     let mut kept = Ok(());
-    chain::run(robot, scenario, |tick| {
-        if kept.is_ok() {
-            kept = topics.add(tick);
-        }
-    })
-    .map_err(Failure::input)?;
+    let ended = if chain::plans_faults_of_processes(scenario) {
+        topics.add_under_faults(robot, scenario)?
+    } else {
+        let add = |tick: &Tick| kept = std::mem::replace(&mut kept, Ok(())).and_then(|()| topics.add(tick));
+        chain::run(robot, scenario, add).map_err(Failure::input)?;
+        None
+    };
     let topics = kept.and_then(|()| topics.finish()).map_err(Failure::work)?;
     let ticks = topics[0].count;
     let has = |topic: &str| scenario.servo.is_some() || !STEERED.contains(&topic);
@@ -235,7 +253,7 @@ fn on_one_thread(robot: &Robot, scenario: &Scenario, messages: Option<&Path>) ->
         TOPICS.into_iter().zip(topics).filter(|(topic, _)| has(topic)).map(|(topic, summary)| (topic.to_owned(), summary)).collect();
     let ticks_per_s = ticks as f64 / began.elapsed().as_secs_f64().max(1e-9);
     let condition = "one thread, no shared memory".to_owned();
-    Ok(Ran { condition, ticks, ticks_per_s, topics, failure: String::new(), ended_by: None })
+    Ok(Ran { condition, ticks, ticks_per_s, topics, failure: ended.unwrap_or_default(), ended_by: None })
 }
 
 fn in_processes(job: &Job, condition: Condition, seed: u64, unordered: bool, observer: Observer<'_>) -> Result<Ran, Failure> {

@@ -116,7 +116,7 @@ impl Sweep {
     fn of(spec: Spec, text: String, scenario: String, source: Source) -> Result<Self, Refusal> {
         let space = Space::new(&spec, &source)?;
         let base = source.parse(&spec.set)?;
-        chain::hardware_faults(&base).map_err(Failure::input)?;
+        chain::planned_faults(&base).map_err(Failure::input)?;
         let own_graph = Some(&base.graph).filter(|file| !file.is_empty()).map(|file| source.beside(file));
         let graph = load::graph(own_graph.as_deref())?;
         if graph.process.iter().any(|process| process.program().is_none()) {

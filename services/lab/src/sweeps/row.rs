@@ -2,6 +2,7 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
+use chain::Sink;
 use message_log::TopicHash;
 use model::{Refused, Robot};
 use recorder::Verdict;
@@ -10,7 +11,7 @@ use shared_types::topics::{self, COUNT, Each, STEERED, TOPICS, Topic};
 
 use super::cell::{Cell, Kind};
 use super::spec::unit_of;
-use crate::studies::compare::{Score, scored};
+use crate::studies::compare::{Score, scored, scored_under_faults};
 
 /// A column of the table.
 #[derive(Clone, Debug, PartialEq)]
@@ -132,10 +133,23 @@ fn run(robot: &Robot, scenario: &Scenario) -> Result<(Score, Verdict, [TopicHash
     // As `armplane run` does it: a start that the control law refuses is no run.
     chain::try_first_tick(robot, scenario)?;
     let mut hashes = [TopicHash::default(); COUNT];
+    if chain::plans_faults_of_processes(scenario) {
+        let (score, verdict) = scored_under_faults(robot, scenario, &mut Hashes(&mut hashes))?;
+        return Ok((score, verdict, hashes));
+    }
     let (score, verdict) = scored(robot, scenario, &mut |tick| {
         topics::each(&mut Add { hashes: &mut hashes, tick, is_steered: scenario.servo.is_some() });
     })?;
     Ok((score, verdict, hashes))
+}
+
+/// Adds messages to the hashes of their topics, one by one.
+struct Hashes<'a>(&'a mut [TopicHash; COUNT]);
+
+impl Sink for Hashes<'_> {
+    fn take<M: Topic>(&mut self, message: &M) {
+        self.0[M::INDEX].add(message);
+    }
 }
 
 /// Adds the messages of a tick to the hashes of their topics.

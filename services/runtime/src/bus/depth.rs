@@ -1,10 +1,11 @@
 //! How many messages of a topic may be unread, by their size.
 
+use lockstep::CHAIN_LAG;
 use shared_types::Topic;
 use shared_types::topics::{self, Each};
 
-/// Messages a reader of the chain can leave unread before the oldest is overwritten.
-pub const CHAIN_DEPTH: usize = 64;
+/// Messages a reader of the chain can leave unread before the oldest is overwritten: twice as many as the source may be ahead.
+pub const CHAIN_DEPTH: usize = 2 * CHAIN_LAG as usize;
 /// Messages the recorder can leave unread before the oldest is overwritten, and messages that the retainer of a topic holds; fewer where they are
 /// large: [`depth`].
 pub const RECORDER_DEPTH: usize = 1024;

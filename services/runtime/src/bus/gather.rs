@@ -2,10 +2,11 @@
 
 use std::rc::Rc;
 
+use lockstep::Recall;
+
 use crate::bus::format::header;
 use crate::bus::inlet::{Admission, Inlet};
 use crate::bus::port::Receiver;
-use crate::bus::recall::Recall;
 use crate::context::Context;
 use crate::control_page::Count;
 use crate::memory::HandedOver;

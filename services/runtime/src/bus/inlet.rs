@@ -2,12 +2,13 @@
 
 use std::rc::Rc;
 
+use lockstep::Fence;
+
 use crate::bus::format::{Format, header};
 use crate::bus::missed::Missed;
 use crate::bus::port::{Incoming, Receiver};
 use crate::context::Context;
 use crate::control_page::Count;
-use crate::validation::Fence;
 use crate::wait::Interrupted;
 
 /// The writers whose messages count.

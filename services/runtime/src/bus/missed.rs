@@ -6,8 +6,9 @@
 //! A planned death kills between two ticks, when all readers have what was sent; but a reader connects to a writer when it next looks, and a writer that
 //! has lived for a few ticks may be gone by then. A gap in the ticks at a planned death is looked up in the retainer, too.
 
+use lockstep::oldest_missed;
+
 use crate::bus::format::header;
-use crate::bus::recall::oldest_missed;
 use crate::context::Context;
 use crate::memory::HandedOver;
 

@@ -14,7 +14,6 @@ mod missed;
 pub(crate) mod node;
 pub(crate) mod port;
 pub(crate) mod reader;
-pub(crate) mod recall;
 mod retainer;
 pub(crate) mod topic;
 pub(crate) mod writer;

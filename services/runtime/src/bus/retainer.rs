@@ -1,11 +1,12 @@
 //! The launcher's reader of a topic: it holds the last messages, so that no death of a process loses one.
 
+use lockstep::Ring;
+
 use crate::bus::depth::depth;
 use crate::bus::error::TopicError;
 use crate::bus::format::{Format, header};
 use crate::bus::node::Bus;
 use crate::bus::port::Receiver;
-use crate::bus::recall::Ring;
 use crate::bus::topic::Topic;
 use crate::memory::HandedOver;
 use crate::run_dir::RunDir;

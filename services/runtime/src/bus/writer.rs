@@ -1,25 +1,22 @@
 //! The end of a topic that a process writes: messages are filled in place in loaned shared memory.
 
 use std::cell::RefCell;
-use std::collections::VecDeque;
 use std::ops::{Deref, DerefMut};
 use std::rc::Rc;
 
+use lockstep::{Ring, Shaper, first_not_finite};
 use shared_types::Message;
-use shared_types::fault::{MOST_DELAY_TICKS, corrupted_topic, shaped_topic};
+use shared_types::fault::{corrupted_topic, shaped_topic};
 use shared_types::wire::Header;
 
 use crate::bus::error::TopicError;
 use crate::bus::port::{Outgoing, Sender};
-use crate::bus::recall::Ring;
 use crate::clock::now_ns;
 use crate::context::{Context, Outlet};
 use crate::control_page::Count;
 use crate::deadline::{USAGE_EVERY, cause};
-use crate::fault::message::{Shape, shape};
 use crate::memory::{HandedOver, LastMade};
 use crate::realtime::Usage;
-use crate::validation::first_not_finite;
 
 /// Why a message was not sent.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -71,10 +68,8 @@ struct Sending<M: Message> {
     readers: Vec<usize>,
     /// The last messages made while faults shape them, for this process and its replacement.
     last_made: LastMade<M>,
-    /// Messages that faults hold back, with the tick at which they leave.
-    held: RefCell<VecDeque<(u64, M)>>,
-    /// The message that a fault repeats, or that a dead incarnation goes on sending, if there is one; the room for it is taken before the first tick.
-    stale: RefCell<Vec<M>>,
+    /// What faults hold back or repeat of its messages; the room for it is taken before the first tick.
+    shaper: RefCell<Shaper<M>>,
 }
 
 impl<M: Message> Writer<M> {
@@ -91,8 +86,7 @@ impl<M: Message> Writer<M> {
             topic,
             readers: shared.manifest.woken_by(M::TOPIC).collect(),
             last_made,
-            held: RefCell::new(VecDeque::with_capacity(MOST_HELD)),
-            stale: RefCell::new(Vec::with_capacity(1)),
+            shaper: RefCell::default(),
         });
         shared.add_outlet(Rc::clone(&outlet) as Rc<dyn Outlet>);
         Ok(Self { outlet, usage: Usage::now(), loaned: None })
@@ -236,9 +230,6 @@ fn count_lateness(usage: &mut Usage, shared: &Context, header: &shared_types::He
     *usage = now;
 }
 
-/// Room for what a delay can hold back.
-const MOST_HELD: usize = 2 * MOST_DELAY_TICKS as usize + 4;
-
 impl<M: Message> Sending<M> {
     fn failed(&self, reason: impl std::fmt::Display) -> SendError {
         SendError::Port { process: self.shared.name().to_owned(), topic: M::TOPIC, reason: reason.to_string() }
@@ -290,37 +281,10 @@ impl<M: Message> Sending<M> {
     /// Applies the faults of its tick to a message.
     fn shape(&self, message: &M) -> Result<(), SendError> {
         let (shared, tick) = (&self.shared, self.shared.tick.get());
-        let (mut message, label) = (*message, message.header().tick);
         let injected = |place| shared.control_page.fault_table().mark_injected(place, now_ns());
-        let Shape { due, copies, is_stale, has_zombie } =
-            shape(&mut message, tick, self.is_corruptible, shared.faults.known.borrow().of(shared.me, tick), injected);
-        if is_stale {
-            // Its own old header with it: whoever reads ticks knows it again.
-            let repeated = self.stale.borrow_mut().pop();
-            let old = repeated.or_else(|| self.before(label)).unwrap_or(message);
-            self.stale.borrow_mut().push(old);
-            message = old;
-        } else if !has_zombie {
-            self.stale.borrow_mut().clear();
-        }
-        // Its numbers are those of when the fault began, its tick is that of the message that will be due next.
-        let zombie = has_zombie.then(|| {
-            let mut kept = self.stale.borrow_mut();
-            if kept.is_empty() {
-                kept.push(message);
-            }
-            let (mut zombie, header) = (kept[0], *message.header());
-            *zombie.header_mut() = Header { tick: label + 1, incarnation: header.incarnation.saturating_sub(1), ..header };
-            zombie
-        });
-        for _ in 0..copies {
-            if due == tick {
-                self.deliver_copy(&message)?;
-            } else if self.held.borrow().len() < MOST_HELD {
-                self.held.borrow_mut().push_back((due, message));
-            }
-        }
-        zombie.iter().try_for_each(|zombie| self.deliver_copy(zombie))
+        let (known, before) = (shared.faults.known.borrow(), || self.before(message.header().tick));
+        let faults = known.of(shared.me, tick);
+        self.shaper.borrow_mut().shape(message, (tick, self.is_corruptible), faults, before, injected, |message| self.deliver_copy(message))
     }
 }
 
@@ -330,17 +294,10 @@ impl<M: Message> Outlet for Sending<M> {
     }
 
     fn flush(&self, tick: u64) {
-        let mut held = self.held.borrow_mut();
-        let mut place = 0;
-        while let Some(&(due, message)) = held.get(place) {
-            if due > tick {
-                place += 1;
-                continue;
-            }
-            held.remove(place);
+        self.shaper.borrow_mut().flush(tick, |message| {
             // It fails where no memory is left: then the message is lost, as messages that faults hold back may be.
-            let _ = self.deliver_copy(&message);
-        }
+            let _ = self.deliver_copy(message);
+        });
     }
 
     fn ring(&self) {

@@ -1,10 +1,10 @@
 //! Faults of one edge of the graph: a reader that does not get what all others get.
 
+use lockstep::happens;
 use shared_types::fault::Kind;
 
 use super::Context;
 use crate::clock::now_ns;
-use crate::fault::message::happens;
 
 impl Context {
     /// Whether a fault keeps the message of a tick on one of this process's topics from it.

@@ -1,9 +1,10 @@
 //! A process's run as the lockstep protocol sees it.
 
+use lockstep::{Outage, Progress, Role, View};
+
 use super::Context;
 use crate::control_page::{PROGRESS, State};
 use crate::fault::table::Origin;
-use crate::lockstep::{Outage, Progress, Role, View};
 use crate::manifest::Process;
 
 impl View for Context {

@@ -3,6 +3,5 @@
 pub(crate) mod burden;
 pub(crate) mod clock;
 pub(crate) mod exit;
-pub(crate) mod message;
 pub(crate) mod process;
 pub(crate) mod table;

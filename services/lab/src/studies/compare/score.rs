@@ -1,12 +1,14 @@
 //! One run under one law, in numbers.
 
+use chain::Sink;
 use model::{Model, Refused, Robot, with_dof};
 use nalgebra::{Cholesky, SVector};
-use recorder::{Judge, TaskError, Verdict, limits};
+use recorder::{Assembler, HORIZON, Judge, PATIENCE, Set, TaskError, Verdict, limits};
 use serde::Serialize;
 use shared_types::bounds::{larger, within};
 use shared_types::codes::DRIVE_ACTIVE;
 use shared_types::scenario::{Goal, Scenario};
+use shared_types::topics::{STEERED, Topic};
 
 /// Change of torque in one tick, as a share of the limit, from which on it is a jump.
 const JUMP: f64 = 0.1;
@@ -136,6 +138,59 @@ fn sized<const N: usize>(robot: &Robot, scenario: &Scenario, each: &mut dyn FnMu
     })?;
     let verdict = judge.verdict();
     Ok((meter.score(&verdict, scenario), verdict))
+}
+
+/// The same for a scenario that plans faults of processes or messages: hands each message that counts to `sink`, and judges the ticks that are whole.
+///
+/// # Errors
+/// As [`score`], and where one thread cannot have a fault.
+pub(crate) fn scored_under_faults<O: Sink>(robot: &Robot, scenario: &Scenario, sink: &mut O) -> Result<(Score, Verdict), Refused> {
+    with_dof!(robot.dof(), N => assembled::<N, O>(robot, scenario, sink)).unwrap_or_else(|| Err(Refused::size(robot)))
+}
+
+fn assembled<const N: usize, O: Sink>(robot: &Robot, scenario: &Scenario, sink: &mut O) -> Result<(Score, Verdict), Refused> {
+    let planned = scenario.planned_ticks() as f64;
+    let judge = Judge::new(limits(robot), scenario.goal.clone(), planned);
+    let assembler = Assembler::new(Set::of(|topic| scenario.servo.is_some() || !STEERED.contains(&topic)), PATIENCE, HORIZON);
+    let mut judged = Judged { sink, assembler, newest: 0, judge, meter: Meter::<N>::new(robot, scenario)? };
+    let ended = chain::run_under_faults(robot, scenario, &mut judged)?;
+    judged.take_rows(true);
+    let mut verdict = judged.judge.verdict();
+    if let Some(sentence) = ended {
+        (verdict.completed, verdict.outcome) = (false, "stopped".to_owned());
+        verdict.reason = format!("{sentence}; {}", verdict.reason);
+    }
+    Ok((judged.meter.score(&verdict, scenario), verdict))
+}
+
+/// Judges the ticks that messages make, as the recorder does.
+struct Judged<'a, O, const N: usize> {
+    sink: &'a mut O,
+    assembler: Assembler,
+    /// The newest tick of which a message has come.
+    newest: u64,
+    judge: Judge,
+    meter: Meter<N>,
+}
+
+impl<O, const N: usize> Judged<'_, O, N> {
+    fn take_rows(&mut self, flush: bool) {
+        while let Some(row) = self.assembler.pop(self.newest, flush) {
+            let Some(tick) = recorder::Tick::of(&row.messages().lent()) else { continue };
+            self.judge.tick(tick);
+            self.meter.tick(&tick);
+        }
+    }
+}
+
+impl<O: Sink, const N: usize> Sink for Judged<'_, O, N> {
+    fn take<M: Topic>(&mut self, message: &M) {
+        self.sink.take(message);
+        let tick = message.header().tick;
+        self.assembler.row(tick).into_iter().for_each(|row| row.put(message));
+        self.newest = self.newest.max(tick);
+        self.take_rows(false);
+    }
 }
 
 /// Measures beyond those of the recorder's judge.

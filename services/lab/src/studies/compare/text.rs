@@ -24,8 +24,8 @@ impl fmt::Display for Compared {
             Self::Sweep { faults_left_out, .. } => (SWEEP, *faults_left_out),
         };
         if faults_left_out > 0 {
-            let why = "laws are compared on one thread, and faults happen to processes";
-            writeln!(f, "{name}: without its planned faults ({faults_left_out}): {why}")?;
+            let remedy = "`armplane sweep` over `control.strategy` has them";
+            writeln!(f, "{name}: without its planned faults ({faults_left_out}); {remedy}")?;
         }
         match self {
             Self::Scenario { scenario, scores, .. } => scenario_text(f, scenario, scores),

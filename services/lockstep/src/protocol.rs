@@ -12,49 +12,47 @@
 
 use shared_types::fault::ScheduledFault;
 
-use crate::bus::depth::CHAIN_DEPTH;
-
 /// The constants of a process in the protocol.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Role {
+pub struct Role {
     /// It makes the ticks: while it stands still there are none.
-    pub(crate) makes_ticks: bool,
+    pub makes_ticks: bool,
     /// It collects messages in rounds (the recorder); it closes no ticks for others.
-    pub(crate) polled: bool,
+    pub polled: bool,
 }
 
 /// How far a process has come.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub(crate) struct Progress {
+pub struct Progress {
     /// Ticks closed. The tick source counts a tick when its messages are sent, the others when they have answered.
-    pub(crate) ticks: u64,
+    pub ticks: u64,
     /// How often it has been started.
-    pub(crate) incarnation: u32,
+    pub incarnation: u32,
     /// It works: started, connected, neither dead nor stopped.
-    pub(crate) is_running: bool,
+    pub is_running: bool,
     /// It waits for the progress of the others.
-    pub(crate) awaits_progress: bool,
+    pub awaits_progress: bool,
 }
 
 /// A fault that takes a process down for some ticks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(crate) struct Outage {
+pub struct Outage {
     /// Place in the fault table.
-    pub(crate) place: usize,
+    pub place: usize,
     /// Which process.
-    pub(crate) process: usize,
+    pub process: usize,
     /// First tick without an answer.
-    pub(crate) at: u64,
+    pub at: u64,
     /// First tick at which the process answers again.
-    pub(crate) until: u64,
+    pub until: u64,
     /// It has taken effect.
-    pub(crate) has_struck: bool,
+    pub has_struck: bool,
     /// The process ends; otherwise it is stopped and goes on.
-    pub(crate) is_death: bool,
+    pub is_death: bool,
     /// No plan had it: detected when it had happened.
-    pub(crate) is_unplanned: bool,
+    pub is_unplanned: bool,
     /// So many outputs of the first tick leave before the process ends.
-    pub(crate) after_outputs: u32,
+    pub after_outputs: u32,
 }
 
 impl Outage {
@@ -69,7 +67,7 @@ impl Outage {
 }
 
 /// The run at a moment, as one process sees it.
-pub(crate) trait View {
+pub trait View {
     /// How many processes there are.
     fn processes(&self) -> usize;
     /// The role of a process.
@@ -96,12 +94,12 @@ pub(crate) trait View {
 ///
 /// Far less than the messages that stay available to its replacement, also where faults make several messages of one tick, and with what a block
 /// of a message log holds.
-pub(crate) const RECORDER_LAG: u64 = 256;
+pub const RECORDER_LAG: u64 = 256;
 
-/// Ticks that the source may be ahead of a process that is not polled: half of what a reader's buffer holds.
+/// Ticks that the source may be ahead of a process that is not polled: the buffer of a reader holds twice as many.
 ///
 /// Whether the loop waits for a process is not in the graph: a program may declare that it reads a topic and never open it.
-pub(crate) const CHAIN_LAG: u64 = CHAIN_DEPTH as u64 / 2;
+pub const CHAIN_LAG: u64 = 32;
 
 /// The end of a process that no plan had, from a tick on of which so many messages have left.
 ///
@@ -114,7 +112,7 @@ pub fn unplanned_death(process: usize, at: u64, after_outputs: u32, rate_hz: u32
 
 /// To whom a process reports that it has closed a tick, beyond the readers of its messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Report {
+pub enum Report {
     /// No process waits for anything but messages.
     Unneeded,
     /// The tick source waits for each process that it is too far ahead of.
@@ -125,13 +123,14 @@ pub(crate) enum Report {
 
 /// The decisions of one process.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Protocol<'a, V> {
+pub struct Protocol<'a, V> {
     view: &'a V,
     me: usize,
 }
 
 impl<'a, V: View> Protocol<'a, V> {
-    pub(crate) fn new(view: &'a V, me: usize) -> Self {
+    /// Those of process `me`, as it sees the run.
+    pub fn new(view: &'a V, me: usize) -> Self {
         Self { view, me }
     }
 
@@ -139,7 +138,7 @@ impl<'a, V: View> Protocol<'a, V> {
     /// None is in a first incarnation.
     ///
     /// A state that was committed for a tick of a death, this one or an earlier one, belongs to a message that never left.
-    pub(crate) fn may_resume_from(&self, tick: u64) -> bool {
+    pub fn may_resume_from(&self, tick: u64) -> bool {
         let Progress { ticks: closed, incarnation, .. } = self.view.progress(self.me);
         if incarnation < 2 || !self.view.is_lockstep() {
             return incarnation >= 2;
@@ -157,13 +156,13 @@ impl<'a, V: View> Protocol<'a, V> {
     }
 
     /// Whether a process is dead or stopped at a tick.
-    pub(crate) fn is_down(&self, process: usize, tick: u64) -> bool {
+    pub fn is_down(&self, process: usize, tick: u64) -> bool {
         let covers = |outage: Outage| outage.process == process && outage.covers(tick) && !outage.is_due_within(tick);
         self.view.has_faults() && self.view.outages().any(covers)
     }
 
     /// Whether a writer sends nothing more at a tick: it has closed the tick, or it is down and the tick has begun.
-    pub(crate) fn has_closed(&self, writer: Option<usize>, tick: u64) -> bool {
+    pub fn has_closed(&self, writer: Option<usize>, tick: u64) -> bool {
         let Some(writer) = writer else { return false };
         // Where the tick source stands still there are no ticks: none is passed over. And no process runs ahead of it: what leaves late would
         // arrive in a tick of its own choosing.
@@ -172,7 +171,7 @@ impl<'a, V: View> Protocol<'a, V> {
     }
 
     /// For the tick source, before it begins a tick: a process for which it must wait.
-    pub(crate) fn holds_back(&self, tick: u64) -> Option<usize> {
+    pub fn holds_back(&self, tick: u64) -> Option<usize> {
         self.lags(tick).or_else(|| self.awaited(tick)).or_else(|| self.straggler(tick))
     }
 
@@ -193,7 +192,7 @@ impl<'a, V: View> Protocol<'a, V> {
     }
 
     /// For the tick source, before it ends: a process that has not closed all ticks before a tick. A polled process takes in what is left afterwards.
-    pub(crate) fn unfinished(&self, tick: u64) -> Option<usize> {
+    pub fn unfinished(&self, tick: u64) -> Option<usize> {
         let is_behind = |process: &usize| {
             let closed = self.view.progress(*process).ticks;
             *process != self.me && !self.view.role(*process).polled && closed < tick && !self.is_down(*process, closed)
@@ -229,7 +228,7 @@ impl<'a, V: View> Protocol<'a, V> {
     }
 
     /// Whether nothing of the ticks before a tick is still to be sent: the tick source waits, and all others have come as far.
-    pub(crate) fn is_settled(&self, tick: u64) -> bool {
+    pub fn is_settled(&self, tick: u64) -> bool {
         let has_come = |process: usize| {
             let (role, progress) = (self.view.role(process), self.view.progress(process));
             match role.makes_ticks {
@@ -243,7 +242,7 @@ impl<'a, V: View> Protocol<'a, V> {
     /// The first tick at which this process, started again, may answer: after its last outage. 0: none is known.
     ///
     /// In real time a death that no plan had has no length: the replacement answers as soon as it can.
-    pub(crate) fn returns_at(&self) -> u64 {
+    pub fn returns_at(&self) -> u64 {
         let Progress { ticks: closed, incarnation, .. } = self.view.progress(self.me);
         if incarnation < 2 {
             return 0;
@@ -257,7 +256,7 @@ impl<'a, V: View> Protocol<'a, V> {
 
     /// The fault that takes this process down at a tick. The tick source and a polled process are down at no tick but the first of an outage, because no
     /// tick passes meanwhile: each falls once. In real time every process does: a replacement that is there early does not fall again.
-    pub(crate) fn downfall(&self, tick: u64) -> Option<Outage> {
+    pub fn downfall(&self, tick: u64) -> Option<Outage> {
         let role = self.view.role(self.me);
         let falls_once = role.polled || role.makes_ticks || !self.view.is_lockstep();
         let is_due = |outage: &Outage| outage.covers(tick) && !outage.is_due_within(tick) && !(falls_once && outage.has_struck);
@@ -265,20 +264,20 @@ impl<'a, V: View> Protocol<'a, V> {
     }
 
     /// The outage that takes this process down when so many of its outputs of a tick have left.
-    pub(crate) fn downfall_after(&self, tick: u64, outputs: u32) -> Option<Outage> {
+    pub fn downfall_after(&self, tick: u64, outputs: u32) -> Option<Outage> {
         let is_it = |outage: &Outage| outage.process == self.me && outage.is_due_within(tick) && outage.after_outputs == outputs;
         self.view.outages().find(is_it)
     }
 
     /// The first tick of which a process has sent nothing more when it died without a plan: 0 where it has not. A message of an earlier tick may
     /// have reached the retainer of its topic and not all of its readers.
-    pub(crate) fn sent_before_death(&self, process: usize) -> u64 {
+    pub fn sent_before_death(&self, process: usize) -> u64 {
         self.deaths(process).filter(|(death, _)| death.is_unplanned).map(|(_, end)| end).max().unwrap_or(0)
     }
 
     /// Likewise for its planned deaths between two ticks: of ticks from `from` on and below this one it has sent messages, and a reader that was not
     /// yet connected to an incarnation of few ticks has not received them.
-    pub(crate) fn sent_before_planned_death(&self, process: usize, (from, before): (u64, u64)) -> u64 {
+    pub fn sent_before_planned_death(&self, process: usize, (from, before): (u64, u64)) -> u64 {
         let is_it = |(death, end): &(Outage, u64)| !death.is_unplanned && death.at < before && *end > from;
         self.deaths(process).filter(is_it).map(|(_, end)| end).max().unwrap_or(0)
     }
@@ -291,7 +290,7 @@ impl<'a, V: View> Protocol<'a, V> {
 
     /// For a process that has been started again: a death that came to its predecessor's replacement before that could answer. It must come again,
     /// so that the incarnations are those of the run that is repeated.
-    pub(crate) fn downfall_at_start(&self) -> Option<Outage> {
+    pub fn downfall_at_start(&self) -> Option<Outage> {
         let (role, incarnation) = (self.view.role(self.me), self.view.progress(self.me).incarnation);
         let returns_at = self.returns_at();
         if !self.view.is_lockstep() || role.polled || role.makes_ticks || returns_at == 0 {
@@ -304,14 +303,14 @@ impl<'a, V: View> Protocol<'a, V> {
     }
 
     /// The tick count that this process takes on when nothing before `tick` will come of it any more; `None`: it stays.
-    pub(crate) fn skips_to(&self, tick: u64) -> Option<u64> {
+    pub fn skips_to(&self, tick: u64) -> Option<u64> {
         let role = self.view.role(self.me);
         let closed = self.view.progress(self.me).ticks;
         (self.view.is_lockstep() && !role.polled && !role.makes_ticks && tick > closed).then_some(tick)
     }
 
     /// The processes to inform that this process has closed a tick.
-    pub(crate) fn reports_to(&self) -> Report {
+    pub fn reports_to(&self) -> Report {
         match self.source() {
             Some(source) if self.view.has_faults() => {
                 if source == self.me {
@@ -327,5 +326,5 @@ impl<'a, V: View> Protocol<'a, V> {
 }
 
 #[cfg(test)]
-#[path = "lockstep_tests.rs"]
+#[path = "protocol_tests.rs"]
 mod tests;

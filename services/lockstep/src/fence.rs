@@ -9,7 +9,7 @@ use shared_types::wire::{Field, Header};
 /// lives. In lockstep the last messages of the dead one belong to the run (whether they are read before or after the launcher detects the
 /// death must not matter), so there only an incarnation older than one already heard is refused.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Fence {
+pub struct Fence {
     newest_heard: u32,
 }
 
@@ -23,7 +23,7 @@ impl Default for Fence {
 impl Fence {
     /// Whether a message counts. `living` is the writer's incarnation on the control page, `None` in lockstep.
     #[inline]
-    pub(crate) fn admits(&mut self, header: &Header, living: Option<u32>) -> bool {
+    pub fn admits(&mut self, header: &Header, living: Option<u32>) -> bool {
         if header.incarnation < self.newest_heard.max(living.unwrap_or(0)) {
             return false;
         }
@@ -34,7 +34,7 @@ impl Fence {
 
 /// The first field of a message that holds a number that is not finite.
 #[inline]
-pub(crate) fn first_not_finite<M: Message>(message: &M) -> Option<&'static str> {
+pub fn first_not_finite<M: Message>(message: &M) -> Option<&'static str> {
     if message.is_finite() {
         return None;
     }

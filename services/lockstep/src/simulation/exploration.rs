@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet, HashSet};
 
 use super::defect::{Defect, digest};
 use super::machine::{At, Graph, Place, State};
-use crate::lockstep::Outage;
+use crate::protocol::Outage;
 
 impl State {
     /// All states after one step.

@@ -2,7 +2,8 @@
 
 /// Messages in the order in which they were sent, numbered from 0; the last of them are there. The last [`length`](Ring::length) is about to be
 /// overwritten.
-pub(crate) trait Ring {
+pub trait Ring {
+    /// One of them.
     type Message: PartialEq;
 
     /// How many have been put in.
@@ -17,7 +18,7 @@ pub(crate) trait Ring {
 
 /// Takes the messages that the retainer of a topic has handed over, each once, until everything comes by their topic again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(crate) struct Recall {
+pub struct Recall {
     /// Number of the next one to take from the file.
     next: u64,
     /// Below it all are known to have come by their topic too.
@@ -28,7 +29,7 @@ pub(crate) struct Recall {
 
 impl Recall {
     /// Goes on behind the last message that its predecessor has left in its files; from the oldest on, where that one is gone.
-    pub(crate) fn after<R: Ring>(ring: &R, last: Option<&R::Message>) -> Self {
+    pub fn after<R: Ring>(ring: &R, last: Option<&R::Message>) -> Self {
         let (count, oldest) = (ring.count(), oldest(ring));
         let is_last = |number: &u64| ring.get(*number).is_some_and(|one| last.is_some_and(|last| one == *last));
         let next = (oldest..count).rev().find(is_last).map_or(oldest, |number| number + 1);
@@ -36,7 +37,7 @@ impl Recall {
     }
 
     /// The next one that has not been taken.
-    pub(crate) fn take<R: Ring>(&mut self, ring: &R) -> Option<R::Message> {
+    pub fn take<R: Ring>(&mut self, ring: &R) -> Option<R::Message> {
         loop {
             // Messages overwritten meanwhile are lost, and the gap is counted.
             self.next = self.next.max(oldest(ring));
@@ -51,17 +52,17 @@ impl Recall {
     }
 
     /// The next one before the message at `place`.
-    pub(crate) fn take_before<R: Ring>(&mut self, ring: &R, place: u64) -> Option<R::Message> {
+    pub fn take_before<R: Ring>(&mut self, ring: &R, place: u64) -> Option<R::Message> {
         if self.next < place { self.take(ring) } else { None }
     }
 
     /// The number of a message that has not been taken, if the retainer has handed it over.
-    pub(crate) fn place_ahead<R: Ring>(&self, ring: &R, is_it: impl Fn(&R::Message) -> bool) -> Option<u64> {
+    pub fn place_ahead<R: Ring>(&self, ring: &R, is_it: impl Fn(&R::Message) -> bool) -> Option<u64> {
         place_of(ring, self.next..ring.count(), is_it)
     }
 
     /// Whether a message that has come by its topic has been taken from the file before.
-    pub(crate) fn knows<R: Ring>(&mut self, ring: &R, is_it: impl Fn(&R::Message) -> bool) -> bool {
+    pub fn knows<R: Ring>(&mut self, ring: &R, is_it: impl Fn(&R::Message) -> bool) -> bool {
         let place = place_of(ring, self.known..self.next, is_it);
         self.known = place.map_or(self.known, |number| number + 1);
         self.is_connected |= place.is_some();
@@ -69,7 +70,7 @@ impl Recall {
     }
 
     /// All that was taken from the file has come by its topic too: from here on nothing can be missed.
-    pub(crate) fn is_in_step(&self) -> bool {
+    pub fn is_in_step(&self) -> bool {
         self.is_connected && self.known == self.next
     }
 }
@@ -84,7 +85,7 @@ fn oldest(ring: &impl Ring) -> u64 {
 }
 
 /// The oldest message that a dead writer has sent and that a reader has not: of the ticks from `next` on and before another.
-pub(crate) fn oldest_missed<R: Ring>(ring: &R, next: u64, before: u64, tick: impl Fn(&R::Message) -> u64) -> Option<R::Message> {
+pub fn oldest_missed<R: Ring>(ring: &R, next: u64, before: u64, tick: impl Fn(&R::Message) -> u64) -> Option<R::Message> {
     let count = ring.count();
     let newest_first = (count.saturating_sub(ring.length())..count).rev().map_while(|number| ring.get(number));
     let with_ticks = newest_first.map(|message| (tick(&message), message));

@@ -7,12 +7,12 @@
 use std::collections::VecDeque;
 
 use super::defect::{Defect, digest};
-use crate::bus::recall::{Recall, Ring, oldest_missed};
 use crate::checkpoint_rule::most_ticks_unsaved;
+use crate::recall::{Recall, Ring, oldest_missed};
 
 /// Ticks that the source may be ahead of the recorder.
 pub(super) const LAG: u64 = 4;
-/// Messages that a retainer holds unread, and a buffer of the recorder: four times as many, as in [`crate::bus::depth`].
+/// Messages that a retainer holds unread, and a buffer of the recorder: four times as many, as in `runtime`.
 const HELD: usize = 4 * LAG as usize;
 /// Messages in a block of a log.
 const BLOCK: usize = 3;
@@ -135,7 +135,7 @@ impl Channel {
         missed.or_else(|| self.buffer.pop_front())
     }
 
-    /// The second half of [`crate::bus::gather`]'s catching up: what has come by the topic since the file was read.
+    /// The second half of the catching up of `runtime`: what has come by the topic since the file was read.
     fn catch_up(&mut self, mut recall: Recall, room: &mut u64) -> Option<Recall> {
         while let Some(message) = self.buffer.pop_front() {
             if recall.knows(&self.handed_over, |one| *one == message) {

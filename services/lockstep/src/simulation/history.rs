@@ -5,7 +5,7 @@ use shared_types::random::at as random;
 use super::defect::Defect;
 use super::machine::{At, DOWN, Graph, State};
 use super::recorder::Recorder;
-use crate::lockstep::Outage;
+use crate::protocol::Outage;
 
 /// Steps after which a history counts as endless.
 const MOST_STEPS: u64 = 200_000;

@@ -1,26 +1,104 @@
 //! Faults of messages: what becomes of a message that a process sends while a fault concerns it.
 
-use shared_types::Message;
-use shared_types::fault::{Kind, ScheduledFault, Way, shaped_topic};
+use std::collections::VecDeque;
 
+use shared_types::fault::{Kind, MOST_DELAY_TICKS, ScheduledFault, Way, shaped_topic};
 use shared_types::random::at as random;
+use shared_types::{Header, Message};
+
+/// Room for what a delay can hold back.
+const MOST_HELD: usize = 2 * MOST_DELAY_TICKS as usize + 4;
+
+/// What the faults of a process make of the messages of one of its topics. Takes its memory at the beginning.
+#[derive(Debug)]
+pub struct Shaper<M> {
+    /// Messages that faults hold back, with the tick at which they leave.
+    held: VecDeque<(u64, M)>,
+    /// The message that a fault repeats, or that a dead incarnation goes on sending, if there is one.
+    stale: Vec<M>,
+}
+
+impl<M> Default for Shaper<M> {
+    fn default() -> Self {
+        Self { held: VecDeque::with_capacity(MOST_HELD), stale: Vec::with_capacity(1) }
+    }
+}
+
+impl<M: Message> Shaper<M> {
+    /// Hands to `deliver` all that leaves at `tick` in place of a message: nothing, the message, another one, or several. `faults` are those that
+    /// concern the process at the tick; a corruption concerns the message where `is_corruptible`. `before` gives the message before it, and
+    /// `injected` is called with the place of each fault that takes effect.
+    ///
+    /// # Errors
+    /// The first of `deliver`.
+    pub fn shape<'a, E>(
+        &mut self,
+        message: &M,
+        (tick, is_corruptible): (u64, bool),
+        faults: impl Iterator<Item = (usize, &'a ScheduledFault, Kind)>,
+        before: impl FnOnce() -> Option<M>,
+        injected: impl FnMut(usize),
+        mut deliver: impl FnMut(&M) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let (mut message, label) = (*message, message.header().tick);
+        let Shape { due, copies, is_stale, has_zombie } = shape(&mut message, tick, is_corruptible, faults, injected);
+        if is_stale {
+            // Its own old header with it: whoever reads ticks knows it again.
+            let old = self.stale.pop().or_else(before).unwrap_or(message);
+            self.stale.push(old);
+            message = old;
+        } else if !has_zombie {
+            self.stale.clear();
+        }
+        // Its numbers are those of when the fault began, its tick is that of the message that will be due next.
+        let zombie = has_zombie.then(|| {
+            if self.stale.is_empty() {
+                self.stale.push(message);
+            }
+            let (mut zombie, header) = (self.stale[0], *message.header());
+            *zombie.header_mut() = Header { tick: label + 1, incarnation: header.incarnation.saturating_sub(1), ..header };
+            zombie
+        });
+        for _ in 0..copies {
+            if due == tick {
+                deliver(&message)?;
+            } else if self.held.len() < MOST_HELD {
+                self.held.push_back((due, message));
+            }
+        }
+        zombie.iter().try_for_each(deliver)
+    }
+
+    /// Hands over what was held back and is due at `tick` or before.
+    pub fn flush(&mut self, tick: u64, mut deliver: impl FnMut(&M)) {
+        let mut place = 0;
+        while let Some(&(due, message)) = self.held.get(place) {
+            if due > tick {
+                place += 1;
+                continue;
+            }
+            self.held.remove(place);
+            deliver(&message);
+        }
+    }
+}
 
 /// The outcome of one message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Shape {
+struct Shape {
     /// The tick at which it leaves.
-    pub(crate) due: u64,
+    due: u64,
     /// How many times it leaves.
-    pub(crate) copies: u32,
+    copies: u32,
     /// An older message leaves instead.
-    pub(crate) is_stale: bool,
+    is_stale: bool,
     /// A message of a dead incarnation leaves behind it.
-    pub(crate) has_zombie: bool,
+    has_zombie: bool,
 }
 
 /// Applies the faults that concern a process at `tick` to a message, in the order of the fault table: its fields in place, whether and when it leaves
 /// as the answer. A corruption concerns the message where `is_corruptible`. `injected` is called with the place of each fault that takes effect.
-pub(crate) fn shape<'a, M: Message>(
+fn shape<'a, M: Message>(
     message: &mut M,
     tick: u64,
     is_corruptible: bool,
@@ -50,13 +128,14 @@ pub(crate) fn shape<'a, M: Message>(
 }
 
 /// Whether a fault concerns the message of a tick: the same answer every time.
-pub(crate) fn happens(scheduled: &ScheduledFault, tick: u64) -> bool {
+#[must_use]
+pub fn happens(scheduled: &ScheduledFault, tick: u64) -> bool {
     // 53 bits make a number in [0, 1) exactly; another draw than the delay's.
     scheduled.probability >= 1.0 || ((random(!scheduled.seed, tick) >> 11) as f64) < scheduled.probability * (1u64 << 53) as f64
 }
 
 /// Spoils the number that a corruption aims at.
-pub(crate) fn corrupt<M: Message>(message: &mut M, scheduled: &ScheduledFault) {
+fn corrupt<M: Message>(message: &mut M, scheduled: &ScheduledFault) {
     let (tick, start) = (message.header().tick, scheduled.target as usize);
     let Some(bytes) = bytemuck::bytes_of_mut(message).get_mut(start..start + size_of::<f64>()) else { return };
     let value: f64 = bytemuck::pod_read_unaligned(bytes);

@@ -1,6 +1,6 @@
 //! A graph of processes under the lockstep protocol, without processes: the launcher's and the ports' part in the protocol as steps of a state.
 //!
-//! The decisions are those of [`crate::lockstep`]. A state holds, besides what they read, the messages on their way: a message reaches the retainer of its
+//! The decisions are those of [`crate::protocol`]. A state holds, besides what they read, the messages on their way: a message reaches the retainer of its
 //! topic first, then one reader after the other, and a death may come between any two of these. A value stands for the bytes: it depends on the tick,
 //! the incarnation, the inputs and the state that the process has kept in its checkpoint.
 
@@ -9,12 +9,12 @@ use std::hash::Hash;
 
 use super::defect::{Defect, digest};
 use super::recorder::{LAG, Recorder, Step};
-use crate::lockstep::{Outage, Progress, Protocol, Role, View};
+use crate::protocol::{Outage, Progress, Protocol, Role, View};
 
-/// Unread messages that the buffer of a reader holds; half as many ticks the source may be ahead, as in [`crate::lockstep`].
+/// Unread messages that the buffer of a reader holds; half as many ticks the source may be ahead, as in [`crate::protocol`].
 const DEPTH: u64 = 4;
 
-/// Ticks that a death lasts: longer than the source may be ahead, as [`crate::lockstep::unplanned_death`].
+/// Ticks that a death lasts: longer than the source may be ahead, as [`crate::unplanned_death`].
 pub(crate) const DOWN: u64 = DEPTH / 2 + 2;
 
 /// A graph: the source is process 0 and has one output; the last output of the last process closes the loop.

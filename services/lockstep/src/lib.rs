@@ -1,0 +1,26 @@
+//! The lockstep protocol, without processes: pure decisions, and what they decide about.
+//!
+//! ```text
+//! protocol          which ticks are closed, which process waits for which, and what a death changes
+//! message_faults    what faults make of a message on its way        fence    which messages count
+//! recall            the messages that no living reader has received
+//! one_thread        processes that take turns on one thread: the bytes of a run under faults, without a run
+//! simulation        random histories and every schedule of small graphs: no lost tick, no double tick, no deadlock
+//! ```
+//!
+//! `runtime` carries the decisions out on shared memory; nothing here knows a clock, a thread or a file.
+
+mod checkpoint_rule;
+mod fence;
+mod message_faults;
+mod one_thread;
+mod protocol;
+mod recall;
+pub mod simulation;
+
+pub use checkpoint_rule::most_ticks_unsaved;
+pub use fence::{Fence, first_not_finite};
+pub use message_faults::{Shaper, apply_to_outgoing, happens};
+pub use one_thread::{Checkpoints, Ended, Run, Sink};
+pub use protocol::{CHAIN_LAG, Outage, Progress, Protocol, RECORDER_LAG, Report, Role, View, unplanned_death};
+pub use recall::{Recall, Ring, oldest_missed};
