@@ -320,6 +320,10 @@ impl Fault {
     fn corrupted_place(&self, fields: &[Field]) -> Result<u32, Complaint> {
         let numbers = || fields.iter().filter(|field| field.is_number());
         let known = || numbers().map(|field| &*field.name).collect::<Vec<_>>().join(", ");
+        if numbers().next().is_none() {
+            let message = format!("the {} sends no plain number that could be corrupted", self.process);
+            return Err(Complaint::new("kind", message, "take another process, or another kind: `armplane fault --list`"));
+        }
         let (name, place) = match self.field.as_deref() {
             None => (numbers().next().map_or("", |field| &*field.name), 0),
             Some(text) => match text.strip_suffix(']').and_then(|text| text.split_once('[')) {
@@ -488,6 +492,9 @@ mod tests {
         assert!(refused("process='plant'\nkind='drop'\nat_s=1.0\nat_tick=3").contains("both given"));
         assert!(refused("process='analyzer'\nkind='corrupt'\nfield='zeta'").contains("it sends sigma"));
         assert!(refused("process='analyzer'\nkind='corrupt'\nfield='sigma[6]'").contains("0 to 5"));
+        let steered = Graph::parse("servo.toml", crate::graph::STEERED).unwrap();
+        let none = parse("process='operator'\nkind='corrupt'").schedule(&steered.target("operator").unwrap(), 1000, 0).unwrap_err();
+        assert!(none.message.contains("sends no plain number"), "{none}");
         assert!(refused("process='analyzer'\nkind='cut'\ntopic='torque'").contains("it reads estimate"));
         assert!(refused("process='analyzer'\nkind='slow'\namount=2e3").contains("an amount of 2000"));
         assert!(refused("process='analyzer'\nkind='delay'\ndelay_ticks=40\njitter_ticks=11").contains("at most 50"));
