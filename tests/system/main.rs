@@ -22,6 +22,7 @@ mod limits;
 mod neighbours;
 mod observers;
 mod patience;
+mod pipes;
 mod properties;
 mod recording;
 mod replay;

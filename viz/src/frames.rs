@@ -30,7 +30,7 @@ impl Frames {
     /// # Errors
     /// When the file cannot be opened.
     pub(crate) fn open(path: &Path) -> io::Result<Self> {
-        let file = File::open(path)?;
+        let file = files::open(path)?;
         Ok(Self { size: file.metadata()?.len(), file: BufReader::new(file), place: 0 })
     }
 

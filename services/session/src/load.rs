@@ -1,5 +1,6 @@
 //! From names and files to validated values: nothing starts before everything here has passed.
 
+use std::hash::{BuildHasher, RandomState};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -309,6 +310,8 @@ pub fn job(robot: &Robot, scenario: Scenario, graph: Graph, mode: Mode, out: Pat
     Job {
         // The launcher knows it.
         run: String::new(),
+        // The keys of the hash are random.
+        id: RandomState::new().hash_one(std::process::id()),
         version: env!("CARGO_PKG_VERSION").to_owned(),
         mode,
         out,
@@ -339,9 +342,10 @@ pub fn unknown<'a>(what: &str, name: &str, known: impl Iterator<Item = &'a str>,
 /// # Errors
 /// [`Failure::Input`] with the remedy, where it cannot be read.
 pub fn read(path: &Path) -> Result<String, Failure> {
-    std::fs::read_to_string(path).map_err(|error| {
+    files::read_text(path).map_err(|error| {
         let path = path.display();
         Failure::Input(match error.kind() {
+            ErrorKind::InvalidInput => format!("cannot read {path}: {error}; give the path of a file, or a pipe as /dev/stdin or <(…)"),
             ErrorKind::NotFound => format!("there is no file {path}: give the path of one that exists"),
             ErrorKind::InvalidData => format!("{path} is no text: save it as UTF-8"),
             ErrorKind::IsADirectory => format!("{path} is a folder: give the path of a file"),

@@ -92,11 +92,20 @@ impl Run {
         let remedy = if !self.parts.is_empty() && self.parts != viz::parts_in(&self.folder) {
             "the folder of its run may have the whole one".to_owned()
         } else if self.folder.join(SCENARIO).exists() {
-            format!("`armplane run {folder}/{SCENARIO}` makes the run again")
+            self.again()
         } else {
             format!("where the run has ended, `armplane recover {folder}` makes it anew from its messages")
         };
         format!("{folder}: {lack}; {remedy}")
+    }
+
+    /// The way to the same run with all its results.
+    #[must_use]
+    pub fn again(&self) -> String {
+        match self.folder.join(SCENARIO).exists() {
+            true => format!("`armplane run {}/{SCENARIO}` makes the run again", self.folder.display()),
+            false => "run its scenario again".to_owned(),
+        }
     }
 
     /// The run's summary.
@@ -119,7 +128,7 @@ impl Run {
 
     fn json<T: serde::de::DeserializeOwned>(&self, name: &str) -> Result<T, Failure> {
         let path = self.folder.join(name);
-        let text = std::fs::read(&path)
+        let text = files::read(&path)
             .map_err(|error| Failure::Input(format!("cannot read {}: {error}; name the folder of a run that has ended", path.display())))?;
         serde_json::from_slice(&text).map_err(|error| {
             let (path, folder) = (path.display(), self.folder.display());

@@ -56,7 +56,7 @@ pub fn show(files: &[PathBuf], layout: Option<&Path>, observer: Observer<'_>) ->
 }
 
 fn send(path: &Path, viewer: &mut ChildStdin) -> std::io::Result<()> {
-    std::io::copy(&mut File::open(path)?, viewer).map(drop)
+    std::io::copy(&mut files::open(path)?, viewer).map(drop)
 }
 
 fn named_viewer_command() -> Option<String> {
@@ -212,7 +212,7 @@ impl Feed {
     fn await_part(&self, part: u32) -> std::io::Result<Option<File>> {
         loop {
             let over = self.over.load(Ordering::Acquire);
-            match File::open(self.folder.join(viz::part_name(part))) {
+            match files::open(&self.folder.join(viz::part_name(part))) {
                 Ok(file) => return Ok(Some(file)),
                 Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
                 Err(_) if over => return Ok(None),

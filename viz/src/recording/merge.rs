@@ -1,7 +1,6 @@
 //! The parts of a recording as one file, and the end of a part whose recorder was killed.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
@@ -124,7 +123,7 @@ pub fn merge(parts: &[PathBuf], to: &Path, mut news: impl FnMut(ReadNews<'_>)) -
 
 /// Whether a recording has its footer: one of a recorder that was killed has none.
 pub(crate) fn is_complete(path: &Path) -> std::io::Result<bool> {
-    let mut file = File::open(path)?;
+    let mut file = files::open(path)?;
     let mut end = [0; StreamFooter::ENCODED_SIZE_BYTES];
     if file.metadata()?.len() < end.len() as u64 {
         return Ok(false);

@@ -22,7 +22,7 @@ pub fn parts_in(folder: &Path) -> Vec<PathBuf> {
 pub(super) fn is_blank(path: &Path) -> bool {
     const HEAD: usize = 512;
     let mut head = Vec::new();
-    let read = File::open(path).and_then(|file| std::io::Read::read_to_end(&mut std::io::Read::take(file, HEAD as u64), &mut head));
+    let read = files::open(path).and_then(|file| std::io::Read::read_to_end(&mut std::io::Read::take(file, HEAD as u64), &mut head));
     read.is_ok() && head.len() < HEAD && (head.is_empty() || head.starts_with(b"RRF"))
 }
 

@@ -27,7 +27,7 @@ impl Journal {
     /// # Errors
     /// Where the file cannot be read or written.
     pub(super) fn open(path: &Path) -> io::Result<(Self, Vec<Finished>)> {
-        let text = match std::fs::read(path) {
+        let text = match files::read(path) {
             Ok(text) => text,
             Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
             Err(error) => return Err(error),

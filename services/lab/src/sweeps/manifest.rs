@@ -236,7 +236,7 @@ impl Manifest {
         if !path.exists() {
             return Ok(None);
         }
-        let text = std::fs::read(&path).map_err(|error| Failure::Input(format!("cannot read {}: {error}", path.display())))?;
+        let text = files::read(&path).map_err(|error| Failure::Input(format!("cannot read {}: {error}", path.display())))?;
         let manifest: Self = serde_json::from_slice(&text)
             .map_err(|error| Failure::Input(format!("{} is not the description of a sweep: {error}", path.display())))?;
         let sound = manifest.format == FORMAT && manifest.partition_runs > 0 && manifest.runs > 0;

@@ -108,7 +108,7 @@ impl Partition {
     /// The defect.
     pub(super) fn open(path: &Path) -> Result<Self, String> {
         let unreadable = |error: String| format!("cannot read {}: {error}", path.display());
-        let file = File::open(path).map_err(|error| unreadable(error.to_string()))?;
+        let file = files::open(path).map_err(|error| unreadable(error.to_string()))?;
         let reader = SerializedFileReader::new(file).map_err(|error| unreadable(error.to_string()))?;
         let rows = reader.metadata().file_metadata().num_rows() as u64;
         Ok(Self { reader, rows })

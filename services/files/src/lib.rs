@@ -1,0 +1,93 @@
+//! Opening files that a person names, or that stand in the folder of a run.
+//!
+//! To open a named pipe is to wait for its writer, and a device may have no end: what is no regular file is refused. A pipe that this process holds already is
+//! read (`/dev/stdin`, and `/dev/fd/N` as a shell makes it of `<(command)`): it waits for nobody but the command that the user has put there.
+
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
+
+use rustix::fs::{FileType, Mode, OFlags, fcntl_setfl, fstat, open as open_at};
+
+/// Opens a file for reading.
+///
+/// # Errors
+/// The system's, and [`io::ErrorKind::InvalidInput`] for what is neither a regular file nor a pipe that this process holds.
+pub fn open(path: &Path) -> io::Result<File> {
+    // Without waiting: a pipe without a writer is opened too, and then refused.
+    let file = File::from(open_at(path, OFlags::RDONLY | OFlags::CLOEXEC | OFlags::NONBLOCK | OFlags::NOCTTY, Mode::empty())?);
+    match FileType::from_raw_mode(fstat(&file)?.st_mode) {
+        FileType::RegularFile => Ok(file),
+        FileType::Directory => Err(io::Error::new(io::ErrorKind::IsADirectory, "it is a folder")),
+        FileType::Fifo | FileType::Socket | FileType::CharacterDevice if is_held(path) => {
+            fcntl_setfl(&file, OFlags::empty())?;
+            Ok(file)
+        }
+        other => Err(io::Error::new(io::ErrorKind::InvalidInput, format!("it is {}, not a regular file", words(other)))),
+    }
+}
+
+/// All bytes of a file.
+///
+/// # Errors
+/// As [`open`].
+pub fn read(path: &Path) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    open(path)?.read_to_end(&mut bytes)?;
+    Ok(bytes)
+}
+
+/// The text of a file.
+///
+/// # Errors
+/// As [`open`], and [`io::ErrorKind::InvalidData`] where it is no UTF-8.
+pub fn read_text(path: &Path) -> io::Result<String> {
+    let mut text = String::new();
+    open(path)?.read_to_string(&mut text)?;
+    Ok(text)
+}
+
+/// Whether a path names a descriptor of this process.
+fn is_held(path: &Path) -> bool {
+    ["/dev/fd", "/proc/self/fd"].iter().any(|folder| path.parent() == Some(Path::new(folder))) || path == Path::new("/dev/stdin")
+}
+
+fn words(kind: FileType) -> &'static str {
+    match kind {
+        FileType::Fifo => "a named pipe",
+        FileType::Socket => "a socket",
+        FileType::CharacterDevice | FileType::BlockDevice => "a device",
+        _ => "something else",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rustix::fs::{CWD, mknodat};
+
+    #[test]
+    fn a_file_that_is_not_regular_is_refused_at_once_and_a_pipe_in_hand_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, pipe, link) = (folder.path().join("file"), folder.path().join("pipe"), folder.path().join("link"));
+        std::fs::write(&file, "text").unwrap();
+        assert_eq!(read_text(&file).unwrap(), "text");
+        mknodat(CWD, &pipe, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
+        std::os::unix::fs::symlink(&pipe, &link).unwrap();
+        for path in [&pipe, &link] {
+            let error = open(path).unwrap_err();
+            assert!(error.kind() == io::ErrorKind::InvalidInput && error.to_string().contains("a named pipe"), "{error}");
+        }
+        assert!(open(Path::new("/dev/zero")).unwrap_err().to_string().contains("a device"));
+        assert_eq!(read(folder.path()).unwrap_err().kind(), io::ErrorKind::IsADirectory);
+        assert_eq!(read(&folder.path().join("none")).unwrap_err().kind(), io::ErrorKind::NotFound);
+        let (end, mut begin) = std::io::pipe().unwrap();
+        let held = format!("/dev/fd/{}", std::os::fd::AsRawFd::as_raw_fd(&end));
+        let reader = std::thread::spawn(move || read_text(Path::new(&held)));
+        // It waits for what comes later.
+        std::thread::sleep(std::time::Duration::from_millis(50));
+        std::io::Write::write_all(&mut begin, b"come").unwrap();
+        drop(begin);
+        assert_eq!(reader.join().unwrap().unwrap(), "come");
+    }
+}
