@@ -7,7 +7,7 @@ use miette::{LabeledSpan, MietteDiagnostic, NamedSource, Report};
 use serde_json::json;
 use session::Failure;
 
-use crate::out::tell;
+use crate::out::{tell, tell_painted};
 
 /// Prints a failure on standard error and gives the exit code: 2 for input that cannot be used, 1 for work that failed. For machines it is one JSON
 /// object on one line.
@@ -30,7 +30,7 @@ pub(crate) fn report(failure: Failure, as_json: bool) -> ExitCode {
     {
         let label = LabeledSpan::new_with_span((!error.remedy.is_empty()).then(|| error.remedy.clone()), span);
         let diagnostic = MietteDiagnostic::new(error.message.clone()).with_label(label);
-        tell(&format_args!("{:?}", Report::from(diagnostic).with_source_code(NamedSource::new(&error.file, error.text.clone()))));
+        tell_painted(&format_args!("{:?}", Report::from(diagnostic).with_source_code(NamedSource::new(&error.file, error.text.clone()))));
     }
     ExitCode::from(code)
 }
@@ -48,7 +48,7 @@ pub(crate) fn usage(error: &clap::Error) -> ExitCode {
     } else {
         let styled = error.render();
         let text = if std::io::stderr().is_terminal() { styled.ansi().to_string() } else { styled.to_string() };
-        tell(&with_remedy(&text).trim_end());
+        tell_painted(&with_remedy(&text).trim_end());
     }
     ExitCode::from(code)
 }

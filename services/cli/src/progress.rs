@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 use session::Progress;
 
-use crate::out::tell;
+use crate::out::{plain, tell};
 
 /// Shows what an operation tells.
 #[derive(Default)]
@@ -20,7 +20,7 @@ impl Terminal {
         let mut bar = self.bar.lock().unwrap_or_else(PoisonError::into_inner);
         match (progress, &*bar) {
             (Progress::Begin { title, length, unit }, _) => *bar = Some(begin(title, length, unit)),
-            (Progress::Title(title), Some(bar)) => bar.set_message(title.to_owned()),
+            (Progress::Title(title), Some(bar)) => bar.set_message(plain(title).into_owned()),
             (Progress::Position(position), Some(bar)) => {
                 // A run may take longer than its path: the governor slows the path's clock.
                 if bar.length().is_some_and(|length| position > length) {
@@ -43,7 +43,7 @@ impl Terminal {
 
 fn begin(title: &str, length: u64, unit: &str) -> ProgressBar {
     let template = format!("{{msg}} {{wide_bar:.cyan/dim}} {{pos}}/{{len}} {unit}  {{rate}}/s  {{eta}}");
-    let bar = ProgressBar::new(length).with_message(title.to_owned());
+    let bar = ProgressBar::new(length).with_message(plain(title).into_owned());
     ProgressStyle::with_template(&template).map_or(bar.clone(), |style| bar.with_style(style.with_key("rate", rate)))
 }
 

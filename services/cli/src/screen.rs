@@ -6,6 +6,8 @@ use std::time::{Duration, Instant};
 
 use session::Failure;
 
+use crate::out::painted;
+
 /// How long a signal may wait.
 const LOOK: Duration = Duration::from_millis(50);
 
@@ -53,6 +55,7 @@ impl Screen {
 
     /// Shows these lines.
     pub(crate) fn show(lines: &[String]) {
+        let lines: Vec<_> = lines.iter().map(|line| painted(line)).collect();
         put(&format!("\x1b[H{}\x1b[K\x1b[J", lines.join("\x1b[K\r\n")));
     }
 }
