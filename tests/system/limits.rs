@@ -106,7 +106,8 @@ fn a_small_volume_costs_the_recording_and_not_the_run() {
             let summary: Value = serde_json::from_slice(&std::fs::read(kept.join("o/summary.json")).expect(&case)).expect(&case);
             assert_eq!((&summary["outcome"], &summary["recorder"]["lost"]), (&"goal reached".into(), &0.into()), "{case}");
             let (error, bytes) = (summary["recorder"]["error"].as_str().unwrap_or_default(), summary["recorder"]["bytes"].as_u64());
-            let end = bytes.filter(|bytes| *bytes > 0).map_or("cannot begin".to_owned(), |bytes| format!("ends after {bytes} bytes"));
+            let end =
+                bytes.filter(|bytes| *bytes > 0).map_or("cannot begin".to_owned(), |bytes| format!("the recording has {bytes} bytes"));
             assert!(error.is_empty() || error.contains(&end) || error.contains(".log"), "{case}");
             assert!(!error.is_empty() || kib >= 1024, "{case}");
             let is_said = said.contains(&format!("armplane: the results are not whole: {error}"));

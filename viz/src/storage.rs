@@ -49,7 +49,7 @@ pub enum RecordError {
         reason: String,
     },
     /// The volume refused a write.
-    #[error("{}: {source}{}. {}, choose another folder with --out, or run with --no-record", ends(*bytes), kept(*bytes), remedy(source))]
+    #[error("the recording {}: {source}{}. {}, choose another folder with --out, or run with --no-record", ends(*bytes), kept(*bytes), remedy(source))]
     Write {
         /// Bytes kept.
         bytes: u64,
@@ -63,7 +63,7 @@ pub enum RecordError {
         source: io::Error,
     },
     /// A chunk could not be built or encoded: a defect of ours.
-    #[error("the recording ends after {bytes} bytes because a chunk could not be encoded: {reason}; please report this")]
+    #[error("the recording ends early because a chunk could not be encoded: {reason}; please report this")]
     Encode {
         /// Bytes kept.
         bytes: u64,
@@ -72,8 +72,9 @@ pub enum RecordError {
     },
 }
 
-fn ends(bytes: u64) -> String {
-    if bytes == 0 { "the recording cannot begin".to_owned() } else { format!("the recording ends after {bytes} bytes") }
+/// Without the number of bytes: the file gets its end, and may get a table of contents, after this.
+fn ends(bytes: u64) -> &'static str {
+    if bytes == 0 { "cannot begin" } else { "ends early" }
 }
 
 fn kept(bytes: u64) -> &'static str {

@@ -158,5 +158,10 @@ pub(crate) fn complete(folder: &Path, summary: &mut Summary, observer: Observer<
     }
     if !summary.recorder.file.is_empty() {
         summary.recorder.bytes = parts.iter().filter_map(|part| std::fs::metadata(part).ok()).map(|file| file.len()).sum();
+        let Summary { recorder, .. } = summary;
+        if !recorder.error.is_empty() && recorder.bytes > 0 {
+            // Nothing is written into them any more.
+            recorder.error = format!("{}; the recording has {} bytes", recorder.error, recorder.bytes);
+        }
     }
 }
