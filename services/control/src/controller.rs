@@ -31,7 +31,6 @@ use crate::types::{Command, Mode, Phase, Refusal, Report};
 use model::{Model, Robot, Terms};
 use nalgebra::{SVector, Vector6};
 use shared_types::scenario::{Control, Scenario, Strategy};
-use shared_types::wire::Part;
 use shared_types::{ControllerCheckpoint, MAX_SINGULARITIES};
 
 /// Joint speed over its limit, at full clock speed, beyond which the path is refused: twice the limit even at the slowest clock.
@@ -300,7 +299,7 @@ impl<const N: usize> Controller<N> {
         let Some(first) = self.family.get().first_of_higher_codimension() else { return a };
         for (place, s) in report.listed().iter().enumerate().skip(first).filter(|(place, _)| modes[*place] != Mode::Regular) {
             let (along, most) = (s.zeta_B.dot(&motion.feedback), k_v * s.gain.abs() * self.coordinates().rate_max(place, s));
-            // A report with a NaN gives a NaN, which the check of the torque finds; a bound of NaN would be a panic.
+            // Of finite numbers it is a NaN only where one overflows beside a zero: the check of the torque finds it, and a bound of NaN would be a panic.
             a -= s.zeta_B * if most.is_nan() { f64::NAN } else { along - along.clamp(-most, most) };
         }
         a
@@ -397,13 +396,9 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// Takes up what [`save`](Self::save) has written: the next tick continues bit for bit. From a state with a number that is not finite nothing goes on:
-    /// it is refused, and the arm brought to rest.
+    /// Takes up what [`save`](Self::save) has written: the next tick continues bit for bit. A damaged checkpoint is refused, and the arm brought to rest.
     pub fn restore(&mut self, from: &ControllerCheckpoint) {
         self.state = State::from_checkpoint(from, self.model.effort());
-        if !from.is_finite() {
-            self.state.refusal = Refusal::State;
-        }
         if let Some(steered) = &mut self.steered {
             steered.analyzer.restore(&from.servo.analysis);
         }

@@ -13,6 +13,7 @@ use crate::types::{Mode, Refusal};
 use model::{Pose, Terms, joints, padded};
 use nalgebra::{Matrix3, SVector};
 use shared_types::checkpoints::LoopCheckpoint;
+use shared_types::wire::Part;
 use shared_types::{ControllerCheckpoint, MAX_SINGULARITIES};
 
 /// The state from tick to tick: all of it survives a restart.
@@ -106,11 +107,11 @@ impl<const N: usize> State<N> {
         };
     }
 
-    /// The state that [`save`](Self::save) has written, its torque within the arm's `limits`, N·m. One with a mode or a refusal that does not exist is
-    /// damaged: it refuses to go on.
+    /// The state that [`save`](Self::save) has written, its torque within the arm's `limits`, N·m. One with a number that is not finite, or a mode or a
+    /// refusal that does not exist, is damaged: it refuses to go on.
     pub(crate) fn from_checkpoint(from: &ControllerCheckpoint, limits: &SVector<f64, N>) -> Self {
         let modes = from.loops.map(|one| Mode::from_code(one.mode));
-        let is_damaged = modes.contains(&None) || Refusal::from_code(from.servo.stop).is_none();
+        let is_damaged = !from.is_finite() || modes.contains(&None) || Refusal::from_code(from.servo.stop).is_none();
         let refusal = Refusal::from_code(from.refusal).filter(|_| !is_damaged).unwrap_or(Refusal::Checkpoint);
         Self {
             progress: Progress {

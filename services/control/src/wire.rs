@@ -3,16 +3,23 @@
 use crate::types::{Class, Command, Kind, Report, Singularity};
 use model::{joints, padded};
 use nalgebra::{Matrix3, Vector3, Vector6};
+use shared_types::wire::Part;
 use shared_types::{ControlState, Header, MAX_DOF, MAX_SINGULARITIES, SingularityReport, SingularityState, TorqueCommand};
 
-/// A code on the wire has no name.
+/// Why a report cannot be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("singularity {place}: code {code} has no name: the sender speaks another version of the wire")]
-pub struct UnknownCode {
-    /// Place in the report.
-    pub place: usize,
-    /// The code.
-    pub code: u32,
+pub enum Unreadable {
+    /// A code has no name.
+    #[error("singularity {place}: code {code} has no name: the sender speaks another version of the wire")]
+    Code {
+        /// Place in the report.
+        place: usize,
+        /// The code.
+        code: u32,
+    },
+    /// A number is a NaN or an infinity.
+    #[error("the report has a number that is not finite")]
+    NotFinite,
 }
 
 /// Fills the analyzer's message: everything but the header's stamps and incarnation.
@@ -52,13 +59,16 @@ pub fn report_message<const N: usize>(tick: u64, report: &Report<N>, out: &mut S
 /// The report in a message.
 ///
 /// # Errors
-/// [`UnknownCode`] for a kind or a type without a name.
-pub fn report<const N: usize>(message: &SingularityReport) -> Result<Report<N>, UnknownCode> {
+/// [`Unreadable`] for a kind or a type without a name, and for a number that is not finite.
+pub fn report<const N: usize>(message: &SingularityReport) -> Result<Report<N>, Unreadable> {
+    if !message.is_finite() {
+        return Err(Unreadable::NotFinite);
+    }
     let mut singularities = [Singularity::none(); MAX_SINGULARITIES];
     for (place, (out, s)) in singularities.iter_mut().zip(&message.singularities).enumerate() {
         *out = Singularity {
-            kind: Kind::from_code(s.kind).ok_or(UnknownCode { place, code: s.kind })?,
-            class: Class::from_code(s.class).ok_or(UnknownCode { place, code: s.class })?,
+            kind: Kind::from_code(s.kind).ok_or(Unreadable::Code { place, code: s.kind })?,
+            class: Class::from_code(s.class).ok_or(Unreadable::Code { place, code: s.class })?,
             inside: s.inside != 0,
             angular: s.angular != 0,
             s: s.s,
@@ -146,9 +156,23 @@ mod tests {
     }
 
     #[test]
+    fn a_number_that_is_not_finite_is_refused_wherever_it_is() {
+        for number in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            let mut messages = [SingularityReport::default(); 5];
+            messages[0].sigma[5] = number;
+            messages[1].p_BC[2] = number;
+            messages[2].singularities[MAX_SINGULARITIES - 1].gain = number;
+            messages[3].singularities[0].zeta_B[3] = number;
+            messages[4].singularities[1].aux_row[MAX_DOF - 1] = number;
+            messages.iter().for_each(|message| assert_eq!(report::<6>(message), Err(Unreadable::NotFinite)));
+        }
+        assert!(report::<6>(&SingularityReport::default()).is_ok());
+    }
+
+    #[test]
     fn a_code_of_another_version_is_refused() {
         let mut message = SingularityReport::default();
         message.singularities[2].class = 77;
-        assert_eq!(report::<6>(&message), Err(UnknownCode { place: 2, code: 77 }));
+        assert_eq!(report::<6>(&message), Err(Unreadable::Code { place: 2, code: 77 }));
     }
 }

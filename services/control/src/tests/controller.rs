@@ -69,7 +69,14 @@ fn a_damaged_checkpoint_is_refused_and_the_arm_held() {
     let (_, controller, mut analyzer, q) = figure_5();
     let zero = SVector::zeros();
     let report = analyzer.step(&q, &zero, &puma().evaluate(&q, &zero));
-    let damages: [fn(&mut ControllerCheckpoint); 3] = [|one| one.loops[0].mode = 99, |one| one.refusal = 99, |one| one.servo.stop = 99];
+    let damages: [fn(&mut ControllerCheckpoint); 6] = [
+        |one| one.loops[0].mode = 99,
+        |one| one.refusal = 99,
+        |one| one.servo.stop = 99,
+        |one| one.tau[2] = f64::NAN,
+        |one| one.loops[1].trust = f64::INFINITY,
+        |one| one.qdot_plausible[0] = f64::NAN,
+    ];
     for damage in damages {
         let (_, mut other, ..) = figure_5();
         let mut checkpoint = ControllerCheckpoint::default();
