@@ -27,7 +27,7 @@ pub(super) struct Chain(Vec<(usize, String)>);
 impl Default for Chain {
     /// That of the built-in graph.
     fn default() -> Self {
-        Graph::parse("graph.toml", BUILT_IN).map_or_else(|_| Self(Vec::new()), |graph| Self::of(&graph))
+        Self::of(&Graph::parse("graph.toml", BUILT_IN).expect("the graph that the program contains can be read"))
     }
 }
 

@@ -135,7 +135,7 @@ impl<'a> Drill<'a> {
         // Where the task is over sooner than an arm can come back, the verdict waits.
         let scenario = Scenario { fault: Vec::new(), settle_s: scenario.settle_s.max(TIME_TO_RECOVER_S), ..scenario.clone() };
         let mut job = load::job(robot, scenario, graph, Mode::Lockstep, folder.join("run"));
-        without.iter().for_each(|without| without.leave_out(&mut job));
+        without.iter().try_for_each(|without| without.leave_out(&mut job))?;
         Ok(Self { job, robot, without, span, folder })
     }
 
