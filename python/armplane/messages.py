@@ -7,7 +7,7 @@ import numpy as np
 
 from . import wire
 
-_MARK = b"armkept\x03"
+_MARK = b"armkept\x04"
 
 
 def _lz4(packed):
@@ -46,22 +46,40 @@ def _lz4(packed):
 
 
 def read(path, topic):
-    """All messages of a topic, in order: a structured array with the fields of `armplane.wire`, nested ones too."""
+    """All messages of a topic, in order: a structured array with the fields of `armplane.wire`, nested ones too.
+
+    Raises ValueError where a block is damaged, missing, repeated, out of its order, or of another run or log. A log that ends before the others of its run
+    is not told from one whose writer was killed: `armplane replay` and `armplane recover` compare them.
+    """
     structure, type_name, layout = wire.TOPICS[topic]
     dtype = np.dtype(structure)
     with open(path, "rb") as file:
         raw = file.read()
-    found, size = struct.unpack_from("<QI", raw, 8)
+    if len(raw) < 40:
+        raise ValueError(f"{path} is no message log: it ends after {len(raw)} bytes")
+    found, size, log, logs, run, checksum = struct.unpack_from("<QIHHQI", raw, 8)
     if raw[:8] != _MARK or found != layout or size != dtype.itemsize:
         raise ValueError(f"{path} holds no {type_name} ({found:016x}, this package reads {layout:016x}): use the package of that armplane")
-    words, blocks, at = size // 8, [], 24
-    while at + 16 <= len(raw):
-        n, length, plain, checksum = struct.unpack_from("<IIII", raw, at)
-        begin, end = at + 16, at + 16 + length + n * plain
+    if zlib.crc32(raw[:32]) != checksum:
+        raise ValueError(f"{path} is damaged: its first bytes are not what was written")
+    words, blocks, at, messages, head = size // 8, [], 40, 0, 52 + 8 * logs
+    while at + head <= len(raw):
+        n, length, plain, body, of_run, of_layout, of_log, of_logs, first, _, checksum = struct.unpack_from("<IIIIQIHHQQI", raw, at)
+        if of_logs != logs or zlib.crc32(raw[at + 52 : at + head], zlib.crc32(raw[at : at + 48])) != checksum:
+            raise ValueError(f"{path} is damaged: the block at byte {at} is not what was written")
+        if (of_run, of_log, of_layout) != (run, log, layout & 0xFFFF_FFFF):
+            raise ValueError(f"{path} is damaged: the block at byte {at} is of another run or another log")
+        if first != messages:
+            raise ValueError(f"{path} is damaged: the block at byte {at} begins with message {first}, message {messages} is missing")
+        begin, end = at + head, at + head + length + n * plain
         if end > len(raw):
             break  # what a killed writer began
-        if zlib.crc32(raw[begin:end], zlib.crc32(raw[at : at + 12])) != checksum:
+        if zlib.crc32(raw[begin:end]) != body:
             raise ValueError(f"{path} is damaged: the block at byte {at} is not what was written")
+        messages += n
+        if n == 0:
+            at = end
+            continue  # the end that its writer gave it
         unpacked = np.frombuffer(bytes(_lz4(raw[begin : begin + length])), np.uint8)
         present, as_they_are, twins = unpacked[:words], unpacked[words : 2 * words], unpacked[2 * words : 4 * words].view("<u2")
         packed, noise = unpacked[4 * words :], np.frombuffer(raw[begin + length : end], np.uint8)

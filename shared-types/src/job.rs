@@ -47,8 +47,11 @@ pub struct RobotText {
 /// The job of a run: scenario, graph and settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Job {
-    /// Identifies the run.
+    /// The name of the run on its machine.
     pub run: String,
+    /// A random number that no other run has: the message logs carry it.
+    #[serde(default)]
+    pub id: u64,
     /// Version of armplane that wrote this.
     pub version: String,
     /// How time passes.
@@ -57,7 +60,7 @@ pub struct Job {
     pub out: PathBuf,
     /// Whether the recorder writes a recording; it judges and hashes either way.
     pub record: bool,
-    /// Whether the recorder keeps every message as it was on the wire, in `messages/TOPIC.kept` of the results folder.
+    /// Whether the recorder keeps every message as it was on the wire, in `messages/TOPIC.log` of the results folder.
     #[serde(default)]
     pub messages: bool,
     /// Whether a viewer watches the recording grow: it is written more often then.

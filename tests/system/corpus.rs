@@ -47,7 +47,7 @@ fn ticks(name: &str) -> Result<Vec<Tick>, Box<dyn std::error::Error>> {
 /// A file of kept messages as the target takes it: a choice, then the file.
 fn kept<M: Message>(corpus: &Corpus, choice: u8, messages: impl Iterator<Item = M>) -> Done {
     let folder = tempfile::tempdir()?;
-    let mut keep = LogWriter::<M>::create(folder.path())?;
+    let mut keep = LogWriter::<M>::create(folder.path(), &properties::logs())?;
     for message in messages {
         keep.add(&message)?;
     }
@@ -58,7 +58,7 @@ fn kept<M: Message>(corpus: &Corpus, choice: u8, messages: impl Iterator<Item = 
     for (name, choices) in [("blocks", (8..16).chain(24..32)), ("sealed", (40..48).chain(56..64))] {
         let is_it = |with_head: &u8| usize::from(*with_head) % COUNT == usize::from(choice);
         let with_head = choices.into_iter().find(is_it).ok_or("one of sixteen leaves any rest")?;
-        corpus.seed("message_log", &format!("{}-{name}", M::TOPIC), &[&[with_head], &file[24..]].concat())?;
+        corpus.seed("message_log", &format!("{}-{name}", M::TOPIC), &[&[with_head], &file[40..]].concat())?;
     }
     Ok(())
 }

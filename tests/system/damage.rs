@@ -66,15 +66,109 @@ fn recover_says_which_log_is_damaged_and_what_that_costs() {
     }
 
     // The first bytes of a log, and all of it.
-    for (bytes, words) in
-        [(&b"other bytes than those of a log"[..], "torque.log is damaged at tick 0"), (b"", "`torque` is missing or empty")]
-    {
+    for (bytes, words) in [
+        (&b"other bytes than those of a log"[..], "torque.log is damaged at tick 0"),
+        (b"", "torque.log is missing or empty: its messages of "),
+    ] {
         std::fs::write(&log, &written).unwrap();
         std::fs::write(run.join("messages/torque.log"), bytes).unwrap();
         as_of_a_killed_launcher(&run);
         let said = desk.armplane(&["recover", "r"]);
         assert!(said.code == 1 && said.err.contains(words) && said.err.lines().count() == 1, "{}{}", said.out, said.err);
     }
+}
+
+/// The head of a message log, and its blocks.
+fn blocks(log: &Path) -> (Vec<u8>, Vec<Vec<u8>>) {
+    let file = std::fs::read(log).unwrap();
+    let (head, mut rest) = file.split_at(40);
+    let mut blocks = Vec::new();
+    while rest.len() >= 52 {
+        let number = |at: usize| u32::from_le_bytes(rest[at..at + 4].try_into().unwrap()) as usize;
+        // Messages, bytes packed, plain planes; and in the upper half of a word how many logs the run has.
+        let (block, behind) = rest.split_at(52 + 8 * (number(28) >> 16) + number(4) + number(0) * number(8));
+        blocks.push(block.to_vec());
+        rest = behind;
+    }
+    assert!(rest.is_empty() && blocks.len() > 6, "{} blocks", blocks.len());
+    (head.to_vec(), blocks)
+}
+
+#[test]
+fn blocks_that_are_missing_repeated_exchanged_or_of_another_run_are_named_by_each_command() {
+    let desk = Desk::new();
+    desk.file("short.toml", SHORT);
+    let whole = desk.run(&["short.toml", "--out", "r"]);
+    desk.run(&["short.toml", "--out", "other"]);
+    let (run, ticks) = (desk.path().join("r"), whole["ticks"].as_u64().unwrap());
+    let kept: Vec<(String, Vec<u8>)> = names(&run)
+        .into_iter()
+        .filter(|name| name != "messages")
+        .map(|name| (name.clone(), std::fs::read(run.join(name)).unwrap()))
+        .collect();
+    let log = run.join("messages/sensor.log");
+    let file = std::fs::read(&log).unwrap();
+    let ((head, ours), (other_head, theirs)) = (blocks(&log), blocks(&desk.path().join("other/messages/sensor.log")));
+    let torque = std::fs::read(run.join("messages/torque.log")).unwrap();
+    let of = |blocks: &[&[Vec<u8>]]| [head.clone(), blocks.concat().concat()].concat();
+    let last = ours.len() - 2;
+    let rest = ticks - 128 * last as u64;
+    for (bytes, clause) in [
+        (of(&[&ours[..2], &ours[3..]]), "sensor.log lacks blocks at tick 256: its messages of 128 ticks are lost".to_owned()),
+        (of(&[&ours[..last]]), format!("sensor.log lacks blocks at tick {}: its messages of {rest} ticks are lost", ticks - rest)),
+        (of(&[]), format!("sensor.log lacks blocks at tick 0: its messages of {ticks} ticks are lost")),
+        (of(&[&ours[..2], &ours[1..]]), "sensor.log holds blocks twice at tick 128: no message is lost".to_owned()),
+        (
+            of(&[&ours[..1], &ours[2..3], &ours[1..2], &ours[3..]]),
+            "sensor.log holds blocks out of their order at tick 128: no message is lost".to_owned(),
+        ),
+        (
+            of(&[&ours[..1], &theirs[1..2], &ours[2..]]),
+            "sensor.log holds blocks of another run at tick 128: its messages of 128 ticks are lost".to_owned(),
+        ),
+        ([other_head, theirs.concat()].concat(), format!("sensor.log is the log of another run: its messages of {ticks} ticks are lost")),
+        (torque, format!("sensor.log is another log of its run, renamed: its messages of {ticks} ticks are lost")),
+        (Vec::new(), format!("sensor.log is missing or empty: its messages of {ticks} ticks are lost")),
+        // A bit of the head of the last block, which is not taken for one that its writer was killed in.
+        (
+            {
+                let mut flipped = file.clone();
+                let end = ours[last + 1].len() + ours[last].len();
+                let place = flipped.len() - end + 4;
+                flipped[place] ^= 0x80;
+                flipped
+            },
+            format!("sensor.log is damaged at tick {}: its messages of {rest} ticks are lost", ticks - rest),
+        ),
+    ] {
+        kept.iter().for_each(|(name, bytes)| std::fs::write(run.join(name), bytes).unwrap());
+        std::fs::write(&log, &bytes).unwrap();
+        for process in ["estimator", "controller"] {
+            let said = desk.armplane(&["replay", "r", "--process", process]);
+            let words = said.out.clone() + &said.err;
+            assert!(said.code == 1 && words.contains(&clause), "{clause}: {process}: {}: {words}", said.code);
+        }
+        let said = desk.armplane(&["export", "r", "--out", "e"]);
+        // Where the whole log is none of the run, its columns are left out, and the reason is the reader's.
+        let is_whole_log = clause.contains("is the log of another") || clause.contains("renamed") || clause.contains("missing or empty");
+        let expected = if is_whole_log { "messages/sensor.log" } else { &*clause };
+        assert!(said.code == 1 && said.err.contains(expected), "{clause}: {}: {}", said.code, said.err);
+        as_of_a_killed_launcher(&run);
+        let said = desk.armplane(&["replay", "r", "--process", "estimator"]);
+        assert!(said.code == 1 && (said.out + &said.err).contains(&clause), "{clause}: of a killed launcher");
+        let said = desk.armplane(&["recover", "r", "--json"]);
+        assert_eq!((said.code, json(&said.out)["recorder"]["error"].as_str()), (1, Some(&*clause)), "{}", said.err);
+    }
+    std::fs::write(&log, &file).unwrap();
+    as_of_a_killed_launcher(&run);
+    let said = desk.armplane(&["recover", "r", "--json"]);
+    let again = json(&said.out);
+    assert_eq!((said.code, &again["topics"]), (0, &whole["topics"]), "{}", said.err);
+    // Of a run whose logs are gone: not what a run without them gives as its reason.
+    std::fs::remove_dir_all(run.join("messages")).unwrap();
+    let said = desk.armplane(&["replay", "r"]);
+    assert!(said.code == 1 && said.err.contains("holds 0 of") && said.err.contains("makes the run again"), "{}", said.err);
+    assert!(!said.err.contains("--no-messages") && said.err.lines().count() == 1, "{}", said.err);
 }
 
 #[test]
@@ -127,7 +221,10 @@ fn a_recording_that_a_full_volume_ends_is_in_the_exit_code() {
     let summary = json(&said.out);
     assert_eq!(summary["outcome"], "goal reached");
     assert!(
-        said.code == 1 && said.err.contains("the results are not whole") && said.err.contains("the recording ends after"),
+        said.code == 1
+            && said.err.contains("the results are not whole")
+            && said.err.contains("the recording ends early")
+            && said.err.contains(&format!("has {} bytes", std::fs::metadata(desk.path().join("r/run.rrd")).unwrap().len())),
         "{}",
         said.err
     );

@@ -1,8 +1,7 @@
 //! A block of a message log: messages, packed.
 //!
 //! ```text
-//! block    messages n u32 · bytes of the LZ4 block u32 · plain planes u32 · CRC-32 u32 of all else in the block
-//!          · LZ4 block of: contents · packed planes · plain planes
+//! block    head ([`crate::head`]) · LZ4 block of: contents · packed planes · plain planes
 //! contents for each word which planes there are u8 · for each word which of them are plain u8 · for each word its twin u16
 //! ```
 //!
@@ -21,44 +20,9 @@ const CONTENTS: usize = 4;
 /// How many distinct words back a twin is looked for: a frame repeats its axes, not another message's.
 const TWIN_REACH: usize = 64;
 
-/// The numbers at the beginning of a block.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Head {
-    pub(crate) messages: usize,
-    /// Bytes of the LZ4 block.
-    pub(crate) packed: usize,
-    /// Planes behind it.
-    pub(crate) plain: usize,
-    /// CRC-32 of these three numbers and of what follows the head.
-    checksum: u32,
-}
-
-impl Head {
-    pub(crate) const BYTES: usize = 16;
-    /// Those of them that the checksum covers; the checksum follows.
-    const CHECKED: usize = 12;
-
-    /// Whether a block of messages of so many bytes can have it.
-    pub(crate) fn is_possible(self, message_bytes: usize) -> bool {
-        (1..=BLOCK).contains(&self.messages) && self.packed <= most_packed(self.messages, message_bytes) && self.plain <= message_bytes
-    }
-
-    /// Whether a block, which begins with it, is as it was written.
-    pub(crate) fn has_checksum_of(self, block: &[u8]) -> bool {
-        checksum(block) == self.checksum
-    }
-
-    /// Bytes of the block behind it.
-    pub(crate) fn rest(self) -> usize {
-        self.packed + self.messages * self.plain
-    }
-}
-
-impl From<[u8; Head::BYTES]> for Head {
-    fn from(bytes: [u8; Self::BYTES]) -> Self {
-        let number = |at: usize| u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]) as usize;
-        Self { messages: number(0), packed: number(4), plain: number(8), checksum: number(12) as u32 }
-    }
+/// Whether a block of messages of so many bytes can have so many of them, so many bytes packed, and so many plain planes.
+pub(crate) fn is_possible(messages: usize, packed: usize, plain: usize, message_bytes: usize) -> bool {
+    messages <= BLOCK && packed <= most_packed(messages, message_bytes) && plain <= message_bytes
 }
 
 /// Bytes of the LZ4 block of so many messages at most.
@@ -66,36 +30,12 @@ fn most_packed(messages: usize, message_bytes: usize) -> usize {
     get_maximum_output_size((messages + 1) * message_bytes)
 }
 
-/// Bytes of a block at most.
-pub(crate) fn longest(message_bytes: usize) -> usize {
-    Head::BYTES + most_packed(BLOCK, message_bytes) + BLOCK * message_bytes
-}
-
-/// Whether bytes begin with a block of messages of so many bytes, as it was written.
-pub(crate) fn begins_whole(bytes: &[u8], message_bytes: usize) -> bool {
-    let Some(head) = bytes.first_chunk().map(|head| Head::from(*head)) else { return false };
-    let block = head.is_possible(message_bytes).then(|| bytes.get(..Head::BYTES + head.rest())).flatten();
-    block.is_some_and(|block| head.has_checksum_of(block))
-}
-
-/// The CRC-32 of a block but for the checksum itself.
-fn checksum(block: &[u8]) -> u32 {
-    let mut hasher = crc32fast::Hasher::new();
-    hasher.update(&block[..Head::CHECKED]);
-    hasher.update(&block[Head::BYTES..]);
-    hasher.finalize()
-}
-
-/// Gives a block, its head complete but for the checksum, the checksum of what it holds.
-pub(crate) fn seal(block: &mut [u8]) {
-    let sum = checksum(block);
-    block[Head::CHECKED..Head::BYTES].copy_from_slice(&sum.to_le_bytes());
-}
-
 /// Gathers messages and packs them into blocks; its buffers are kept, so that nothing is allocated per block.
 pub(crate) struct Packer {
     /// 64-bit words of a message.
     words: usize,
+    /// Bytes of a block's head, for which room is left.
+    head: usize,
     /// Differences of each word of each gathered message from the one above it, zig-zagged; row by row.
     folded: Vec<u64>,
     /// The last message.
@@ -114,9 +54,10 @@ pub(crate) struct Packer {
 }
 
 impl Packer {
-    pub(crate) fn new(words: usize) -> Self {
+    pub(crate) fn new(words: usize, head: usize) -> Self {
         Self {
             words,
+            head,
             folded: Vec::with_capacity(BLOCK * words),
             above: vec![0; words],
             any: vec![0; words],
@@ -144,10 +85,19 @@ impl Packer {
         }));
     }
 
-    /// A block of what has been gathered; the next one begins with nothing.
-    pub(crate) fn pack(&mut self) -> &[u8] {
-        let n = self.len().min(BLOCK);
-        let Self { words, folded, above, any, planes, plain, distinct, packed, table } = self;
+    /// A block without a message: the room for its head.
+    pub(crate) fn end(&mut self) -> (&mut [u8], (usize, usize, usize)) {
+        if self.packed.len() < self.head {
+            self.packed.resize(self.head, 0);
+        }
+        (&mut self.packed[..self.head], (0, 0, 0))
+    }
+
+    /// A block of what has been gathered, with room for its head, and its messages, bytes of its LZ4 block, and plain planes; the next one begins with
+    /// nothing.
+    pub(crate) fn pack(&mut self) -> (&mut [u8], (usize, usize, usize)) {
+        let (n, head) = (self.len().min(BLOCK), self.head);
+        let Self { words, folded, above, any, planes, plain, distinct, packed, table, .. } = self;
         let words = *words;
         planes.clear();
         planes.resize(CONTENTS * words, 0);
@@ -185,19 +135,14 @@ impl Packer {
         folded.clear();
         above.fill(0);
         any.fill(0);
-        let most = Head::BYTES + get_maximum_output_size(planes.len()) + plain.len();
+        let most = head + get_maximum_output_size(planes.len()) + plain.len();
         if packed.len() < most {
             packed.resize(most, 0);
         }
         // The buffer holds the worst case.
-        let size = compress_into_with_table(planes, &mut packed[Head::BYTES..], table).unwrap_or(0);
-        packed[Head::BYTES + size..][..plain.len()].copy_from_slice(plain);
-        for (to, number) in packed.as_chunks_mut::<4>().0.iter_mut().zip([n, size, plain.len() / n.max(1)]) {
-            *to = (number as u32).to_le_bytes();
-        }
-        let block = &mut packed[..Head::BYTES + size + plain.len()];
-        seal(block);
-        block
+        let size = compress_into_with_table(planes, &mut packed[head..], table).unwrap_or(0);
+        packed[head + size..][..plain.len()].copy_from_slice(plain);
+        (&mut packed[..head + size + plain.len()], (n, size, plain.len() / n.max(1)))
     }
 }
 
@@ -221,14 +166,13 @@ fn transposed(mut words: [u64; 8]) -> [u64; 8] {
     words
 }
 
-/// The inverse of [`Packer::pack`], of what follows a block's head: rows of as many words, one after the other.
+/// The inverse of [`Packer::pack`], of what follows a block's head: `n` rows of as many words, one after the other. The LZ4 block has `lz4` bytes.
 ///
 /// # Errors
 /// A sentence, where the bytes are no such block.
-pub(crate) fn unpack(head: Head, words: usize, packed: &[u8]) -> Result<Vec<u64>, String> {
-    let n = head.messages;
+pub(crate) fn unpack((n, lz4): (usize, usize), words: usize, packed: &[u8]) -> Result<Vec<u64>, String> {
     let mut unpacked = vec![0; CONTENTS * words + n * words * size_of::<u64>()];
-    let (packed, plain) = packed.split_at_checked(head.packed).ok_or("a block ends too early")?;
+    let (packed, plain) = packed.split_at_checked(lz4).ok_or("a block ends too early")?;
     let size = decompress_into(packed, &mut unpacked).map_err(|error| error.to_string())?;
     let (contents, planes) = unpacked.split_at(CONTENTS * words);
     let ((present, as_they_are), twins) = (contents[..2 * words].split_at(words), contents[2 * words..].as_chunks::<2>().0);
@@ -285,16 +229,18 @@ mod tests {
     #[test]
     fn every_word_comes_back_from_a_block_of_any_length() {
         for n in [1, 2, 7, 64, BLOCK as u64] {
-            let mut packer = Packer::new(WORDS);
+            let mut packer = Packer::new(WORDS, 7);
             for begin in [0, 1_000] {
                 let rows: Vec<u64> = (begin..begin + n).flat_map(row).collect();
                 rows.chunks(WORDS).for_each(|row| packer.add(row));
-                let block = packer.pack().to_vec();
-                let (head, rest) = block.split_first_chunk::<{ Head::BYTES }>().expect("a head");
-                let head = Head::from(*head);
-                assert!(head.is_possible(8 * WORDS) && head.rest() == rest.len() && head.has_checksum_of(&block), "{head:?}");
-                assert_eq!(unpack(head, WORDS, rest).as_ref(), Ok(&rows), "{n} rows from {begin}");
-                assert!(unpack(head, WORDS, &rest[..rest.len() - 1]).is_err(), "a byte is missing");
+                let (block, (messages, lz4, plain)) = packer.pack();
+                let rest = &block[7..];
+                assert!(
+                    is_possible(messages, lz4, plain, 8 * WORDS) && lz4 + messages * plain == rest.len(),
+                    "{lz4} bytes, {plain} planes"
+                );
+                assert_eq!(unpack((messages, lz4), WORDS, rest).as_ref(), Ok(&rows), "{n} rows from {begin}");
+                assert!(unpack((messages, lz4), WORDS, &rest[..rest.len() - 1]).is_err(), "a byte is missing");
             }
         }
     }
@@ -302,10 +248,9 @@ mod tests {
     #[test]
     fn noise_is_left_as_it_is_and_a_twin_takes_no_room() {
         let bytes = |make: fn(u64) -> [u64; 2]| {
-            let mut packer = Packer::new(2);
+            let mut packer = Packer::new(2, 0);
             (0..BLOCK as u64).for_each(|k| packer.add(&make(k)));
-            let block = packer.pack();
-            let plain = Head::from(*block.first_chunk().expect("a head")).plain;
+            let (block, (.., plain)) = packer.pack();
             (plain, block.len())
         };
         let (one, two) = (bytes(|k| [random(7, k), 0]), bytes(|k| [random(7, k), random(8, k)]));

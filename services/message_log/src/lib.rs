@@ -4,12 +4,23 @@
 
 mod block;
 mod difference;
+mod error;
 mod hash;
+mod head;
 mod log;
+mod logs;
+mod reader;
 mod rows;
+mod scan;
+mod shape;
 
 pub use block::BLOCK;
 pub use difference::{Difference, Differences, FieldDifference, first_difference, first_difference_in};
+pub use error::{Defect, LogError};
 pub use hash::TopicHash;
+pub use head::seal;
 pub use log::{LogReader, LogWriter};
-pub use rows::{LogError, RowReader, RowWriter, Shape, seal};
+pub use logs::Logs;
+pub use reader::RowReader;
+pub use rows::RowWriter;
+pub use shape::{Place, Shape, tick_of};

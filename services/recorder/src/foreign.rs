@@ -1,12 +1,11 @@
 //! Topics whose messages this program does not know: counted, hashed and kept as bytes, not drawn.
 
-use std::path::Path;
-
-use message_log::{RowWriter, Shape, TopicHash};
+use message_log::{Place, RowWriter, Shape, TopicHash};
 use runtime::{ForeignCollector, ProcessError, Shell};
 use shared_types::layout::MessageLayout;
 use shared_types::wire::Stamps;
 
+use crate::Keep;
 use crate::checkpoint::{Bytes, Progress};
 use crate::log_result::{self, LogResult};
 
@@ -21,7 +20,7 @@ pub(crate) struct ForeignTap {
 }
 
 /// The reproducible bytes of a message: all but the stamps at its beginning.
-fn content(message: &[u8]) -> &[u8] {
+pub(crate) fn content(message: &[u8]) -> &[u8] {
     message.get(size_of::<Stamps>()..).unwrap_or_default()
 }
 
@@ -32,18 +31,19 @@ fn words(message: &[u8]) -> Vec<u64> {
 
 impl ForeignTap {
     /// A replacement goes on where its predecessor was killed, as for every other topic.
-    pub(crate) fn open(shell: &Shell, layout: &MessageLayout, messages: Option<&Path>, past: &Progress) -> Result<Self, ProcessError> {
+    pub(crate) fn open(shell: &Shell, layout: &MessageLayout, messages: Option<Keep<'_>>, past: &Progress) -> Result<Self, ProcessError> {
         let (topic, shape) = (layout.topic.clone(), Shape::from(layout));
         let mut collector = shell.foreign_collector(&topic)?;
         if shell.incarnation() == 1 {
-            let (keep, logged) = log_result::first(messages.map(|folder| RowWriter::create(folder, &shape)));
+            let (keep, logged) = log_result::first(messages.map(|(folder, logs)| RowWriter::create(folder, &shape, logs)));
             return Ok(Self { topic, collector, hash: TopicHash::default(), last: None, keep, logged });
         }
         collector.resume(past.last, past.lost);
         let (mut hash, mut last) = (past.hash, past.message.clone().map(|bytes| bytes.0));
         let mut logged = LogResult { bytes: past.log_bytes, error: past.log_error.clone() };
-        let resumed = messages.filter(|_| logged.error.is_empty()).map(|folder| {
-            RowWriter::resume(folder, &shape, past.log_bytes, |row| {
+        let place = Place { byte: past.log_bytes, messages: past.hash.count() };
+        let resumed = messages.filter(|_| logged.error.is_empty()).map(|(folder, logs)| {
+            RowWriter::resume(folder, &shape, logs, place, |row| {
                 let message: Vec<u8> = bytemuck::cast_slice(&row).to_vec();
                 hash.add_content(content(&message));
                 collector.recount(&message);
@@ -70,7 +70,7 @@ impl ForeignTap {
                 && let Err(error) = keeping.add(&words(message))
             {
                 eprintln!("{error}");
-                *logged = LogResult { bytes: keeping.bytes(), error: error.to_string() };
+                *logged = LogResult { bytes: keeping.place().byte, error: error.to_string() };
                 *keep = None;
             }
         })?;
@@ -82,7 +82,7 @@ impl ForeignTap {
             && let Err(error) = keep.flush()
         {
             eprintln!("{error}");
-            self.logged = LogResult { bytes: keep.bytes(), error: error.to_string() };
+            self.logged = LogResult { bytes: keep.place().byte, error: error.to_string() };
             self.keep = None;
         }
     }
@@ -101,13 +101,13 @@ impl ForeignTap {
             last: self.collector.last(),
             lost: self.collector.lost(),
             message: self.last.clone().map(Bytes),
-            log_bytes: self.keep.as_ref().map_or(self.logged.bytes, RowWriter::bytes),
+            log_bytes: self.keep.as_ref().map_or(self.logged.bytes, |keep| keep.place().byte),
             log_error: self.logged.error.clone(),
         }
     }
 
     pub(crate) fn finish(&mut self) -> LogResult {
-        match self.keep.take().map(|keep| (keep.bytes(), keep.finish())) {
+        match self.keep.take().map(|keep| (keep.place().byte, keep.finish())) {
             None => self.logged.clone(),
             Some((_, Ok(bytes))) => LogResult { bytes, error: String::new() },
             Some((bytes, Err(error))) => LogResult { bytes, error: error.to_string() },

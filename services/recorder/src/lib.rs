@@ -6,6 +6,7 @@ mod checkpoint;
 mod fault_reporter;
 mod foreign;
 mod judge;
+mod log_account;
 mod log_result;
 mod message_rows;
 mod rebuild;
@@ -16,7 +17,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use bytemuck::{bytes_of, try_pod_read_unaligned};
-use message_log::{LogWriter, TopicHash};
+use message_log::{LogWriter, Logs, Place, TopicHash};
 use model::Robot;
 use runtime::{Collector, Count, Mode, ProcessError, Shell, write_reserved};
 use serde_json::Value;
@@ -125,7 +126,9 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
         }
         (judge, fault_reporter) = (past.judge, FaultReporter::resume(past.reported));
     }
-    let mut topics = Topics::open(shell, &job.graph, job.messages.then_some(folder.as_path()), &progress, &mut assembler)?;
+    let logs = Logs::of(job);
+    let keep = job.messages.then_some((folder.as_path(), &logs));
+    let mut topics = Topics::open(shell, &job.graph, keep, &progress, &mut assembler)?;
     while shell.poll(pause(shell.mode()))? {
         topics.drain(&mut assembler)?;
         // Before the ticks in which it shows: their words name it.
@@ -193,6 +196,9 @@ pub fn limits(robot: &Robot) -> Limits {
     }
 }
 
+/// The folder of the message logs, and the logs of the run.
+type Keep<'a> = (&'a Path, &'a Logs);
+
 /// One topic's end: its messages, its fingerprint, and the file they are kept in where that is wanted.
 struct Tap<M: Message> {
     drain: Collector<M>,
@@ -205,18 +211,19 @@ struct Tap<M: Message> {
 impl<M: Topic> Tap<M> {
     /// A replacement goes on where its predecessor was killed: `each` is given what that one had kept after its last checkpoint, and
     /// the first [`drain`](Self::drain) what was on its way to it.
-    fn open(shell: &Shell, messages: Option<&Path>, past: &Progress, mut each: impl FnMut(&M)) -> Result<Self, ProcessError> {
+    fn open(shell: &Shell, messages: Option<Keep<'_>>, past: &Progress, mut each: impl FnMut(&M)) -> Result<Self, ProcessError> {
         let mut drain = shell.collector()?;
         if shell.incarnation() == 1 {
-            let (keep, logged) = log_result::first(messages.map(LogWriter::create));
+            let (keep, logged) = log_result::first(messages.map(|(folder, logs)| LogWriter::create(folder, logs)));
             return Ok(Self { drain, hash: TopicHash::default(), last: None, keep, logged });
         }
         drain.resume(past.last, past.lost);
         let mut hash = past.hash;
         let mut last: Option<M> = past.message.as_ref().and_then(|bytes| try_pod_read_unaligned(&bytes.0).ok());
         let mut logged = LogResult { bytes: past.log_bytes, error: past.log_error.clone() };
-        let resumed = messages.filter(|_| logged.error.is_empty()).map(|folder| {
-            LogWriter::resume(folder, past.log_bytes, |message: M| {
+        let place = Place { byte: past.log_bytes, messages: past.hash.count() };
+        let resumed = messages.filter(|_| logged.error.is_empty()).map(|(folder, logs)| {
+            LogWriter::resume(folder, logs, place, |message: M| {
                 hash.add(&message);
                 drain.recount(&message);
                 each(&message);
@@ -241,7 +248,7 @@ impl<M: Topic> Tap<M> {
                 && let Err(error) = keeping.add(message)
             {
                 eprintln!("{error}");
-                *logged = LogResult { bytes: keeping.bytes(), error: error.to_string() };
+                *logged = LogResult { bytes: keeping.place().byte, error: error.to_string() };
                 *keep = None;
             }
             if let Some(row) = assembler.row(message.header().tick) {
@@ -256,7 +263,7 @@ impl<M: Topic> Tap<M> {
             && let Err(error) = keep.flush()
         {
             eprintln!("{error}");
-            self.logged = LogResult { bytes: keep.bytes(), error: error.to_string() };
+            self.logged = LogResult { bytes: keep.place().byte, error: error.to_string() };
             self.keep = None;
         }
     }
@@ -267,13 +274,13 @@ impl<M: Topic> Tap<M> {
             last: self.drain.last(),
             lost: self.drain.lost(),
             message: self.last.as_ref().map(|message| Bytes(bytes_of(message).to_vec())),
-            log_bytes: self.keep.as_ref().map_or(self.logged.bytes, LogWriter::bytes),
+            log_bytes: self.keep.as_ref().map_or(self.logged.bytes, |keep| keep.place().byte),
             log_error: self.logged.error.clone(),
         }
     }
 
     fn finish(&mut self) -> LogResult {
-        match self.keep.take().map(|keep| (keep.bytes(), keep.finish())) {
+        match self.keep.take().map(|keep| (keep.place().byte, keep.finish())) {
             None => self.logged.clone(),
             Some((_, Ok(bytes))) => LogResult { bytes, error: String::new() },
             Some((bytes, Err(error))) => LogResult { bytes, error: error.to_string() },
@@ -295,8 +302,14 @@ struct Topics {
 }
 
 impl Topics {
-    fn open(shell: &Shell, graph: &Graph, messages: Option<&Path>, past: &Past, assembler: &mut Assembler) -> Result<Self, ProcessError> {
-        struct Open<'a>(&'a Shell, Option<&'a Path>, &'a [Progress; COUNT], &'a mut Assembler);
+    fn open(
+        shell: &Shell,
+        graph: &Graph,
+        messages: Option<Keep<'_>>,
+        past: &Past,
+        assembler: &mut Assembler,
+    ) -> Result<Self, ProcessError> {
+        struct Open<'a>(&'a Shell, Option<Keep<'a>>, &'a [Progress; COUNT], &'a mut Assembler);
         impl Build<Taps> for Open<'_> {
             type Error = ProcessError;
             fn build<M: Topic>(&mut self) -> Result<Option<Tap<M>>, ProcessError> {
@@ -321,6 +334,8 @@ impl Topics {
 
     /// Ends the keeping of messages: how many bytes there are, and the first thing that went wrong.
     fn finish(&mut self) -> LogResult {
+        // The end of a log states how many messages the others hold.
+        self.flush();
         struct Finish<'a>(&'a mut ByTopic<Taps>);
         impl Each for Finish<'_> {
             type Output = LogResult;

@@ -2,12 +2,14 @@
 
 use std::path::Path;
 
-use message_log::{LogError, LogReader, TopicHash};
-use shared_types::graph::Graph;
+use message_log::{LogError, LogReader, Logs, RowReader, Shape, TopicHash};
+use shared_types::job::Job;
 use shared_types::summary::Summary;
 use shared_types::topics::{self, Build, ByTopic, Each, Family, Topic};
 
 use crate::assemble::{Assembler, Row, Set};
+use crate::foreign::content;
+use crate::log_account::LogAccount;
 use crate::{HORIZON, PATIENCE};
 
 /// Ticks that are taken from the messages at a time.
@@ -25,97 +27,157 @@ struct Messages<M: Topic> {
     reader: Option<LogReader<M>>,
     /// Read, and of a later tick than was asked for.
     next: Option<M>,
-    hash: TopicHash,
-    /// Tick of the last message read.
-    last: Option<u64>,
-    gaps: Vec<Gap>,
-}
-
-/// The messages that a damaged place of a log has cost: those behind one tick and before another; without end where none follows.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Gap {
-    after: Option<u64>,
-    before: Option<u64>,
+    account: LogAccount,
 }
 
 impl<M: Topic> Messages<M> {
-    /// The next message; a damaged place is noted and passed over. A block that was being written when its writer died ends the log.
+    /// The next message; a place that is not as it was written is noted and passed over. A block that was being written when its writer died ends the log.
     fn read(&mut self) -> Option<M> {
         loop {
-            let reader = self.reader.as_mut()?;
-            match reader.next_message() {
+            match self.reader.as_mut()?.next_message() {
                 Ok(message) => {
-                    let tick = message.map(|message| message.header().tick);
-                    self.gaps.last_mut().filter(|gap| gap.before.is_none()).into_iter().for_each(|gap| gap.before = tick);
-                    self.last = tick.or(self.last);
+                    message.iter().for_each(|message| self.account.read(message.header().tick));
                     return message;
                 }
-                Err(_) => {
-                    if self.gaps.last().is_none_or(|gap| gap.before.is_some()) {
-                        self.gaps.push(Gap { after: self.last, before: None });
-                    }
-                    if !reader.skip().unwrap_or(false) {
+                Err(error) => {
+                    self.account.fail(&error);
+                    if !error.is_damage() {
                         self.reader = None;
                     }
                 }
             }
         }
     }
+}
 
-    /// The damage in words, where there is any; `end` is the first tick of which no topic has a message.
-    fn damage(&self, end: u64) -> Option<String> {
-        let ticks = |gap: &Gap| (gap.after.map_or(0, |after| after + 1), gap.before.unwrap_or(end));
-        let first = self.gaps.first().map(ticks)?;
-        let lost: u64 = self.gaps.iter().map(ticks).map(|(from, until)| until.saturating_sub(from)).sum();
-        let places = if self.gaps.len() > 1 { format!("in {} places, first at", self.gaps.len()) } else { "at".to_owned() };
-        Some(format!("{}.log is damaged {places} tick {}: its messages of {lost} ticks are lost", M::TOPIC, first.0))
+/// The log of a topic that only the graph knows: it is in no row.
+struct OwnMessages {
+    reader: Option<RowReader>,
+    account: LogAccount,
+}
+
+impl OwnMessages {
+    /// Reads all of it.
+    fn read(&mut self) {
+        while let Some(reader) = &mut self.reader {
+            match reader.next_row() {
+                Ok(Some(row)) => {
+                    self.account.read(message_log::tick_of(&row));
+                    self.account.hash.add_content(content(bytemuck::cast_slice(&row)));
+                }
+                Err(error) if error.is_damage() => self.account.fail(&error),
+                end => {
+                    end.err().iter().for_each(|error| self.account.fail(error));
+                    self.reader = None;
+                }
+            }
+        }
     }
 }
 
 /// The rows of a run's message logs: whatever there is of each tick, in order.
 pub struct MessageRows {
     messages: ByTopic<StoredMessages>,
+    own: Vec<OwnMessages>,
     assembler: Assembler,
     until: u64,
     has_more: bool,
 }
 
+/// A log that may be absent or damaged: that is noted.
+fn excused<R>(opened: Result<R, LogError>, account: &mut LogAccount) -> Result<Option<R>, LogError> {
+    match opened {
+        Err(error) if error.is_before_the_first_message() => Ok(None),
+        Err(error) if error.is_damage() => {
+            account.fail(&error);
+            Ok(None)
+        }
+        opened => opened.map(Some),
+    }
+}
+
 impl MessageRows {
-    /// The messages in a folder, of the topics that the graph's processes write.
+    /// The messages of a job's run in a folder, of the topics that its graph's processes write.
     ///
     /// # Errors
-    /// [`LogError`] where a topic's messages are not there or not this program's.
-    pub fn open(folder: &Path, graph: &Graph) -> Result<Self, LogError> {
-        Self::open_with(folder, graph, |_| false)
+    /// [`LogError`] where a topic's messages are not there, are of another run, or are not this program's.
+    pub fn open(folder: &Path, job: &Job) -> Result<Self, LogError> {
+        Self::open_with(folder, job, false)
     }
 
-    /// The same of a run whose launcher was killed: a topic may have no log yet, or a damaged one.
+    /// The same where a topic may have no log yet, or one that is damaged or of another run.
     ///
     /// # Errors
     /// [`LogError`] where a topic's messages cannot be read or are not this program's.
-    pub fn open_left(folder: &Path, graph: &Graph) -> Result<Self, LogError> {
-        Self::open_with(folder, graph, |error| error.is_before_the_first_message() || error.is_damage())
+    pub fn open_left(folder: &Path, job: &Job) -> Result<Self, LogError> {
+        Self::open_with(folder, job, true)
     }
 
-    fn open_with(folder: &Path, graph: &Graph, is_excused: fn(&LogError) -> bool) -> Result<Self, LogError> {
-        struct Open<'a>(&'a Path, &'a Graph, fn(&LogError) -> bool);
+    fn open_with(folder: &Path, job: &Job, is_excused: bool) -> Result<Self, LogError> {
+        struct Open<'a>(&'a Path, &'a Logs, bool);
         impl Build<StoredMessages> for Open<'_> {
             type Error = LogError;
             fn build<M: Topic>(&mut self) -> Result<Option<Messages<M>>, LogError> {
-                if self.1.writer(M::TOPIC).is_none() {
+                if self.1.place(M::TOPIC).is_none() {
                     return Ok(None);
                 }
-                let mut messages = Messages { reader: None, next: None, hash: TopicHash::default(), last: None, gaps: Vec::new() };
-                match LogReader::open(self.0) {
-                    Err(error) if (self.2)(&error) => messages.gaps.extend(error.is_damage().then_some(Gap { after: None, before: None })),
-                    opened => messages.reader = Some(opened?),
-                }
-                Ok(Some(messages))
+                let mut account = LogAccount::new(M::TOPIC);
+                let opened = LogReader::open_of(self.0, self.1);
+                let reader = if self.2 { excused(opened, &mut account)? } else { Some(opened?) };
+                Ok(Some(Messages { reader, next: None, account }))
             }
         }
-        let messages = ByTopic::try_build(&mut Open(folder, graph, is_excused))?;
-        let assembler = Assembler::new(Set::of(|topic| graph.writer(topic).is_some()), PATIENCE, HORIZON);
-        Ok(Self { messages, assembler, until: 0, has_more: true })
+        let logs = Logs::of(job);
+        let messages = ByTopic::try_build(&mut Open(folder, &logs, is_excused))?;
+        let open = |layout: shared_types::layout::MessageLayout| {
+            let mut account = LogAccount::new(&layout.topic);
+            let opened = RowReader::open_of(folder, &Shape::from(&layout), &logs);
+            let reader = if is_excused { excused(opened, &mut account)? } else { Some(opened?) };
+            Ok(OwnMessages { reader, account })
+        };
+        let own = job.graph.own_messages().map(open).collect::<Result<_, LogError>>()?;
+        let assembler = Assembler::new(Set::of(|topic| job.graph.writer(topic).is_some()), PATIENCE, HORIZON);
+        let mut rows = Self { messages, own, assembler, until: 0, has_more: true };
+        rows.compare(&logs);
+        Ok(rows)
+    }
+
+    /// Each log tells how many messages the others had: those that are missing at an end are named there.
+    fn compare(&mut self, logs: &Logs) {
+        struct Known<'a>(&'a mut ByTopic<StoredMessages>, &'a mut Vec<u64>);
+        impl Each for Known<'_> {
+            type Output = ();
+            fn each<M: Topic>(&mut self) {
+                if let Some(reader) = M::of_mut(self.0).as_mut().and_then(|messages| messages.reader.as_mut()) {
+                    most(self.1, reader.rows().known());
+                }
+            }
+        }
+        struct Expect<'a>(&'a mut ByTopic<StoredMessages>, &'a dyn Fn(&str) -> u64);
+        impl Each for Expect<'_> {
+            type Output = ();
+            fn each<M: Topic>(&mut self) {
+                let Some(messages) = M::of_mut(self.0) else { return };
+                expect(messages.reader.as_mut().map(LogReader::rows), &mut messages.account, self.1);
+            }
+        }
+        fn most(known: &mut [u64], other: &[u64]) {
+            known.iter_mut().zip(other).for_each(|(known, other)| *known = (*known).max(*other));
+        }
+        fn expect(reader: Option<&mut RowReader>, account: &mut LogAccount, known: &dyn Fn(&str) -> u64) {
+            let messages = known(&account.topic);
+            match reader {
+                Some(reader) => reader.expect(messages),
+                None if messages > 0 && account.damage(0).is_none() => account.is_absent(messages),
+                None => {}
+            }
+        }
+        let mut known = vec![0; logs.len()];
+        topics::each(&mut Known(&mut self.messages, &mut known));
+        self.own.iter().filter_map(|own| own.reader.as_ref()).for_each(|reader| most(&mut known, reader.known()));
+        let of = |topic: &str| logs.place(topic).and_then(|place| known.get(place).copied()).unwrap_or_default();
+        topics::each(&mut Expect(&mut self.messages, &of));
+        self.own.iter_mut().for_each(|own| expect(own.reader.as_mut(), &mut own.account, &of));
     }
 
     /// The next row; `None` at the end.
@@ -132,7 +194,7 @@ impl MessageRows {
                         messages.next = Some(message);
                         return true;
                     }
-                    messages.hash.add(&message);
+                    messages.account.hash.add(&message);
                     if let Some(row) = self.1.row(tick) {
                         row.put(&message);
                     }
@@ -143,58 +205,59 @@ impl MessageRows {
         while self.has_more && !self.assembler.is_ready(self.until) {
             self.until += STRIDE;
             self.has_more = topics::each(&mut Put(&mut self.messages, &mut self.assembler, self.until)).contains(&true);
+            if !self.has_more {
+                self.own.iter_mut().for_each(OwnMessages::read);
+            }
         }
         self.assembler.pop(self.until, !self.has_more)
     }
 
-    /// The topics whose log, read to its end, is damaged or does not hold what a run's summary counts: a clause for each. A topic that the summary does not
-    /// name is left out.
+    /// The topics whose log, read to its end, is not as it was written or does not hold what a run's summary counts, where there is one: a clause for
+    /// each. A topic that the summary does not name is left out of the comparison.
     #[must_use]
-    pub fn damage(mut self, summary: &Summary) -> Vec<String> {
+    pub fn damage(mut self, summary: Option<&Summary>) -> Vec<String> {
         while self.next_row().is_some() {}
-        let gaps = self.gaps();
-        let differs = |(topic, found): (&'static str, TopicHash)| {
-            let expected = summary.topics.get(topic).filter(|expected| **expected != found.summary())?;
+        let damage = self.damage_so_far();
+        let differs = |account: &LogAccount| {
+            let (topic, found) = (&account.topic, account.hash);
+            let expected = summary?.topics.get(topic).filter(|expected| **expected != found.summary())?;
             Some(match expected.count == found.count() {
                 true => format!("{topic}.log holds other numbers than the run has sent"),
                 false => format!("{topic}.log holds {} of {} messages", found.count(), expected.count),
             })
         };
-        let of = |account: (&'static str, TopicHash)| {
-            gaps.iter().find(|(topic, _)| *topic == account.0).map(|(_, gap)| gap.clone()).or_else(|| differs(account))
+        let of = |account: &LogAccount| {
+            damage.iter().find(|(topic, _)| *topic == account.topic).map(|(_, damage)| damage.clone()).or_else(|| differs(account))
         };
-        self.account().into_iter().filter_map(of).collect()
+        self.accounts().into_iter().filter_map(of).collect()
     }
 
     /// The damage in the logs as far as they have been read: topic and clause.
-    pub(crate) fn gaps(&self) -> Vec<(&'static str, String)> {
-        struct Last<'a>(&'a ByTopic<StoredMessages>);
-        impl Each for Last<'_> {
-            type Output = Option<u64>;
-            fn each<M: Topic>(&mut self) -> Option<u64> {
-                M::of(self.0).as_ref().and_then(|messages| messages.last)
-            }
-        }
-        struct Gaps<'a>(&'a ByTopic<StoredMessages>, u64);
-        impl Each for Gaps<'_> {
-            type Output = Option<(&'static str, String)>;
-            fn each<M: Topic>(&mut self) -> Self::Output {
-                M::of(self.0).as_ref()?.damage(self.1).map(|damage| (M::TOPIC, damage))
-            }
-        }
-        let end = topics::each(&mut Last(&self.messages)).into_iter().flatten().max().map_or(0, |last| last + 1);
-        topics::each(&mut Gaps(&self.messages, end)).into_iter().flatten().collect()
+    pub(crate) fn damage_so_far(&self) -> Vec<(String, String)> {
+        let accounts = self.accounts();
+        let end = accounts.iter().filter_map(|account| account.last).max().map_or(0, |last| last.saturating_add(1));
+        accounts.into_iter().filter_map(|account| Some((account.topic.clone(), account.damage(end)?))).collect()
     }
 
     /// How many messages of each topic have been read, and their hash.
-    pub(crate) fn account(&self) -> Vec<(&'static str, TopicHash)> {
-        struct Account<'a>(&'a ByTopic<StoredMessages>);
-        impl Each for Account<'_> {
-            type Output = Option<(&'static str, TopicHash)>;
+    pub(crate) fn hashes(&self) -> Vec<(&str, TopicHash)> {
+        self.accounts().into_iter().map(|account| (account.topic.as_str(), account.hash)).collect()
+    }
+
+    /// The topics that are in no row.
+    pub(crate) fn not_drawn(&self) -> Vec<String> {
+        self.own.iter().map(|own| own.account.topic.clone()).collect()
+    }
+
+    fn accounts(&self) -> Vec<&LogAccount> {
+        struct Accounts<'a>(&'a ByTopic<StoredMessages>);
+        impl<'a> Each for Accounts<'a> {
+            type Output = Option<&'a LogAccount>;
             fn each<M: Topic>(&mut self) -> Self::Output {
-                M::of(self.0).as_ref().map(|messages| (M::TOPIC, messages.hash))
+                M::of(self.0).as_ref().map(|messages| &messages.account)
             }
         }
-        topics::each(&mut Account(&self.messages)).into_iter().flatten().collect()
+        let known = topics::each(&mut Accounts(&self.messages)).into_iter().flatten();
+        known.chain(self.own.iter().map(|own| &own.account)).collect()
     }
 }

@@ -17,8 +17,9 @@ use crate::{MESSAGES, limits, summary, take};
 /// # Errors
 /// [`ProcessError`] where the messages cannot be read, or the recording cannot be written.
 pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
-    let mut rows = MessageRows::open_left(&job.out.join(MESSAGES), &job.graph).map_err(ProcessError::setup)?;
+    let mut rows = MessageRows::open_left(&job.out.join(MESSAGES), job).map_err(ProcessError::setup)?;
     let mut judge = Judge::new(limits(robot), job.scenario.goal.clone(), job.scenario.duration_s() * f64::from(job.scenario.rate_hz));
+    judge = judge.in_processes(&job.graph).at_rate(job.scenario.rate_hz);
     if job.mode == Mode::Realtime {
         judge = judge.on_grid(1_000_000_000 / u64::from(job.scenario.rate_hz));
     }
@@ -35,7 +36,8 @@ pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
     }
     let mut recorded = tape.finish();
     let damage: Vec<String> =
-        rows.gaps().into_iter().map(|(_, damage)| damage).chain([recorded.error]).filter(|clause| !clause.is_empty()).collect();
+        rows.damage_so_far().into_iter().map(|(_, damage)| damage).chain([recorded.error]).filter(|clause| !clause.is_empty()).collect();
     recorded.error = damage.join("; ");
-    Ok(summary(robot, job, judge.verdict(), &rows.account(), recorded))
+    recorded.not_drawn = rows.not_drawn();
+    Ok(summary(robot, job, judge.verdict(), &rows.hashes(), recorded))
 }

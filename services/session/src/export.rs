@@ -79,7 +79,7 @@ pub fn export(run: &Run, format: ExportFormat, out: &Path, observer: Observer<'_
             observer(Progress::End);
             let summary = run.summary().ok();
             damage = match messages {
-                Ok(stored) => summary.map_or(Vec::new(), |summary| stored.rows.damage(&summary)),
+                Ok(stored) => stored.rows.damage(summary.as_ref()),
                 Err(Unread::Defect(reason)) => vec![reason],
                 Err(Unread::NotKept(_)) => Vec::new(),
             };
@@ -128,7 +128,7 @@ impl StoredMessages {
         }
         let robot = load::robot_of(&job.robot).map_err(Unread::defect)?;
         let slides = robot.joints.iter().map(|joint| joint.kind == JointKind::Prismatic).collect();
-        let rows = MessageRows::open(&run.folder.join(MESSAGES), &job.graph).map_err(Unread::defect)?;
+        let rows = MessageRows::open(&run.folder.join(MESSAGES), &job).map_err(Unread::defect)?;
         Ok(Self { rows, row: None, slides, steered: job.scenario.servo.is_some() })
     }
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use runtime::{ControlPage, FaultRecord, RunDir, SHM};
+use runtime::{ControlPage, FaultRecord, MAX_PROCESSES, RunDir, SHM};
 use shared_types::job::JOB;
 use shared_types::summary::{INTERRUPTED, Summary};
 
@@ -45,20 +45,24 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
     job.out.clone_from(&folder);
     let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
     let mut summary = recorder::rebuild(&robot, &job).map_err(Failure::work)?;
-    let lost = without_messages(&summary);
-    if !lost.is_empty() && summary.recorder.error.is_empty() {
-        summary.recorder.error = format!("the message log of {} is missing or empty", lost.join(", "));
-    }
+    let (lost, page) = (without_messages(&summary), left_in_shared_memory(&job.run));
     if !summary.completed {
         INTERRUPTED.clone_into(&mut summary.outcome);
         summary.reason = match (summary.ticks, &lost[..]) {
             (0, []) => "the launcher was killed before the messages of a whole tick were kept".to_owned(),
             (0, lost) => format!("no tick is whole: the message log of {} is missing, empty or damaged", lost.join(", ")),
-            (ticks, _) => format!("the launcher was killed; recovered from the messages of {ticks} ticks"),
+            // Of those that the run has done, where that is still known: the last of them were in no file.
+            (ticks, _) => match page.as_ref().map_or(0, ticks_done) {
+                done if done > ticks => {
+                    format!("the launcher was killed; recovered from the messages of {ticks} ticks, of {done} that the run had done")
+                }
+                _ => format!("the launcher was killed; recovered from the messages of {ticks} ticks"),
+            },
         };
     }
     summary.machine = machine();
-    summary.faults = left_in_shared_memory(&job.run).iter().map(|record| fault_summary(&job, record)).collect();
+    let faults: Vec<FaultRecord> = page.map(|page| page.fault_table().records().map(|(_, record)| record).collect()).unwrap_or_default();
+    summary.faults = faults.iter().map(|record| fault_summary(&job, record)).collect();
     keep(&folder, &job, &summary)?;
     Ok(summary)
 }
@@ -78,8 +82,12 @@ fn nothing_begun(folder: &Path) -> String {
     )
 }
 
-/// The fault table of a run whose directory still exists.
-fn left_in_shared_memory(run: &str) -> Vec<FaultRecord> {
-    let page = RunDir::open(&Path::new(SHM).join(run)).ok().and_then(|run| ControlPage::open(&run).ok());
-    page.map(|page| page.fault_table().records().map(|(_, record)| record).collect()).unwrap_or_default()
+/// The control page of a run whose directory still exists.
+fn left_in_shared_memory(run: &str) -> Option<ControlPage> {
+    RunDir::open(&Path::new(SHM).join(run)).ok().and_then(|run| ControlPage::open(&run).ok())
+}
+
+/// Ticks that a process of the run has done, the most of all.
+fn ticks_done(page: &ControlPage) -> u64 {
+    (0..MAX_PROCESSES).map(|process| page.process(process).ticks()).max().unwrap_or_default()
 }

@@ -5,7 +5,7 @@ use std::io;
 use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 
-use message_log::{LogError, LogReader};
+use message_log::{LogError, LogReader, Logs};
 use rustix::io::Errno;
 use shared_types::codes::TARGET_END;
 use shared_types::job::{JOB, Job};
@@ -310,7 +310,7 @@ fn targets(job: &Job, session: &Servo, summary: &Summary) -> Result<String, Fail
         return Ok(session.targets.clone());
     }
     let cannot = |error: LogError| Failure::Work(format!("the targets of the run are not kept, so it cannot be repeated: {error}"));
-    let mut log = match LogReader::<Target>::open(&job.out.join(recorder::MESSAGES)) {
+    let mut log = match LogReader::<Target>::open_of(&job.out.join(recorder::MESSAGES), &Logs::of(job)) {
         Ok(log) => Some(log),
         // Before the first tick there are none.
         Err(error) if error.is_before_the_first_message() && summary.ticks == 0 => None,

@@ -52,6 +52,7 @@ pub fn target_file(text: &str) {
 pub fn job() -> String {
     let job = Job {
         run: "armplane-0-1-1-0".to_owned(),
+        id: 0x0123_4567_89ab_cdef,
         version: "0.1.0".to_owned(),
         mode: shared_types::job::Mode::Lockstep,
         out: "runs/fig5-wrist-rotation-001".into(),

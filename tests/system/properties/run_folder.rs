@@ -3,7 +3,7 @@
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
-use message_log::{LogReader, LogWriter};
+use message_log::{LogReader, LogWriter, Logs, Place};
 use runtime::{ControlPage, MAX_PROCESSES, MOST_FAULTS, Manifest, RunDir};
 use shared_types::Message;
 use shared_types::fault::ScheduledFault;
@@ -18,14 +18,19 @@ thread_local! {
 }
 
 /// Bytes of a message log before its first block.
-const HEAD: usize = 24;
+const HEAD: usize = 40;
+
+/// The logs of a run.
+pub fn logs() -> Logs {
+    Logs::new(0x0123_4567_89ab_cdef, TOPICS)
+}
 
 /// A file of kept messages of any bytes is read to its end or refused with a sentence, and a writer that continues it corrupts nothing.
 pub fn message_log(bytes: &[u8]) {
     fn check<M: Message>(bytes: &[u8], run: &Path) {
         let path = run.join(format!("{}.log", M::TOPIC));
         let read = || -> Result<Vec<M>, String> {
-            let mut kept = LogReader::<M>::open(run).map_err(|error| error.to_string())?;
+            let mut kept = LogReader::<M>::open_of(run, &logs()).map_err(|error| error.to_string())?;
             let mut messages = Vec::new();
             while let Some(message) = kept.next_message().map_err(|error| error.to_string())? {
                 messages.push(message);
@@ -34,8 +39,21 @@ pub fn message_log(bytes: &[u8]) {
         };
         let more: [M; 3] = [M::zeroed(); 3];
         std::fs::write(&path, bytes).expect("shared memory");
+        // Behind every place that is not as it was written the reader goes on, to the end.
+        if let Ok(mut kept) = LogReader::<M>::open_of(run, &logs()) {
+            kept.rows().expect(3);
+            let (mut messages, mut defects) = (0, 0);
+            loop {
+                match kept.next_message() {
+                    Ok(Some(_)) => messages += 1,
+                    Ok(None) => break,
+                    Err(error) => defects += usize::from(error.is_damage()),
+                }
+                assert!(messages <= bytes.len() * 128 && defects <= bytes.len() + 2, "{messages} messages, {defects} defects");
+            }
+        }
         let before = read();
-        match LogWriter::<M>::resume(run, 0, |_| {}) {
+        match LogWriter::<M>::resume(run, &logs(), Place::default(), |_| {}) {
             Ok(mut keep) => {
                 more.iter().for_each(|message| keep.add(message).expect("shared memory"));
                 keep.finish().expect("shared memory");
@@ -50,11 +68,11 @@ pub fn message_log(bytes: &[u8]) {
             Err(error) => assert!(before.is_err_and(|sentence| !sentence.is_empty()), "{error}"),
         }
     }
-    // With a right head, or with none: a fuzzer would have to find twenty-four bytes first.
+    // With a right head, or with none: a fuzzer would have to find forty bytes first.
     let (choice, rest) = bytes.split_first().unwrap_or((&0, &[]));
     RUN.with(|run| {
         let run = run.path();
-        // And with right checksums: a fuzzer would never find one.
+        // And with right checksums and numbers: a fuzzer would never find them.
         let with_head = |head: Vec<u8>| {
             let mut file = if choice & 8 != 0 { [head, rest.to_vec()].concat() } else { rest.to_vec() };
             if choice & 32 != 0 {
@@ -63,8 +81,9 @@ pub fn message_log(bytes: &[u8]) {
             file
         };
         fn head<M: Message>(run: &Path) -> Vec<u8> {
-            LogWriter::<M>::create(run).and_then(LogWriter::finish).expect("shared memory");
-            std::fs::read(run.join(format!("{}.log", M::TOPIC))).expect("shared memory")
+            LogWriter::<M>::create(run, &logs()).and_then(LogWriter::finish).expect("shared memory");
+            let file = std::fs::read(run.join(format!("{}.log", M::TOPIC))).expect("shared memory");
+            file[..HEAD].to_vec()
         }
         struct CheckKept<'a>(&'a dyn Fn(Vec<u8>) -> Vec<u8>, &'a Path);
         impl Each for CheckKept<'_> {

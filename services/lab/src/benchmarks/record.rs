@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use message_log::{LogError, LogWriter};
+use message_log::{LogError, LogWriter, Logs};
 use model::Robot;
 use recorder::{Judge, Row, Tick};
 use runtime::now_ns;
 use session::{Failure, Observer, load};
 use shared_types::job::Mode;
 use shared_types::scenario::Scenario;
-use shared_types::topics::{self, Build, ByTopic, Each, Family, Topic};
+use shared_types::topics::{self, Build, ByTopic, Each, Family, TOPICS, Topic};
 
 use super::distribution::{Distribution, Row as BenchRow, histogram};
 use crate::folder::scratch;
@@ -32,7 +32,7 @@ pub fn record(robot: &Robot, scenario: &Scenario, observer: Observer<'_>) -> Res
     let mut tape = recorder::Tape::start(robot, &job, 1).map_err(Failure::work)?;
     let mut judge = Judge::new(recorder::limits(robot), scenario.goal.clone(), scenario.duration_s() * f64::from(scenario.rate_hz));
     let parts = folder.path().join("parts");
-    let mut files = ByTopic::<Files>::try_build(&mut Create(&parts)).map_err(Failure::work)?;
+    let mut files = ByTopic::<Files>::try_build(&mut Create(&parts, Logs::new(job.id, TOPICS))).map_err(Failure::work)?;
     let mut times: [_; 3] = std::array::from_fn(|_| histogram());
     chain::run(robot, scenario, |tick| {
         let row = Row::new(tick.sensor.header.tick, tick.into());
@@ -73,12 +73,12 @@ impl Family for Files {
     type Of<M: Topic> = LogWriter<M>;
 }
 
-struct Create<'a>(&'a Path);
+struct Create<'a>(&'a Path, Logs);
 
 impl Build<Files> for Create<'_> {
     type Error = LogError;
     fn build<M: Topic>(&mut self) -> Result<LogWriter<M>, LogError> {
-        LogWriter::create(self.0)
+        LogWriter::create(self.0, &self.1)
     }
 }
 

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::path::Path;
 
-use message_log::{Difference, LogError, LogReader};
+use message_log::{Difference, LogError, LogReader, Logs};
 use model::{Refused, Robot};
 use recorder::MessageRows;
 use runtime::apply_to_outgoing;
@@ -62,6 +62,12 @@ impl Replayed {
 /// [`Failure`] where the run wrote no messages, cannot be read, has no such process, or the step refuses the scenario.
 pub fn replay(run: &Path, process: Option<&str>, settings: &[String], observer: Observer<'_>) -> Result<(Job, Replayed), Failure> {
     let job = job(run)?;
+    if !job.messages {
+        let run = run.display();
+        return Err(Failure::Input(format!(
+            "{run} was run without its messages, which `armplane replay` reads: run it again without --no-messages and --no-record"
+        )));
+    }
     let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
     let scenario = with_settings(&job.scenario, settings)?;
     let is_asked = |one: &Process| process.map_or(one.program() == Some(Program::Controller), |name| one.name == name);
@@ -70,9 +76,13 @@ pub fn replay(run: &Path, process: Option<&str>, settings: &[String], observer: 
     let summary = summary(run);
     let scheduled_faults = scheduled_faults(summary.as_ref(), &job, &name)?;
     let is_cut = summary.as_ref().is_none_or(|summary| !summary.completed);
-    let rows = MessageRows::open(&run.join(recorder::MESSAGES), &job.graph);
-    let damage = summary.as_ref().zip(rows.ok()).map_or(Vec::new(), |(summary, rows)| rows.damage(summary));
-    let tape = Tape { folder: run.join(recorder::MESSAGES), run, observer, process: name.clone(), is_cut, damage, scheduled_faults };
+    let folder = run.join(recorder::MESSAGES);
+    let damage = match MessageRows::open_left(&folder, &job) {
+        Ok(rows) => rows.damage(summary.as_ref()),
+        Err(error) => vec![error.to_string()],
+    };
+    let logs = Logs::of(&job);
+    let tape = Tape { folder, run, logs, observer, process: name.clone(), is_cut, damage, scheduled_faults };
     observer(Progress::Begin { title: &scenario.name, length: scenario.planned_ticks(), unit: "ticks" });
     let refused = |error: Refused| Failure::input(error);
     let replayed = match program {
@@ -113,7 +123,7 @@ pub fn replay(run: &Path, process: Option<&str>, settings: &[String], observer: 
     observer(Progress::End);
     if replayed.topics.iter().all(|topic| topic.messages == 0) && replayed.without_input == 0 {
         if !replayed.damage.is_empty() {
-            return Err(Failure::Input(Run::find(Some(run))?.with_remedy(&replayed.damage.join("; "))));
+            return Err(damaged(run, &replayed.damage));
         }
         let run = run.display();
         return Err(Failure::Input(format!(
@@ -121,6 +131,12 @@ pub fn replay(run: &Path, process: Option<&str>, settings: &[String], observer: 
         )));
     }
     Ok((job, replayed))
+}
+
+/// The message logs of a run are not whole.
+fn damaged(run: &Path, damage: &[String]) -> Failure {
+    let run = Run { folder: run.to_owned(), parts: Vec::new() };
+    Failure::Work(format!("{}: {}; {}", run.folder.display(), damage.join("; "), run.again()))
 }
 
 /// The refusal of a process that the run does not have, or whose step armplane does not know: another program's, the recorder's, the operator's.
@@ -136,13 +152,13 @@ fn no_step(process: &str, job: &Job, run: &Path) -> Failure {
 
 /// The summary of a run; `None` where it was stopped before it had one.
 fn summary(run: &Path) -> Option<Summary> {
-    std::fs::read(run.join(SUMMARY)).ok().and_then(|text| serde_json::from_slice(&text).ok())
+    files::read(&run.join(SUMMARY)).ok().and_then(|text| serde_json::from_slice(&text).ok())
 }
 
 /// The job of the run.
 fn job(run: &Path) -> Result<Job, Failure> {
     let path = run.join(JOB);
-    let text = std::fs::read(&path).map_err(|error| {
+    let text = files::read(&path).map_err(|error| {
         let run = run.display();
         Failure::Input(match error.kind() {
             ErrorKind::NotFound => {
@@ -185,6 +201,7 @@ fn with_settings(scenario: &Scenario, settings: &[String]) -> Result<Scenario, F
 struct Tape<'a> {
     folder: std::path::PathBuf,
     run: &'a Path,
+    logs: Logs,
     observer: Observer<'a>,
     /// As in [`Replayed`].
     is_cut: bool,
@@ -198,16 +215,13 @@ struct Tape<'a> {
 
 impl Tape<'_> {
     fn open<M: Message>(&self) -> Result<Cursor<M>, Failure> {
-        match LogReader::open(&self.folder) {
-            Ok(log) => Ok(Cursor { log, ahead: None }),
-            Err(error) if error.is_absent() => Err(Failure::Input(format!(
-                "the run in {} wrote no messages of topic {:?}: run it again without --no-messages, `armplane replay` reads {}",
-                self.run.display(),
-                M::TOPIC,
-                self.folder.display()
-            ))),
-            Err(error) => Err(Failure::input(error)),
-        }
+        LogReader::open_of(&self.folder, &self.logs).map(|log| Cursor { log, ahead: None }).map_err(|error| self.unreadable(&error))
+    }
+
+    /// A message log that is gone or not as it was written: all that is wrong with the logs.
+    fn unreadable(&self, error: &LogError) -> Failure {
+        let reason = [error.to_string()];
+        damaged(self.run, if self.damage.is_empty() { &reason } else { &self.damage })
     }
 
     fn in_order<M: Message>(&self) -> Result<InOrder<M>, Failure> {
@@ -229,10 +243,10 @@ impl Tape<'_> {
         let mut step = fresh()?;
         let (mut computed, mut checkpoint, mut has_computed) = (Out::empty(), C::zeroed(), false);
         let (mut incarnation, mut without_input) = (1, 0);
-        while let Some(recorded) = Out::next(&mut outputs).map_err(Failure::work)? {
+        while let Some(recorded) = Out::next(&mut outputs).map_err(|error| self.unreadable(&error))? {
             let header = *recorded.header();
-            while let Some(tick) = inputs.next_tick().map_err(Failure::work)?.filter(|tick| *tick < header.tick) {
-                let input = inputs.at(tick).map_err(Failure::work)?;
+            while let Some(tick) = inputs.next_tick().map_err(|error| self.unreadable(&error))?.filter(|tick| *tick < header.tick) {
+                let input = inputs.at(tick).map_err(|error| self.unreadable(&error))?;
                 if let Some(input) = input.filter(|_| self.was_withheld(tick)) {
                     compute(&mut step, input, &mut computed);
                     save(&step, &mut checkpoint);
@@ -245,12 +259,12 @@ impl Tape<'_> {
                     restore(&mut step, &checkpoint);
                 }
             }
-            match inputs.at(header.tick).map_err(Failure::work)? {
+            match inputs.at(header.tick).map_err(|error| self.unreadable(&error))? {
                 Some(input) => {
                     compute(&mut step, input, &mut computed);
                     save(&step, &mut checkpoint);
                     has_computed = true;
-                    Out::compare(&mut outputs, &recorded, computed, self).map_err(Failure::work)?;
+                    Out::compare(&mut outputs, &recorded, computed, self).map_err(|error| self.unreadable(&error))?;
                 }
                 None => without_input += 1,
             }
@@ -283,8 +297,8 @@ impl Tape<'_> {
         let (mut sensor, mut state) = (Comparison::<SensorSample>::default(), Comparison::<PlantState>::default());
         let (mut sampled, mut moved) = <(SensorSample, PlantState)>::default();
         let mut ended = String::new();
-        let mut truth: Option<PlantState> = truths.next_message().map_err(Failure::work)?;
-        let mut next = samples.next_message().map_err(Failure::work)?;
+        let mut truth: Option<PlantState> = truths.next_message().map_err(|error| self.unreadable(&error))?;
+        let mut next = samples.next_message().map_err(|error| self.unreadable(&error))?;
         for tick in 0.. {
             let Some(recorded) = next else { break };
             let gap = recorded.header.tick != tick || truth.is_none_or(|truth: PlantState| truth.header.tick != tick);
@@ -305,14 +319,17 @@ impl Tape<'_> {
             if let Some(truth) = &truth {
                 state.take(truth, moved);
             }
-            (truth, next) = (truths.next_message().map_err(Failure::work)?, samples.next_message().map_err(Failure::work)?);
+            (truth, next) = (
+                truths.next_message().map_err(|error| self.unreadable(&error))?,
+                samples.next_message().map_err(|error| self.unreadable(&error))?,
+            );
             // Which torque came in time, and how old it was, is what the plant said next.
             let flags = truth.map_or(0, |truth| truth.drive_flags);
             let age = next.map_or(0, |next| u64::from(next.stale_ticks));
             let command = match flags {
                 flags if flags & (DRIVE_STALE | DRIVE_ENCODER) != 0 => Some(TorqueCommand::default()),
                 flags if flags & DRIVE_ABSENT != 0 => None,
-                _ => commands.at(tick.saturating_sub(age)).map_err(Failure::work)?,
+                _ => commands.at(tick.saturating_sub(age)).map_err(|error| self.unreadable(&error))?,
             };
             cycle.step(command.as_ref());
             (self.observer)(Progress::Position(tick));

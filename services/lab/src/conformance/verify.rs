@@ -5,17 +5,19 @@ use std::time::Instant;
 
 use chain::{Sink, Tick};
 use launcher::{End, Exit, Failure as Mishap};
-use message_log::{Difference, LogError, LogReader, LogWriter, RowReader, Shape, TopicHash, first_difference, first_difference_in};
+use message_log::{
+    Difference, LogError, LogReader, LogWriter, Logs, RowReader, Shape, TopicHash, first_difference, first_difference_in, tick_of,
+};
 use model::Robot;
 use runtime::{ControlPage, RunDir, random};
 use session::{Failure, Observer, load};
+use shared_types::Message;
 use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
 use shared_types::layout::MessageLayout;
 use shared_types::scenario::Scenario;
 use shared_types::summary::TopicSummary;
 use shared_types::topics::{self, Build, ByTopic, COUNT, Each, Family, STEERED, TOPICS, Topic};
-use shared_types::{Header, Message};
 
 use super::condition::{CONDITIONS, Condition};
 use super::stops::Stops;
@@ -172,14 +174,14 @@ struct Tap<M: Message> {
 
 impl Topics {
     fn create(folder: Option<&Path>) -> Result<Self, LogError> {
-        struct Create<'a>(Option<&'a Path>);
+        struct Create<'a>(Option<&'a Path>, Logs);
         impl Build<Taps> for Create<'_> {
             type Error = LogError;
             fn build<M: Topic>(&mut self) -> Result<Tap<M>, LogError> {
-                Ok(Tap { hash: TopicHash::default(), keep: self.0.map(LogWriter::create).transpose()? })
+                Ok(Tap { hash: TopicHash::default(), keep: self.0.map(|folder| LogWriter::create(folder, &self.1)).transpose()? })
             }
         }
-        ByTopic::try_build(&mut Create(folder)).map(Self)
+        ByTopic::try_build(&mut Create(folder, Logs::new(0, TOPICS))).map(Self)
     }
 
     fn add(&mut self, tick: &Tick) -> Result<(), LogError> {
@@ -320,7 +322,7 @@ fn first_in_own(layout: &MessageLayout, reference: &Path, messages: &Path) -> Re
     let shape = Shape::from(layout);
     let open = |folder: &Path| RowReader::open(folder, &shape).map_err(Failure::work);
     let (mut expected, mut found) = (open(reference)?, open(messages)?);
-    let tick = |row: &Vec<u64>| row.get(std::mem::offset_of!(Header, tick) / size_of::<u64>()).copied().unwrap_or_default();
+    let tick = |row: &Vec<u64>| tick_of(row);
     let differ = |expected: &Vec<u64>, found: &Vec<u64>| {
         first_difference_in(&layout.fields, bytemuck::cast_slice(expected), bytemuck::cast_slice(found))
     };
