@@ -1,0 +1,95 @@
+#!/usr/bin/env python3
+"""Runs the commands of every row of docs/guarantees.md, one after the other, as they stand in the table, and prints whether each row holds.
+
+    python3 docs/guarantees.py                  # all rows: hours, `armplane bench soak` alone takes 30 minutes
+    python3 docs/guarantees.py --only drill     # rows with this word in a command
+    python3 docs/guarantees.py --skip "bench soak" --skip "--kills"
+
+A row passes when each of its commands ends with exit code 0; one named behind "fails with" has to end with 1. The exit code is that of the worst row.
+"""
+
+import argparse
+import pathlib
+import re
+import shlex
+import subprocess
+import sys
+import tempfile
+import time
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+PROGRAM = ROOT / "target/release/armplane"
+
+
+def commands(cell):
+    """The commands of a cell with the exit code that each is to have."""
+    found, last, parts = [], None, cell.split("`")
+    for before, quoted in zip(parts[::2], parts[1::2]):
+        if quoted.startswith(("cargo ", "armplane ")):
+            last = re.sub(r" SCENARIO\b", "", quoted)
+            found.append((last, 0))
+        elif quoted.startswith("--without ") and last:
+            # "`armplane drill`, which fails with `--without hold`, `--without torque-check` and `--without fencing`"
+            found.append((f"{last} {quoted}", 1))
+    return found
+
+
+def rows():
+    """Assumption and commands of each row; `the same` has those of the row above."""
+    above = []
+    for line in (ROOT / "docs/guarantees.md").read_text().splitlines():
+        cells = line.split(" | ")
+        if not line.startswith("| ") or line.startswith("| assumption") or len(cells) < 4:
+            continue
+        here = commands(cells[2]) or (above if cells[2].strip() == "the same" else [])
+        above = here
+        yield cells[0].removeprefix("| "), here
+
+
+def run(command, expected, folder, done):
+    """Whether a command ends as it is to; one that has run already is not run again."""
+    if (command, expected) not in done:
+        words = shlex.split(command)
+        is_own = words[0] == "armplane"
+        words[0] = str(PROGRAM) if is_own else words[0]
+        began = time.monotonic()
+        ran = subprocess.run(words, cwd=folder if is_own else ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace")
+        tested = re.findall(r"^test result: \w+\. (\d+) passed", ran.stdout, re.M)
+        # A filter that no test has is no test.
+        is_empty = words[0] == "cargo" and sum(map(int, tested)) == 0
+        holds = ran.returncode == expected and not is_empty
+        note = f"{time.monotonic() - began:.0f} s" + (f", {sum(map(int, tested))} tests" if tested else "")
+        if not holds:
+            note += f", exit code {ran.returncode}: " + " / ".join(ran.stdout.strip().splitlines()[-3:])
+        done[(command, expected)] = (holds, note)
+    return done[(command, expected)]
+
+
+def main():
+    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    arguments.add_argument("--only", action="append", default=[], metavar="WORDS")
+    arguments.add_argument("--skip", action="append", default=[], metavar="WORDS")
+    chosen = arguments.parse_args()
+    done, failed, skipped, passed = {}, 0, 0, 0
+    with tempfile.TemporaryDirectory() as folder:
+        for assumption, here in rows():
+            if chosen.only and not any(words in command for command, _ in here for words in chosen.only):
+                continue
+            notes, holds, left_out = [], bool(here), 0
+            for command, expected in here:
+                if any(words in command for words in chosen.skip):
+                    notes.append(f"      not run   {command}")
+                    left_out += 1
+                    continue
+                ends, note = run(command, expected, folder, done)
+                holds &= ends
+                notes.append(f"      {'as it is to' if ends else 'OTHERWISE'}  {command}  ({note})")
+            verdict = "FAIL" if not holds else "part" if 0 < left_out < len(here) else "skip" if left_out else "pass"
+            failed, skipped, passed = failed + (not holds), skipped + (verdict in ("skip", "part")), passed + (verdict == "pass")
+            print(f"{verdict}  {assumption[:120]}", *notes, sep="\n", flush=True)
+    print(f"{passed} rows pass, {failed} fail, {skipped} were not run or not whole")
+    return 1 if failed or not (passed or skipped) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
