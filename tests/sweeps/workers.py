@@ -15,7 +15,6 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples" / "sweep"
@@ -59,10 +58,9 @@ def shard_of(out):
     return None
 
 
-def kill_a_worker(out, killed):
-    """Kills the worker of a shard once the shard has finished a run."""
-    for _ in range(2_000):
-        time.sleep(0.02)
+def kill_a_worker(out, killed, is_over):
+    """Kills the worker of a shard once the shard has begun to write runs down."""
+    while not is_over.wait(0.02):
         pid = shard_of(out)
         if pid is None or not any(out.glob("shard-*/journal/*.journal")):
             continue
@@ -82,11 +80,13 @@ def on_engine(module, armplane, sweep, out):
     except ImportError:
         return None
     killed = []
-    thread = threading.Thread(target=kill_a_worker, args=(out, killed))
+    is_over = threading.Event()
+    thread = threading.Thread(target=kill_a_worker, args=(out, killed, is_over))
     thread.start()
     path = os.pathsep.join([str(armplane.parent), os.environ["PATH"]])
     command = [sys.executable, str(EXAMPLES / ENGINES[module]), str(sweep), str(out), str(SHARDS)]
     done = subprocess.run(command, env={**os.environ, "PATH": path}, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    is_over.set()
     thread.join()
     if done.returncode != 0:
         sys.exit(f"{ENGINES[module]} ended with {done.returncode}:\n{done.stdout[-3000:]}")

@@ -5,9 +5,8 @@ use runtime::{ForeignCollector, ProcessError, Shell};
 use shared_types::layout::MessageLayout;
 use shared_types::wire::Stamps;
 
-use crate::Keep;
 use crate::checkpoint::{Bytes, Progress};
-use crate::log_result::{self, LogResult};
+use crate::log_result::{self, Keep, LogResult};
 
 /// The end of one such topic: its fingerprint, and the file that keeps its messages where that is wanted.
 pub(crate) struct ForeignTap {

@@ -31,7 +31,7 @@ use viz::Level;
 use checkpoint::{Bytes, Checkpoint, Memory, Past, Progress, StoredRow, most_ticks};
 use fault_reporter::FaultReporter;
 use foreign::ForeignTap;
-use log_result::LogResult;
+use log_result::{Keep, LogResult};
 
 pub use assemble::{Assembler, Row, Set};
 pub use judge::{Judge, Limits, TaskError, Tick, Verdict};
@@ -195,9 +195,6 @@ pub fn limits(robot: &Robot) -> Limits {
         velocity: of(|joint| joint.velocity),
     }
 }
-
-/// The folder of the message logs, and the logs of the run.
-type Keep<'a> = (&'a Path, &'a Logs);
 
 /// One topic's end: its messages, its fingerprint, and the file they are kept in where that is wanted.
 struct Tap<M: Message> {

@@ -1,6 +1,11 @@
-//! The result of a topic's message log.
+//! Where the message logs of a run go, and the result of a topic's.
 
-use message_log::LogError;
+use std::path::Path;
+
+use message_log::{LogError, Logs};
+
+/// The folder of the message logs, and the logs of the run.
+pub(crate) type Keep<'a> = (&'a Path, &'a Logs);
 
 /// Bytes in the log, and the reason why no more come; a disk that is full ends the log, not the run.
 #[derive(Clone, Debug, Default)]
