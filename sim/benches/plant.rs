@@ -54,7 +54,7 @@ fn reference(bencher: Bencher) {
     tick(bencher, &scenario::Plant { model: PlantModel::Reference, ..Default::default() }, 10, Joints::zeros());
 }
 
-/// Dry friction: rapier3d at every sub-step.
+/// Dry friction of an arm that touches nothing.
 #[divan::bench]
 fn dry_friction(bencher: Bencher) {
     tick(bencher, &scenario::Plant { friction: true, ..Default::default() }, 10, Joints::zeros());

@@ -192,15 +192,18 @@ impl<const N: usize> Hybrid<N> {
     }
 
     /// Whether contact or a stop can act in the sub-step from `x`: false only if none can.
+    ///
+    /// Distances are computed only where nothing else decides: the bound on the clearance stays one without them.
     fn may_touch(&mut self, smooth: &Smooth<N>, x: &State<N>) -> bool {
-        // An arm of unbounded reach makes the bound −∞ or NaN, and is looked at every time.
-        let mut clear = self.clearance > NEAR;
-        if !clear {
-            self.clearance = self.world.clearance(&smooth.model.link_poses(&x.q));
-            clear = self.clearance > NEAR;
+        if self.touching || (0..N).any(|i| self.beyond(x, i).0 > 0.0) {
+            return true;
         }
-        let beyond = (0..N).any(|i| self.beyond(x, i).0 > 0.0);
-        self.touching || !clear || beyond
+        // An arm of unbounded reach makes the bound −∞ or NaN, and is looked at every time.
+        let is_clear = |clearance: f64| clearance > NEAR;
+        if !is_clear(self.clearance) {
+            self.clearance = self.world.clearance(&smooth.model.link_poses(&x.q));
+        }
+        !is_clear(self.clearance)
     }
 
     /// Asks rapier3d about a tick that counts as free.

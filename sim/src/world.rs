@@ -76,6 +76,9 @@ pub(crate) struct World<const N: usize> {
     /// Joint axes, link axes.
     axes: [math::Vector; N],
     sliding: [bool; N],
+    /// Joint limits; rad, m.
+    lower: [f64; N],
+    upper: [f64; N],
     solids: Vec<Solid>,
     /// Which solids may touch which; `None` is the floor.
     pairs: Vec<(usize, Option<usize>)>,
@@ -224,6 +227,8 @@ impl<const N: usize> World<N> {
             axes: arm.axes,
             joints: robot.dof(),
             sliding: std::array::from_fn(|i| robot.joints.get(i).is_some_and(|joint| joint.kind == JointKind::Prismatic)),
+            lower: std::array::from_fn(|i| robot.joints.get(i).map_or(f64::NEG_INFINITY, |joint| joint.lower)),
+            upper: std::array::from_fn(|i| robot.joints.get(i).map_or(f64::INFINITY, |joint| joint.upper)),
             solids,
             pairs,
             floor,
@@ -298,6 +303,14 @@ impl<const N: usize> World<N> {
                 break;
             }
             multibody.apply_displacements(&displacement[..self.joints]);
+        }
+        // rapier makes a constraint of each limited joint, which is solved in every iteration and does nothing within the limits.
+        for i in 0..self.joints {
+            if let Some(link) = multibody.link_mut(i + 1) {
+                let is_beyond = x.q[i] < self.lower[i] || x.q[i] > self.upper[i];
+                let axis = if self.sliding[i] { JointAxesMask::LIN_X } else { JointAxesMask::ANG_X };
+                link.joint.data.limit_axes = if is_beyond { axis } else { JointAxesMask::empty() };
+            }
         }
         multibody.generalized_velocity_mut().copy_from_slice(&x.qdot.as_slice()[..self.joints]);
         multibody.forward_kinematics(&self.bodies, false);
