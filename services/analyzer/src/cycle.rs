@@ -1,7 +1,10 @@
 //! The analyzer's pure step: where the estimated posture is singular, or nearly.
 
+use std::any::Any;
+
 use control::{Analyzer, SetupError, wire};
-use model::{Model, Robot, joints};
+use model::{Model, Robot, Terms, joints};
+use nalgebra::SVector;
 use shared_types::scenario::Scenario;
 use shared_types::{AnalyzerCheckpoint, SingularityReport, StateEstimate};
 
@@ -9,6 +12,8 @@ use shared_types::{AnalyzerCheckpoint, SingularityReport, StateEstimate};
 pub trait Step {
     /// The report for an estimate, at its tick. No allocation.
     fn step(&mut self, estimate: &StateEstimate, out: &mut SingularityReport);
+    /// The [`Terms`] of the last step's estimate, for another step in this address space.
+    fn terms(&self) -> &dyn Any;
     /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its input.
     fn save(&self, out: &mut AnalyzerCheckpoint);
     /// Takes up what [`save`](Self::save) has written: the next step continues bit for bit.
@@ -20,6 +25,8 @@ pub trait Step {
 pub struct Cycle<const N: usize> {
     model: Model<N>,
     analyzer: Analyzer<N>,
+    /// Of the last step's estimate.
+    terms: Terms<N>,
 }
 
 impl<const N: usize> Cycle<N> {
@@ -28,11 +35,17 @@ impl<const N: usize> Cycle<N> {
     /// # Errors
     /// [`SetupError`] where the robot does not have `N` joints, or no such frame.
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, SetupError> {
-        Ok(Self { model: Model::new(robot, scenario.frame())?, analyzer: Analyzer::new(robot, &scenario.analysis) })
+        let model = Model::new(robot, scenario.frame())?;
+        let terms = model.evaluate(&SVector::zeros(), &SVector::zeros());
+        Ok(Self { model, analyzer: Analyzer::new(robot, &scenario.analysis), terms })
     }
 }
 
 impl<const N: usize> Step for Cycle<N> {
+    fn terms(&self) -> &dyn Any {
+        &self.terms
+    }
+
     fn save(&self, out: &mut AnalyzerCheckpoint) {
         self.analyzer.save(out);
     }
@@ -43,7 +56,8 @@ impl<const N: usize> Step for Cycle<N> {
 
     fn step(&mut self, estimate: &StateEstimate, out: &mut SingularityReport) {
         let (q, qdot) = (joints(&estimate.q), joints(&estimate.qdot));
-        let report = self.analyzer.step(&q, &qdot, &self.model.evaluate(&q, &qdot));
+        self.model.evaluate_into(&q, &qdot, &mut self.terms);
+        let report = self.analyzer.step(&q, &qdot, &self.terms);
         wire::report_message(estimate.header.tick, &report, out);
     }
 }

@@ -62,7 +62,7 @@ impl Chain {
                 operator.step(sensor, target);
                 self.controller.steer((estimate, singularity), Some(target), servo_state, control_state, torque);
             }
-            None => self.controller.step(estimate, singularity, control_state, torque),
+            None => self.controller.step_knowing(self.analyzer.terms(), (estimate, singularity), control_state, torque),
         }
         topics::each(&mut First(tick));
         self.plant.step(Some(&tick.torque));

@@ -8,9 +8,9 @@ use crate::arm_family::family::Posture;
 use crate::centre::AtCentre;
 use crate::linear::{Lu, singular_values};
 use crate::paper::neighborhood::Neighborhood;
-use crate::types::{Report, Singularity};
+use crate::types::Report;
 use model::{Robot, Terms};
-use nalgebra::{SMatrix, SVector, Vector3};
+use nalgebra::{SMatrix, SVector};
 use shared_types::scenario::Analysis;
 use shared_types::{AnalyzerCheckpoint, MAX_SINGULARITIES};
 
@@ -46,14 +46,14 @@ impl<const N: usize> Analyzer<N> {
         &self.family
     }
 
-    /// One tick: the factors s_i of s(q) = s₁·s₂·…·s_ns ([`conditioning`]), their neighbourhoods D_si, directions ζ_i and types.
+    /// One tick: the factors s_i of s(q) = s₁·s₂·…·s_ns, their neighbourhoods D_si, directions ζ_i and types.
     ///
     /// Units `q` rad, `qdot` rad/s · Frame of every vector in the report: B, at C.
     /// Requires finite `q`, `qdot` and `terms` of this very posture. Cost about 2 µs for six joints, no allocation.
     pub fn step(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, terms: &Terms<N>) -> Report<N> {
-        let (report, at) = self.listed(q, qdot, terms);
-        let conditioning = conditioning(&at.J, &terms.J, self.length_m, &self.task);
-        Report { p_BC: report.p_BC, count: report.count, singularities: report.singularities, ..conditioning }
+        let (mut report, at) = self.listed(q, qdot, terms);
+        conditioning(&mut report, &at.J, &terms.J, &self.task);
+        report
     }
 
     /// The same without singular values, rank and determinant, which are zero in it; and the kinematics at C.
@@ -64,26 +64,15 @@ impl<const N: usize> Analyzer<N> {
         let p_C = family.centre(terms);
         let at = AtCentre::new(terms, &p_C, &terms.omega[N - 1]);
         let posture = Posture { q, qdot, terms, at: &at };
-        let mut singularities = [Singularity::none(); MAX_SINGULARITIES];
-        let count = family.measure(&posture, &mut singularities);
-        for (singularity, inside) in singularities[..count].iter_mut().zip(&mut self.inside) {
+        let mut report = Report::unexamined(self.length_m, p_C);
+        report.count = family.measure(&posture, &mut report.singularities);
+        for (singularity, inside) in report.singularities[..report.count].iter_mut().zip(&mut self.inside) {
             let kind = singularity.kind.code();
             let neighborhood = Neighborhood { eta_in: self.analysis.eta_in.of(kind), eta_out: self.analysis.eta_out.of(kind) };
             *inside = neighborhood.update(*inside, singularity.s);
             singularity.inside = *inside;
             (singularity.eta_in, singularity.eta_out) = (neighborhood.eta_in, neighborhood.eta_out);
         }
-        let report = Report {
-            rank: 0,
-            sigma: [0.0; 6],
-            det: 0.0,
-            condition: 0.0,
-            manipulability: 0.0,
-            length_m: self.length_m,
-            p_BC: p_C,
-            count,
-            singularities,
-        };
         (report, at)
     }
 
@@ -104,13 +93,9 @@ impl<const N: usize> Analyzer<N> {
 ///
 /// s(q) = det J for a square J, √det JJᵀ for a redundant arm     [CK95 Eq. 1]
 ///
-/// The singular values are of J at C with its linear rows divided by `length_m`; the determinant is of J at E, unscaled.
-pub(crate) fn conditioning<const N: usize>(
-    J_C: &SMatrix<f64, 6, N>,
-    J_E: &SMatrix<f64, 6, N>,
-    length_m: f64,
-    task: &[bool; 6],
-) -> Report<N> {
+/// Fills these fields of a report. The singular values are of J at C with its linear rows divided by the report's `length_m`; the determinant is of
+/// J at E, unscaled.
+fn conditioning<const N: usize>(report: &mut Report<N>, J_C: &SMatrix<f64, 6, N>, J_E: &SMatrix<f64, 6, N>, task: &[bool; 6]) {
     let mut scaled = *J_C;
     let mut unscaled = *J_E;
     let mut rows = 0;
@@ -122,28 +107,21 @@ pub(crate) fn conditioning<const N: usize>(
         }
         rows += 1;
         if k < 3 {
-            scaled.row_mut(k).scale_mut(1.0 / length_m);
+            scaled.row_mut(k).scale_mut(1.0 / report.length_m);
         }
     }
     let count = rows.min(N);
     let (sigma, _) = singular_values(&scaled);
     let product = |values: &[f64; 6]| values[..count].iter().product::<f64>();
-    let det = if N == 6 && count == 6 {
+    report.det = if N == 6 && count == 6 {
         let square = SMatrix::<f64, 6, 6>::from_fn(|i, j| unscaled[(i, j)]);
         Lu::new(square).map_or(0.0, |lu| lu.determinant())
     } else {
         product(&singular_values(&unscaled).0)
     };
     let (largest, smallest) = (sigma[0], sigma[count.saturating_sub(1)]);
-    Report {
-        rank: sigma[..count].iter().filter(|s| **s > RANK_TOLERANCE * largest).count() as u32,
-        sigma,
-        det,
-        condition: if smallest > largest * 1e-18 { largest / smallest } else { 1e18 },
-        manipulability: if rows <= N { product(&sigma) } else { 0.0 },
-        length_m,
-        p_BC: Vector3::zeros(),
-        count: 0,
-        singularities: [Singularity::none(); MAX_SINGULARITIES],
-    }
+    report.rank = sigma[..count].iter().filter(|s| **s > RANK_TOLERANCE * largest).count() as u32;
+    report.sigma = sigma;
+    report.condition = if smallest > largest * 1e-18 { largest / smallest } else { 1e18 };
+    report.manipulability = if rows <= N { product(&sigma) } else { 0.0 };
 }

@@ -120,13 +120,34 @@ impl<const N: usize> Controller<N> {
         tau_disturbance: &SVector<f64, N>,
         report: &Report<N>,
     ) -> Command<N> {
+        self.step_knowing(None, q, qdot, tau_disturbance, report)
+    }
+
+    /// [`step`](Self::step) with the arm's terms, where they have been computed already; with `None` it computes them.
+    ///
+    /// Requires `terms` to be those of this very state at the scenario's frame · Ensures, errors, cost as `step`, less the model's evaluation
+    pub fn step_knowing(
+        &mut self,
+        terms: Option<&Terms<N>>,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        tau_disturbance: &SVector<f64, N>,
+        report: &Report<N>,
+    ) -> Command<N> {
         if self.state.refusal != Refusal::None {
             return self.refuse(q, qdot, self.state.refusal);
         }
         if !q.iter().chain(qdot).chain(tau_disturbance).all(|x| x.is_finite()) {
             return self.refuse(q, qdot, Refusal::State);
         }
-        let terms = &self.model.evaluate(q, qdot);
+        let evaluated;
+        let terms = match terms {
+            Some(terms) => terms,
+            None => {
+                evaluated = self.model.evaluate(q, qdot);
+                &evaluated
+            }
+        };
         if !self.state.plausible.take(q, qdot, &Bounds::of(&self.model, terms, self.scenario.dt_s())) {
             return self.reject();
         }

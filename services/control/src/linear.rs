@@ -47,28 +47,28 @@ impl<const N: usize> Lu<N> {
             return Err(SolveError::NotFinite);
         }
         let mut order: [usize; N] = std::array::from_fn(|i| i);
+        // Column by column: each is whole in memory, and its bounds are checked once.
+        let columns = &mut M.data.0;
         for k in 0..N {
-            let mut best = k;
-            for i in k + 1..N {
-                if M[(i, k)].abs() > M[(best, k)].abs() {
-                    best = i;
-                }
-            }
-            let pivot = M[(best, k)];
+            let column = &columns[k];
+            let best = (k + 1..N).fold(k, |best, i| if column[i].abs() > column[best].abs() { i } else { best });
+            let pivot = column[best];
             if pivot.abs() <= PIVOT_FLOOR * largest {
                 return Err(SolveError::RankDeficient { size: N, pivot: pivot.abs(), largest });
             }
             if best != k {
-                M.swap_rows(best, k);
+                columns.iter_mut().for_each(|column| column.swap(best, k));
                 order.swap(best, k);
             }
-            for i in k + 1..N {
-                M[(i, k)] /= pivot;
+            let (left, right) = columns.split_at_mut(k + 1);
+            let first = &mut left[k];
+            for l in &mut first[k + 1..] {
+                *l /= pivot;
             }
-            for j in k + 1..N {
-                let u = M[(k, j)];
-                for i in k + 1..N {
-                    M[(i, j)] -= M[(i, k)] * u;
+            for column in right {
+                let u = column[k];
+                for (m, l) in column[k + 1..].iter_mut().zip(&first[k + 1..]) {
+                    *m -= l * u;
                 }
             }
         }

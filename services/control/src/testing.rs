@@ -5,7 +5,7 @@ use crate::linear::stack;
 use crate::types::{Command, Mode, Phase, Report};
 use crate::{Analyzer, Controller};
 use model::{Factors, Model, Robot};
-use nalgebra::{SVector, Vector6};
+use nalgebra::{SVector, Vector3, Vector6};
 use proptest::prelude::*;
 use shared_types::random::Uniform;
 use shared_types::scenario::Scenario;
@@ -53,7 +53,7 @@ pub(crate) fn posture<const N: usize>(model: &Model<N>) -> impl Strategy<Value =
 
 /// A report of an arm that is nowhere singular.
 pub(crate) fn empty_report<const N: usize>() -> Report<N> {
-    crate::analyzer::conditioning(&nalgebra::SMatrix::zeros(), &nalgebra::SMatrix::zeros(), 1.0, &[true; 6])
+    Report::unexamined(1.0, Vector3::zeros())
 }
 
 /// A scenario file of the product.
@@ -164,8 +164,9 @@ pub(crate) fn run_on<const N: usize>(robot: &Robot, scenario: &Scenario, plant: 
         } else {
             (q, qdot)
         };
-        let report = analyzer.step(&q_seen, &qdot_seen, &model.evaluate(&q_seen, &qdot_seen));
-        let command = controller.step(&q_seen, &qdot_seen, &disturbance, &report);
+        let terms = model.evaluate(&q_seen, &qdot_seen);
+        let report = analyzer.step(&q_seen, &qdot_seen, &terms);
+        let command = controller.step_knowing(Some(&terms), &q_seen, &qdot_seen, &disturbance, &report);
         tau = command.tau;
         let X = model.forward_kinematics(&q);
         let error = stack(&(command.p_BE_d - X.p), &crate::linear::rotation_log(&(command.R_BE_d * X.R.transpose())));

@@ -221,6 +221,21 @@ pub struct Report<const N: usize> {
 }
 
 impl<const N: usize> Report<N> {
+    /// A report of an arm with C at `p_BC`, m: no singularity, and nothing computed of the Jacobian.
+    pub(crate) fn unexamined(length_m: f64, p_BC: Vector3<f64>) -> Self {
+        Self {
+            rank: 0,
+            sigma: [0.0; 6],
+            det: 0.0,
+            condition: 0.0,
+            manipulability: 0.0,
+            length_m,
+            p_BC,
+            count: 0,
+            singularities: [Singularity::none(); MAX_SINGULARITIES],
+        }
+    }
+
     /// The singularities in use.
     #[must_use]
     pub fn listed(&self) -> &[Singularity<N>] {

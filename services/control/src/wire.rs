@@ -24,17 +24,13 @@ pub enum Unreadable {
 
 /// Fills the analyzer's message: everything but the header's stamps and incarnation.
 pub fn report_message<const N: usize>(tick: u64, report: &Report<N>, out: &mut SingularityReport) {
-    *out = SingularityReport {
-        header: Header { tick, ..Header::default() },
-        count: report.count as u32,
-        rank: report.rank,
-        sigma: report.sigma,
-        det: report.det,
-        condition: report.condition,
-        manipulability: report.manipulability,
-        length_m: report.length_m,
-        p_BC: report.p_BC.into(),
-        singularities: report.singularities.map(|s| SingularityState {
+    // In place: a message of its own would be copied whole.
+    let SingularityReport { header, count, rank, sigma, det, condition, manipulability, length_m, p_BC, singularities } = out;
+    *header = Header { tick, ..Header::default() };
+    (*count, *rank, *sigma, *det) = (report.count as u32, report.rank, report.sigma, report.det);
+    (*condition, *manipulability, *length_m, *p_BC) = (report.condition, report.manipulability, report.length_m, report.p_BC.into());
+    for (out, s) in singularities.iter_mut().zip(&report.singularities) {
+        *out = SingularityState {
             kind: s.kind.code(),
             class: s.class.code(),
             inside: u32::from(s.inside),
@@ -52,8 +48,8 @@ pub fn report_message<const N: usize>(tick: u64, report: &Report<N>, out: &mut S
             aux_row: padded(&s.aux_row),
             kappa_1: s.kappa_1,
             kappa_2: s.kappa_2,
-        }),
-    };
+        };
+    }
 }
 
 /// The report in a message.
@@ -64,8 +60,18 @@ pub fn report<const N: usize>(message: &SingularityReport) -> Result<Report<N>, 
     if !message.is_finite() {
         return Err(Unreadable::NotFinite);
     }
-    let mut singularities = [Singularity::none(); MAX_SINGULARITIES];
-    for (place, (out, s)) in singularities.iter_mut().zip(&message.singularities).enumerate() {
+    let mut report = Report {
+        rank: message.rank,
+        sigma: message.sigma,
+        det: message.det,
+        condition: message.condition,
+        manipulability: message.manipulability,
+        length_m: message.length_m,
+        p_BC: Vector3::from(message.p_BC),
+        count: (message.count as usize).min(MAX_SINGULARITIES),
+        singularities: [Singularity::none(); MAX_SINGULARITIES],
+    };
+    for (place, (out, s)) in report.singularities.iter_mut().zip(&message.singularities).enumerate() {
         *out = Singularity {
             kind: Kind::from_code(s.kind).ok_or(Unreadable::Code { place, code: s.kind })?,
             class: Class::from_code(s.class).ok_or(Unreadable::Code { place, code: s.class })?,
@@ -86,17 +92,7 @@ pub fn report<const N: usize>(message: &SingularityReport) -> Result<Report<N>, 
             kappa_2: s.kappa_2,
         };
     }
-    Ok(Report {
-        rank: message.rank,
-        sigma: message.sigma,
-        det: message.det,
-        condition: message.condition,
-        manipulability: message.manipulability,
-        length_m: message.length_m,
-        p_BC: Vector3::from(message.p_BC),
-        count: (message.count as usize).min(MAX_SINGULARITIES),
-        singularities,
-    })
+    Ok(report)
 }
 
 /// Fills the controller's messages: everything but the headers' stamps and incarnation.

@@ -1,7 +1,9 @@
 //! The controller's pure step: torque from the estimated state and its singularity report.
 
+use std::any::Any;
+
 use control::{Controller, Refusal, SetupError, start_posture, wire};
-use model::{Model, Robot, embedded};
+use model::{Model, Robot, Terms, embedded};
 use nalgebra::SVector;
 use shared_types::scenario::Scenario;
 use shared_types::{ControlState, ControllerCheckpoint, Header, ServoState, SingularityReport, StateEstimate, Target, TorqueCommand};
@@ -11,6 +13,15 @@ pub trait Step {
     /// The torque for an estimate and the report of the same tick, and what the law did to arrive at it, at that tick. No allocation; a report
     /// that cannot be read is refused.
     fn step(&mut self, estimate: &StateEstimate, report: &SingularityReport, state: &mut ControlState, torque: &mut TorqueCommand);
+    /// The same with the [`Terms`](model::Terms) of this estimate, where another step in this address space has computed them for the same arm and
+    /// frame; terms of another size are not used.
+    fn step_knowing(
+        &mut self,
+        terms: &dyn Any,
+        inputs: (&StateEstimate, &SingularityReport),
+        state: &mut ControlState,
+        torque: &mut TorqueCommand,
+    );
     /// The same towards the target of this tick, in a scenario that is steered; `None`: none has come.
     fn steer(
         &mut self,
@@ -52,6 +63,23 @@ impl<const N: usize> Cycle<N> {
     fn own(&self, estimate: &StateEstimate) -> [SVector<f64, N>; 3] {
         [&estimate.q, &estimate.qdot, &estimate.tau_disturbance].map(|values| embedded::<N>(&values[..self.dof]))
     }
+
+    /// The step, with the terms of the estimate where they are known.
+    fn command(
+        &mut self,
+        terms: Option<&Terms<N>>,
+        (estimate, report): (&StateEstimate, &SingularityReport),
+        state: &mut ControlState,
+        torque: &mut TorqueCommand,
+    ) {
+        let [q, qdot, tau_disturbance] = self.own(estimate);
+        let command = match wire::report(report) {
+            Ok(report) => self.controller.step_knowing(terms, &q, &qdot, &tau_disturbance, &report),
+            Err(_) => self.controller.refuse(&q, &qdot, Refusal::Report),
+        };
+        wire::command_messages(estimate.header.tick, &command, state, torque);
+        torque.tau[self.dof..].fill(0.0);
+    }
 }
 
 impl<const N: usize> Step for Cycle<N> {
@@ -72,13 +100,17 @@ impl<const N: usize> Step for Cycle<N> {
     }
 
     fn step(&mut self, estimate: &StateEstimate, report: &SingularityReport, state: &mut ControlState, torque: &mut TorqueCommand) {
-        let [q, qdot, tau_disturbance] = self.own(estimate);
-        let command = match wire::report(report) {
-            Ok(report) => self.controller.step(&q, &qdot, &tau_disturbance, &report),
-            Err(_) => self.controller.refuse(&q, &qdot, Refusal::Report),
-        };
-        wire::command_messages(estimate.header.tick, &command, state, torque);
-        torque.tau[self.dof..].fill(0.0);
+        self.command(None, (estimate, report), state, torque);
+    }
+
+    fn step_knowing(
+        &mut self,
+        terms: &dyn Any,
+        inputs: (&StateEstimate, &SingularityReport),
+        state: &mut ControlState,
+        torque: &mut TorqueCommand,
+    ) {
+        self.command(terms.downcast_ref(), inputs, state, torque);
     }
 
     fn steer(
