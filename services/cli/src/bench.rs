@@ -118,10 +118,10 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
         rows.extend(benchmarks::model(&robot)?);
     }
     if chosen(Bench::Control) {
-        rows.extend(benchmarks::steps(&robot, &scenario, "control")?);
+        rows.extend(benchmarks::control(&robot, &scenario)?);
     }
     if chosen(Bench::Plant) {
-        rows.extend(benchmarks::steps(&robot, &scenario, "plant")?);
+        rows.extend(benchmarks::plant(&robot, &scenario)?);
     }
     if chosen(Bench::Record) {
         let (measured, account) = benchmarks::record(&robot, &scenario, observer)?;

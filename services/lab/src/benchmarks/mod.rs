@@ -20,5 +20,5 @@ pub use machine::{machine, machine_line};
 pub use picture::pictures;
 pub use record::{Recorded, record};
 pub use ring::peer;
-pub use steps::{model, steps};
+pub use steps::{control, model, plant};
 pub use text::Rows;

@@ -3,12 +3,13 @@
 use std::hint::black_box;
 
 use chain::Chain;
-use model::{Model, Robot};
+use model::{Model, Robot, joints, padded};
 use nalgebra::SVector;
 use runtime::now_ns;
-use session::load::Loaded;
+use session::load::{self, Loaded};
 use session::{Failure, Steering, Targets};
-use shared_types::scenario::{PlantModel, Scenario};
+use shared_types::TorqueCommand;
+use shared_types::scenario::{PlantModel, Scenario, Start};
 
 use super::distribution::{Distribution, Row as BenchRow, histogram};
 use crate::studies::steered::twists;
@@ -19,6 +20,16 @@ const STEERED_S: f64 = 20.0;
 /// Evaluations per sample: a clock reading costs a tenth of one.
 const BATCH: u64 = 100;
 const SAMPLES: u64 = 5_000;
+
+/// The scenario of an arm of seven joints.
+const REDUNDANT: &str = "seven-joints";
+
+/// Height of the floor that the arm is pressed on, m; the torque of its second joint beyond gravity that does so, N·m; the damping of its joints,
+/// N·m·s/rad; and for how long, the way down included.
+const FLOOR_M: f64 = -0.3;
+const PRESSING_NM: f64 = 15.0;
+const DAMPING: f64 = 20.0;
+const PRESSED_TICKS: u64 = 8_000;
 
 /// The terms of the scenario's arm, and those of the built-in arms that other programs publish, at postures along a circle in joint space.
 ///
@@ -71,14 +82,24 @@ fn terms<const N: usize>(robot: &Robot, name: &str) -> Result<Vec<BenchRow>, Fai
     ])
 }
 
-/// The pure steps over a whole scenario, hand in hand; the last rows are all of them as the chain runs them.
-pub fn steps(robot: &Robot, scenario: &Scenario, which: &str) -> Result<Vec<BenchRow>, Failure> {
+/// The time of each pure step of a scenario.
+struct Steps {
+    sample: Distribution,
+    estimator: Distribution,
+    analyzer: Distribution,
+    controller: Distribution,
+    both: Distribution,
+    moving: Distribution,
+}
+
+/// The pure steps over a whole scenario, hand in hand, as the processes compute them.
+fn hand_in_hand(robot: &Robot, scenario: &Scenario) -> Result<Steps, Failure> {
     let mut plant = plant::cycle(robot, scenario).map_err(Failure::work)?;
     let mut estimator = estimator::cycle(robot, scenario).map_err(Failure::work)?;
     let mut analyzer = analyzer::cycle(robot, scenario).map_err(Failure::work)?;
     let mut controller = controller::cycle(robot, scenario).map_err(Failure::work)?;
     let mut m = chain::Tick::default();
-    let mut times: [_; 5] = std::array::from_fn(|_| histogram());
+    let mut times: [_; 6] = std::array::from_fn(|_| histogram());
     for tick in 0.. {
         if plant.is_over() {
             break;
@@ -86,24 +107,72 @@ pub fn steps(robot: &Robot, scenario: &Scenario, which: &str) -> Result<Vec<Benc
         let mut last = now_ns();
         let mut lap = |times: &mut hdrhistogram::Histogram<u64>| {
             let now = now_ns();
-            times.saturating_record(now - last);
+            let took = now - last;
+            times.saturating_record(took);
             last = now;
+            took
         };
         plant.sample(tick, &mut m.sensor, &mut m.plant_state);
         lap(&mut times[0]);
         estimator.step(&m.sensor, &mut m.estimate);
         lap(&mut times[1]);
         analyzer.step(&m.estimate, &mut m.singularity);
-        lap(&mut times[2]);
+        let analyzing = lap(&mut times[2]);
         controller.step(&m.estimate, &m.singularity, &mut m.control_state, &mut m.torque);
-        lap(&mut times[3]);
+        let controlling = lap(&mut times[3]);
         plant.step(Some(&m.torque));
-        lap(&mut times[4]);
+        lap(&mut times[5]);
+        times[4].saturating_record(analyzing + controlling);
     }
-    let of = |index: usize| Distribution::of(&times[index]);
-    if which == "plant" {
-        return Ok(vec![BenchRow::alone("plant", "sample", of(0)), BenchRow::alone("plant", "move", of(4))]);
+    let [sample, estimator, analyzer, controller, both, moving] = times.map(|times| Distribution::of(&times));
+    Ok(Steps { sample, estimator, analyzer, controller, both, moving })
+}
+
+/// The simulated arm's steps: in the scenario, and pressed on a floor.
+///
+/// # Errors
+/// [`Failure::Work`] where robot and scenario do not fit, or the arm does not stay on the floor.
+pub fn plant(robot: &Robot, scenario: &Scenario) -> Result<Vec<BenchRow>, Failure> {
+    let steps = hand_in_hand(robot, scenario)?;
+    let row = |mechanism: &str, distribution: Distribution| BenchRow::alone("plant", mechanism, distribution);
+    Ok(vec![row("sample", steps.sample), row("move", steps.moving), row("move, in contact", pressed(robot, scenario)?)])
+}
+
+/// The simulated arm's step in the ticks in which contact points of it with a floor carry force.
+fn pressed(robot: &Robot, scenario: &Scenario) -> Result<Distribution, Failure> {
+    let mut scenario = scenario.clone();
+    scenario.start = Start { posture: Some("nominal".to_owned()), ..Start::default() };
+    scenario.plant.floor_m = Some(FLOOR_M);
+    let model = Model::<6>::new(robot, None).map_err(Failure::work)?;
+    let mut plant = plant::cycle(robot, &scenario).map_err(Failure::work)?;
+    let (mut m, mut times) = (chain::Tick::default(), histogram());
+    for tick in 0..PRESSED_TICKS {
+        plant.sample(tick, &mut m.sensor, &mut m.plant_state);
+        let (q, qdot) = (joints::<6>(&m.plant_state.q), joints::<6>(&m.plant_state.qdot));
+        let mut tau = model.gravity(&q) - qdot * DAMPING;
+        tau[1] += PRESSING_NM;
+        m.torque = TorqueCommand { header: m.sensor.header, tau: padded(&tau), ..TorqueCommand::default() };
+        let began = now_ns();
+        plant.step(Some(&m.torque));
+        if m.plant_state.contacts > 0 {
+            times.saturating_record(now_ns() - began);
+        }
     }
+    if times.len() < PRESSED_TICKS / 4 {
+        return Err(Failure::Work(format!("the arm was on the floor in {} of {PRESSED_TICKS} ticks only", times.len())));
+    }
+    Ok(Distribution::of(&times))
+}
+
+/// The pure steps of the control chain, as the processes compute them; the last rows are all of them as the chain runs them.
+///
+/// # Errors
+/// [`Failure`] where a scenario cannot be loaded, or does not fit its robot.
+pub fn control(robot: &Robot, scenario: &Scenario) -> Result<Vec<BenchRow>, Failure> {
+    let steps = hand_in_hand(robot, scenario)?;
+    let Loaded { scenario: redundant, robot: seven, .. } = load::scenario(REDUNDANT, &[], None)?;
+    let both = hand_in_hand(&seven, &redundant)?.both;
+    let mut m = chain::Tick::default();
     let mut whole = |name: &str, scenario: &Scenario| -> Result<BenchRow, Failure> {
         let mut chain = Chain::new(robot, scenario).map_err(Failure::work)?;
         let mut times = histogram();
@@ -119,9 +188,10 @@ pub fn steps(robot: &Robot, scenario: &Scenario, which: &str) -> Result<Vec<Benc
     let mut rubbing = scenario.clone();
     rubbing.plant.friction = true;
     Ok(vec![
-        BenchRow::alone("control", "estimator", of(1)),
-        BenchRow::alone("control", "analyzer", of(2)),
-        BenchRow::alone("control", "controller", of(3)),
+        BenchRow::alone("control", "estimator", steps.estimator),
+        BenchRow::alone("control", "analyzer", steps.analyzer),
+        BenchRow::alone("control", "controller", steps.controller),
+        BenchRow::alone("control", &format!("analyzer and controller, {REDUNDANT}"), both),
         BenchRow::alone("control", "controller, steered", steered(robot)?),
         whole("whole tick, one thread", scenario)?,
         whole("whole tick, exact plant", &exact)?,
