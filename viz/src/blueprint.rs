@@ -9,13 +9,13 @@ mod subject;
 
 use re_chunk::{Chunk, ChunkResult};
 use re_log_types::StoreId;
-use re_sdk_types::blueprint::archetypes::{EyeControls3D, PanelBlueprint, TimePanelBlueprint, ViewportBlueprint};
+use re_sdk_types::blueprint::archetypes::{PanelBlueprint, TimePanelBlueprint, ViewportBlueprint};
 use re_sdk_types::blueprint::components::{AbsoluteTimeRange, LoopMode, PanelState, PlayState, RootContainer, TimelineName};
 use re_sdk_types::datatypes::TimeInt;
 use shared_types::scenario::Layout;
 
 use crate::sink::Sink;
-use desk::{Desk, close_up_name};
+use desk::{Desk, close_up_name, world_name};
 use sheet::Sheet;
 pub(crate) use subject::{ACROSS, ALONG, Eye, JOINTS, Subject, Way};
 
@@ -51,6 +51,8 @@ pub(crate) fn send(sink: &mut Sink, store: &StoreId, subject: &Subject, which: L
 pub(crate) struct Ending {
     pub(crate) loop_ns: (i64, i64),
     pub(crate) close_up: Eye,
+    /// From where all of the arm's way is seen, in views whose eye stands where it was placed at the beginning.
+    pub(crate) main: Option<Eye>,
 }
 
 /// Adds the ending to a blueprint that has been sent, and activates it again: the viewer works on a copy made at activation. With
@@ -59,7 +61,7 @@ pub(crate) fn send_ending(sink: &mut Sink, store: &StoreId, subject: &Subject, w
     // The ids of the same layout again, without its other chunks.
     let mut places = if is_changed { Sheet::new(which) } else { Sheet::without_chunks(which) };
     Desk::new(&mut places, subject).arrange(which);
-    let view = places.view_named(close_up_name(subject));
+    let views = [(places.view_named(close_up_name(subject)), Some(ending.close_up)), (places.view_named(world_name(subject)), ending.main)];
     places.make_chunks();
     if is_changed {
         let root = RootContainer(places.root.into());
@@ -69,10 +71,8 @@ pub(crate) fn send_ending(sink: &mut Sink, store: &StoreId, subject: &Subject, w
     let range = AbsoluteTimeRange(re_sdk_types::datatypes::AbsoluteTimeRange { min: TimeInt(min), max: TimeInt(max) });
     let time = time_panel().with_loop_mode(LoopMode::Selection).with_time_selection(range).with_play_state(PlayState::Playing);
     places.log("time_panel", &time);
-    if let Some(view) = view {
-        let Eye { position, look_at, up } = ending.close_up;
-        let eye = EyeControls3D::new().with_position(position.to_array()).with_look_target(look_at.to_array()).with_eye_up(up.to_array());
-        places.log(view.join(&"EyeControls3D".into()), &eye);
+    for (view, eye) in views.into_iter().filter_map(|(view, eye)| view.zip(eye)) {
+        places.eye(&view, &eye);
     }
     for chunk in places.chunks {
         sink.chunk(store, chunk);
@@ -115,8 +115,7 @@ mod tests {
             assert!(!sheet.legends.is_empty());
             for (plot, entries) in &sheet.legends {
                 let is_large = which == Layout::Faults || (which == Layout::Timing && plot.starts_with("Latency"));
-                // Of seven joints four have names of their own.
-                let room = if is_large { 8 } else { 4 + usize::from(joints == 7) };
+                let room = if is_large { 8 } else { 6 };
                 assert!(*entries <= room, "{which:?}, {joints} joints: {plot:?} has {entries} entries");
             }
         }

@@ -4,7 +4,7 @@ use re_chunk::EntityPath;
 use re_sdk_types::blueprint::components::Corner2D;
 use shared_types::scenario::Layout;
 
-use super::sheet::{Lines, Sheet, WITH_FAULT};
+use super::sheet::{Lines, Sheet};
 use super::subject::{ACROSS, ALONG, JOINTS, Subject};
 use crate::entity;
 use crate::signals::{Drawn, Signal, hop_names};
@@ -15,6 +15,11 @@ const LIMITS: Option<[f64; 2]> = Some([-1.1, 1.1]);
 /// Name of the view from near by.
 pub(super) const fn close_up_name(subject: &Subject) -> &'static str {
     if subject.stands_still { "The hand's way, × 50" } else { "Close-up, across ζ" }
+}
+
+/// Name of the view of the whole arm.
+pub(super) const fn world_name(subject: &Subject) -> &'static str {
+    if subject.stands_still { "Arm: its joints move" } else { "Arm: the coloured mark is the lost direction ζ" }
 }
 
 /// Powers of ten of errors, mm and degrees, and of latencies, µs.
@@ -51,19 +56,17 @@ impl<'a> Desk<'a> {
                 let (errors, joints, measure) = (self.errors(), self.joints(), self.measure());
                 let others = [self.gravity(), self.governor(), self.auxiliary(), self.singular_values(), self.latency(Named::Last)];
                 let modes = [self.modes(), self.log()];
+                // Three rows: fewer and taller plots have ticks that can be read, and room for a legend of six names.
                 let right = if self.subject.stands_still {
                     // No singularity is in play: the error first, the joints that move, and the rest in tabs.
-                    let more: Vec<_> = [measure].into_iter().chain(others).chain(modes).collect();
-                    vec![(1.2, errors), (1.15, joints), (1.15, torques), (1.35, self.sheet.tabs(more))]
-                } else if self.subject.singularities.len() > 3 {
-                    // A lane and a name in the legend for each of them take the torques' room.
+                    let more: Vec<_> = [torques, measure].into_iter().chain(others).chain(modes).collect();
+                    vec![(1.3, errors), (1.4, joints), (1.6, self.sheet.tabs(more))]
+                } else {
                     let more: Vec<_> = [errors, torques, joints].into_iter().chain(others).collect();
                     let (more, modes) = (self.sheet.tabs(more), self.sheet.tabs(modes.into()));
-                    vec![(1.4, measure), (1.5, more), (1.6, modes)]
-                } else {
-                    let more: Vec<_> = [errors, joints].into_iter().chain(others).collect();
-                    let (more, modes) = (self.sheet.tabs(more), self.sheet.tabs(modes.into()));
-                    vec![(1.25, measure), (1.17, torques), (1.15, more), (1.28, modes)]
+                    // A lane for each singularity.
+                    let lanes = if self.subject.singularities.len() > 3 { 1.6 } else { 1.35 };
+                    vec![(1.4, measure), (1.6, more), (lanes, modes)]
                 };
                 let cells = vec![(1.12, self.sheet.column(left.into())), (1.0, self.sheet.column(right))];
                 self.sheet.row("", cells);
@@ -90,8 +93,8 @@ impl<'a> Desk<'a> {
         }
     }
 
-    /// A line per joint. A legend has room for four names: of two plots side by side the one names the first joints, the other the last,
-    /// and the others share an entry.
+    /// A line per joint. A legend beside the lines has room for few names: of two plots side by side the one names the first joints, the
+    /// other the last, and the others share an entry.
     fn per_joint(&self, drawn: Drawn, named: Named) -> Vec<Lines> {
         let (count, first) = (self.subject.joints, self.subject.joints.div_ceil(2));
         let (own, others) = match named {
@@ -99,14 +102,9 @@ impl<'a> Desk<'a> {
             Named::First => (0..first, first..count),
             Named::All | Named::Last => (first..count, 0..first),
         };
-        let others = self.with_fault(&format!("q{} to q{}", others.start + 1, others.end));
+        let others = format!("q{}–q{}", others.start + 1, others.end);
         let names = (0..count).map(|i| if own.contains(&i) { format!("q{}", i + 1) } else { others.clone() });
         vec![Lines::drawn(drawn, names.collect(), JOINTS)]
-    }
-
-    /// The name of an entry that the bar of faults shares, so that it takes no room of its own.
-    fn with_fault(&self, name: &str) -> String {
-        if self.subject.faults { format!("{name}{WITH_FAULT}") } else { name.to_owned() }
     }
 
     fn singularity_names(&self, prefix: &str) -> Vec<String> {
@@ -122,8 +120,7 @@ impl<'a> Desk<'a> {
     }
 
     fn world(&mut self) -> EntityPath {
-        let name = if self.subject.stands_still { "Arm: its joints move" } else { "Arm: the coloured mark is the lost direction ζ" };
-        self.sheet.world(name, self.subject, &self.subject.eye)
+        self.sheet.world(world_name(self.subject), self.subject, &self.subject.eye)
     }
 
     /// The same, small: without the angles of joints, whose labels would hide each other.
@@ -157,10 +154,9 @@ impl<'a> Desk<'a> {
 
     /// log₁₀(|s_i| / η_i), the band below 1 hatched.
     fn measure(&mut self) -> EntityPath {
-        let singular = self.with_fault(if self.subject.faults { "singular" } else { "treated as singular" });
-        let band = Lines::guide("guide:band", &singular, entity::BAND_LINES, [255, 64, 84, 30], 5.0);
+        let band = Lines::guide("guide:band", "singular", entity::BAND_LINES, [255, 64, 84, 30], 5.0);
         // In the legend with the band: it has room for few names.
-        let edges = Lines::guide("guide:edge", &singular, self.subject.outer.len(), [190, 195, 205, 150], 1.0);
+        let edges = Lines::guide("guide:edge", "singular", self.subject.outer.len(), [190, 195, 205, 150], 1.0);
         let mut nearness = Lines::drawn(Drawn::Nearness, self.singularity_names(""), self.colours());
         nearness.width = 2.5;
         self.sheet.plot(
@@ -173,16 +169,16 @@ impl<'a> Desk<'a> {
 
     /// The errors, each with what the goal allows, in powers of ten.
     fn errors(&mut self) -> EntityPath {
-        let goal = self.subject.goal;
-        let allowed = self.with_fault("goal");
+        let (goal, stands_still) = (self.subject.goal, self.subject.stands_still);
         let pane = |sheet: &mut Sheet, name: &str, signal, guide, goal: Option<f64>, legend| {
-            let names = ["orthogonal to ζ", "along ζ"].map(str::to_owned).to_vec();
-            let mut lines = vec![Lines::of(signal, names, [ACROSS, ALONG])];
-            lines.extend(goal.map(|_| Lines::guide(guide, &allowed, 1, TOLERANCE, 1.0)));
+            // Where no direction is lost there is one error.
+            let names = if stands_still { ["error"; 2] } else { ["orthogonal", "along ζ"] };
+            let mut lines = vec![Lines::of(signal, names.map(str::to_owned).to_vec(), [ACROSS, ALONG])];
+            lines.extend(goal.map(|_| Lines::guide(guide, "goal", 1, TOLERANCE, 1.0)));
             sheet.plot(name, lines, ERRORS, legend)
         };
         let (is_alone, corner) = (self.subject.without_orientation, Some(Corner2D::RightTop));
-        // Of two plots side by side the second has the legend of both.
+        // Of two plots side by side the second has the legend of both, and the room for it.
         let (name, legend) = ("Position error, log10 mm", if is_alone { corner } else { None });
         let position = pane(self.sheet, name, Signal::PositionError, "guide:goal_position", goal[0], legend);
         if is_alone {
@@ -190,7 +186,7 @@ impl<'a> Desk<'a> {
         }
         let name = "Orientation error, log10 °";
         let orientation = pane(self.sheet, name, Signal::OrientationError, "guide:goal_orientation", goal[1], corner);
-        self.sheet.row("Task errors", vec![(1.0, position), (1.0, orientation)])
+        self.sheet.row("Task errors", vec![(1.0, position), (1.2, orientation)])
     }
 
     fn torque_unit(&self) -> &'static str {
@@ -200,23 +196,23 @@ impl<'a> Desk<'a> {
     fn torques(&mut self) -> EntityPath {
         let of = self.torque_unit();
         let hand = self.per_joint(Drawn::Hand, Named::First);
-        let hand = self.sheet.plot(&format!("Hand torque, no gravity{of}"), hand, None, Some(Corner2D::LeftBottom));
+        let hand = self.sheet.plot(&format!("Hand torque, no gravity{of}"), hand, None, Some(Corner2D::RightBottom));
         let null = self.per_joint(Drawn::Null, Named::Last);
-        let null = self.sheet.plot(&format!("Null-space torque{of}"), null, None, Some(Corner2D::LeftBottom));
+        let null = self.sheet.plot(&format!("Null-space torque{of}"), null, None, Some(Corner2D::RightBottom));
         self.sheet.row("Torques", vec![(1.0, hand), (1.0, null)])
     }
 
     fn gravity(&mut self) -> EntityPath {
         let name = format!("Gravity torque{}", self.torque_unit());
-        self.sheet.plot(&name, self.per_joint(Drawn::Gravity, Named::First), None, Some(Corner2D::LeftBottom))
+        self.sheet.plot(&name, self.per_joint(Drawn::Gravity, Named::First), None, Some(Corner2D::RightBottom))
     }
 
     fn joints(&mut self) -> EntityPath {
         let range = self.per_joint(Drawn::InRange, Named::First);
-        let range = self.sheet.plot("Joints between limits ±1", range, LIMITS, Some(Corner2D::LeftBottom));
+        let range = self.sheet.plot("Joints between limits ±1", range, LIMITS, Some(Corner2D::RightBottom));
         let of = if self.subject.unlimited_speed { ", rad/s" } else { " / limit" };
         let speed = self.per_joint(Drawn::Speed, Named::Last);
-        let speed = self.sheet.plot(&format!("Joint speeds{of}"), speed, None, Some(Corner2D::LeftBottom));
+        let speed = self.sheet.plot(&format!("Joint speeds{of}"), speed, None, Some(Corner2D::RightBottom));
         self.sheet.row("Joints", vec![(1.0, range), (1.0, speed)])
     }
 
@@ -225,13 +221,13 @@ impl<'a> Desk<'a> {
         let names = ["time", "task torque", "null torque"].map(str::to_owned).to_vec();
         let scales = Lines::of(Signal::Scale, names, [[120, 190, 250, 255], [110, 215, 150, 255], [200, 200, 120, 255]]);
         let mut beta = self.per_singularity(Signal::Beta, "");
-        beta.name_all(&self.with_fault("β"));
+        beta.name_all("β");
         self.sheet.plot("β (1 hand, 0 null space), governor", vec![scales, beta], Some([-0.05, 1.05]), Some(Corner2D::RightBottom))
     }
 
     fn auxiliary(&mut self) -> EntityPath {
         let mut reference = self.per_singularity(Signal::AuxiliaryReference, "reference ");
-        reference.name_all(&self.with_fault("reference"));
+        reference.name_all("reference");
         reference.colours.iter_mut().for_each(|colour| colour[3] = 120);
         let actual = self.per_singularity(Signal::Auxiliary, "");
         self.sheet.plot("Auxiliary coordinates, rad", vec![reference, actual], None, Some(Corner2D::RightTop))

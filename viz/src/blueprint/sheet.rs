@@ -59,9 +59,6 @@ impl Lines {
     }
 }
 
-/// The end of the name of an entry that stands for the bar of faults too.
-pub(super) const WITH_FAULT: &str = "; bar: fault";
-
 /// Colour of a fault in force, as in its lane.
 const FAULT: Rgba = [192, 48, 48, 255];
 
@@ -198,10 +195,13 @@ impl Sheet {
 
     /// A plot of lines over the shared time axis; `range`: fixed y range.
     pub(super) fn plot(&mut self, name: &str, mut lines: Vec<Lines>, range: Option<[f64; 2]>, legend: Option<Corner2D>) -> EntityPath {
+        // Every plot is as long as the guides: one too thin to be seen, in the legend with the first line.
+        if let Some((name, colour)) = lines.first().and_then(|lines| lines.names.first().zip(lines.colours.first())) {
+            let zero = Lines::guide("guide:zero", name, 1, *colour, 0.02);
+            lines.push(zero);
+        }
         if self.marks_faults {
-            let shared = lines.iter().flat_map(|lines| &lines.names).find(|name| name.ends_with(WITH_FAULT));
-            let name = shared.cloned().unwrap_or_else(|| "fault in force".to_owned());
-            let bar = Lines::drawn(Drawn::Fault, vec![name], [FAULT]);
+            let bar = Lines::drawn(Drawn::Fault, vec!["fault".to_owned()], [FAULT]);
             lines.push(Lines { width: 6.0, ..bar });
         }
         #[cfg(test)]
@@ -236,7 +236,7 @@ impl Sheet {
             }
             self.log(base, &ActiveVisualizers::new(instructions));
         }
-        // A linked axis is as long as the viewer wants it: a minute at most.
+        // A linked axis is as long as the viewer wants it: a minute at most. A range of its own would be read as ticks on the other time line.
         let whole = TimeRange { start: TimeRangeBoundary::Infinite, end: TimeRangeBoundary::Infinite };
         let axis = match self.shows_all {
             true => TimeAxis::new().with_link(LinkAxis::Independent).with_view_range(whole),
@@ -281,12 +281,16 @@ impl Sheet {
         self.log(view.join(&"ViewContents".into()), &contents);
     }
 
+    /// From where a view of the arm sees it.
+    pub(super) fn eye(&mut self, view: &EntityPath, Eye { position, look_at, up }: &Eye) {
+        let eye = EyeControls3D::new().with_position(position.to_array()).with_look_target(look_at.to_array()).with_eye_up(up.to_array());
+        self.log(view.join(&"EyeControls3D".into()), &eye);
+    }
+
     /// A view of the arm from `eye`.
     pub(super) fn world(&mut self, name: &str, subject: &Subject, eye: &Eye) -> EntityPath {
         let (id, path) = self.view("3D", name, entity::WORLD, &[format!("{}/**", entity::WORLD)]);
-        let Eye { position, look_at, up } = *eye;
-        let eye = EyeControls3D::new().with_position(position.to_array()).with_look_target(look_at.to_array()).with_eye_up(up.to_array());
-        self.log(path.join(&"EyeControls3D".into()), &eye);
+        self.eye(&path, eye);
         let background = Background::new(BackgroundKind::SolidColor).with_color(Color::from_rgb(24, 28, 36));
         self.log(path.join(&"Background".into()), &background);
         let floor = Plane3D::new([0.0, 0.0, 1.0], subject.floor_m);

@@ -74,7 +74,7 @@ impl Stretches {
         let (before, after) = (500_000_000, 1_000_000_000);
         let loop_ns = ((ns(stretch.first) - before).max(0), (ns(stretch.last) + after).min(ns(last)));
         let way = stretch.hand[1] - stretch.hand[0];
-        Some(Ending { loop_ns, close_up: close_up(stretch.centre, stretch.zeta, way, unit, main) })
+        Some(Ending { loop_ns, close_up: close_up(stretch.centre, stretch.zeta, way, unit, main), main: None })
     }
 }
 

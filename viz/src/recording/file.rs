@@ -11,8 +11,9 @@ use std::path::Path;
 
 use super::columns::{Picture, Table};
 use super::parts::{create, part_name};
-use super::pieces::application;
+use super::pieces::{Room, application};
 use super::state::{Lanes, Level, Options, Recording, RunInfo, Title, Written};
+use super::write::LEGEND;
 use crate::arm::{Figure, placement};
 use crate::blueprint::{Subject, Way};
 use crate::narration::History;
@@ -121,7 +122,7 @@ impl Recording {
             floor_m,
             goal: [judged(scenario.goal.position_mm, 1000.0), judged(scenario.goal.orientation_deg, 180.0)],
             faults: !scenario.fault.is_empty() || options.is_live,
-            is_long: scenario.duration_s() > PLOTTED_S && !options.is_live,
+            is_long: (1.0 + LEGEND) * scenario.duration_s() > PLOTTED_S && !options.is_live,
             stands_still: stands_still(scenario),
             without_orientation: !robot.task.0[3..].contains(&true),
             ways: scenario.segment.iter().filter_map(Way::of).collect(),
@@ -164,6 +165,7 @@ impl Recording {
                 .collect(),
             wanted_rotations: scenario.segment.iter().map(|one| one.turn.as_ref().map(|turn| turn.by_deg)).collect(),
             stretches: Default::default(),
+            room: Room::default(),
             guides_due: 0,
             marks: Default::default(),
             drawn: Default::default(),
@@ -348,6 +350,9 @@ impl Recording {
         self.flush();
         if let Some(last) = self.last {
             self.write_guides(last);
+            if !self.is_live {
+                self.write_guides(last + (LEGEND * self.part_ticks as f64) as u64);
+            }
             self.write_ending(last);
         }
         let (before, chunks) = (self.before, self.before.chunks + self.sink.chunks());

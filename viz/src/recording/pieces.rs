@@ -77,28 +77,75 @@ pub(super) fn albedo([r, g, b, a]: Rgba) -> AlbedoFactor {
     AlbedoFactor(re_sdk_types::datatypes::Rgba32::from_unmultiplied_rgba(r, g, b, a))
 }
 
-/// An eye that sees the arm from floor to hand, and where the task takes the hand, with room for a mark of that size there: off to the side of the
-/// plane in which the arm reaches out, a little above; a planar arm from above.
-pub(crate) fn eye(places: &[Vec3], mark: f32, subject: &Subject, planar: bool) -> Eye {
-    // Half of Rerun's field of view; the sphere is roomier than the arm in it.
-    let distance = |radius: f32| 0.88 * radius / 27.5f32.to_radians().sin();
-    let hand = places.last().copied().unwrap_or(Vec3::X);
-    let foot = if planar { Vec3::ZERO } else { Vec3::Z * subject.floor_m.min(0.0) };
-    // Above the mark are its words; seen from above, beside it.
-    let words = if planar && !subject.stands_still { Vec3::X * (2.2 * mark) } else { Vec3::Z * (1.8 * mark) };
-    let around = |hand: Vec3| [hand + Vec3::splat(mark), hand - Vec3::splat(mark), hand + words];
-    let ends = subject.ways.iter().scan(hand, |hand, way| {
-        *hand = way.after(*hand);
-        Some(*hand)
-    });
-    let room: Vec<Vec3> = ends.chain([hand]).flat_map(around).chain([foot]).collect();
-    let (low, high) = places.iter().chain(&room).fold((Vec3::ZERO, Vec3::ZERO), |(low, high), p| (low.min(*p), high.max(*p)));
-    let (look_at, radius) = ((low + high) / 2.0, (high - low).length() / 2.0);
-    if planar {
-        return Eye { position: look_at + Vec3::new(0.0, -0.25, 1.0).normalize() * distance(radius), look_at, up: Vec3::Y };
+/// The room that an arm takes.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Room {
+    /// Origins of its links, the hand last, at the beginning.
+    places: Vec<Vec3>,
+    /// Corners of the box of all of them, from then on, and of the hand's.
+    links: Option<[Vec3; 2]>,
+    hand: Option<[Vec3; 2]>,
+}
+
+impl Room {
+    pub(crate) fn of(places: Vec<Vec3>) -> Self {
+        Self { places, ..Self::default() }
     }
-    let heading = hand.with_z(0.0).normalize_or(Vec3::X);
-    let side = Vec3::new(heading.y, -heading.x, 0.0);
-    let position = look_at + (heading * 0.7 + side + Vec3::Z * 0.38).normalize() * distance(radius);
-    Eye { position, look_at, up: Vec3::Z }
+
+    /// Takes a posture in.
+    pub(super) fn push(&mut self, places: impl Iterator<Item = Vec3>, hand: Vec3) {
+        let grow = |corners: &mut Option<[Vec3; 2]>, p: Vec3| {
+            let [low, high] = corners.get_or_insert([p, p]);
+            (*low, *high) = (low.min(p), high.max(p));
+        };
+        places.for_each(|p| grow(&mut self.links, p));
+        grow(&mut self.hand, hand);
+    }
+
+    /// An eye that sees the arm from floor to hand wherever it has been so far, and where the task takes the hand, with room for a mark of that
+    /// size there: off to the side of the plane in which the arm reaches out, a little above; a planar arm from above.
+    pub(crate) fn eye(&self, mark: f32, subject: &Subject, planar: bool) -> Eye {
+        // Half of Rerun's field of view; the sphere is roomier than the arm in it.
+        let distance = |radius: f32| 0.88 * radius / 27.5f32.to_radians().sin();
+        let hand = self.places.last().copied().unwrap_or(Vec3::X);
+        let foot = if planar { Vec3::ZERO } else { Vec3::Z * subject.floor_m.min(0.0) };
+        // Above the mark are its words; seen from above, beside it.
+        let words = if planar && !subject.stands_still { Vec3::X * (2.2 * mark) } else { Vec3::Z * (1.8 * mark) };
+        let around = |hand: Vec3| [hand + Vec3::splat(mark), hand - Vec3::splat(mark), hand + words];
+        let ends = subject.ways.iter().scan(hand, |hand, way| {
+            *hand = way.after(*hand);
+            Some(*hand)
+        });
+        let hands = ends.chain([hand]).chain(self.hand.into_iter().flatten());
+        let room: Vec<Vec3> = hands.flat_map(around).chain([foot]).chain(self.links.into_iter().flatten()).collect();
+        let (low, high) = self.places.iter().chain(&room).fold((Vec3::ZERO, Vec3::ZERO), |(low, high), p| (low.min(*p), high.max(*p)));
+        let (look_at, radius) = ((low + high) / 2.0, (high - low).length() / 2.0);
+        if planar {
+            return Eye { position: look_at + Vec3::new(0.0, -0.25, 1.0).normalize() * distance(radius), look_at, up: Vec3::Y };
+        }
+        let heading = hand.with_z(0.0).normalize_or(Vec3::X);
+        let side = Vec3::new(heading.y, -heading.x, 0.0);
+        let position = look_at + (heading * 0.7 + side + Vec3::Z * 0.38).normalize() * distance(radius);
+        Eye { position, look_at, up: Vec3::Z }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_eye_steps_back_for_a_hand_that_goes_where_no_plan_said() {
+        let mut room = Room::of(vec![Vec3::ZERO, Vec3::Z * 0.6, Vec3::new(0.6, 0.0, 0.6)]);
+        let subject = Subject::default();
+        let planned = room.eye(0.15, &subject, false);
+        room.push(room.places.clone().into_iter(), room.places[2]);
+        let stayed = room.eye(0.15, &subject, false);
+        assert!(planned.position.distance(stayed.position) < 1e-6, "it stayed where it was");
+        room.push([Vec3::ZERO, Vec3::Z, Vec3::Y].into_iter(), Vec3::Y);
+        let far = room.eye(0.15, &subject, false);
+        let distance = |eye: &Eye| eye.position.distance(eye.look_at);
+        assert!(distance(&far) > 1.1 * distance(&planned), "{} m", distance(&far));
+        assert!(far.look_at.y > planned.look_at.y + 0.2, "towards where it went");
+    }
 }

@@ -13,6 +13,7 @@ use shared_types::{MAX_DOF, MAX_SINGULARITIES};
 
 use super::columns::{Picture, Table, Track};
 use super::ending::Stretches;
+use super::pieces::Room;
 use crate::arm::Figure;
 use crate::blueprint::Subject;
 use crate::entity;
@@ -133,6 +134,7 @@ pub struct Recording {
     /// Which segments rotate the hand, and by how much; degrees.
     pub(super) wanted_rotations: Vec<Option<f64>>,
     pub(super) stretches: Stretches,
+    pub(super) room: Room,
     pub(super) guides_due: u64,
     pub(super) marks: [Look; MAX_SINGULARITIES],
     /// Whether each singularity's ζ turns, of those whose mark's meshes this part has.

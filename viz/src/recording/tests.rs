@@ -288,6 +288,8 @@ fn every_part_opens_alone_and_all_together() {
     assert!(times(&of(&data[1], entity::NOW), "tick").first() == Some(&130) && times(&of(&data[1], entity::GUIDES), "tick")[0] == 130);
     let log = texts(&of(&data[1], entity::LOG), "TextLog:text");
     assert_eq!(log, Vec::<String>::new(), "nothing has changed");
+    let ends = data.each_ref().map(|data| times(&of(data, entity::GUIDES), "tick").last().copied());
+    assert_eq!(ends, [Some(0), Some(299 + 51)], "the last part's guides leave a legend room beside 170 ticks");
 }
 
 #[test]

@@ -11,7 +11,7 @@ use shared_types::messages::SingularityState;
 use shared_types::scenario::Layout;
 
 use super::ending::close_up;
-use super::pieces::{custom, eye, mesh3d, pose};
+use super::pieces::{Room, custom, mesh3d, pose};
 use super::state::Recording;
 use crate::arm::{placement, vec3};
 use crate::blueprint::{Ending, Eye};
@@ -20,6 +20,10 @@ use crate::scene::{Mark, Presence};
 use crate::signals::{Signal, TickRow, Width};
 use crate::solid::{Mesh, Placement};
 use crate::{blueprint, entity, narration};
+
+/// How far guides go on after the last tick, as a share of the time before it. Plots are as long as what they hold: at the end of the lines
+/// a legend of short names has room, and hides none of them.
+pub(super) const LEGEND: f64 = 0.3;
 
 impl Recording {
     // Constants.
@@ -103,8 +107,8 @@ impl Recording {
             }
         }
         let places = row.q().map(|q| self.arm.link_poses(&SVector::from_column_slice(q)).map(|X| vec3(&X.p)));
-        self.subject.eye =
-            eye(places.as_ref().map_or(&[Vec3::X], |places| &places[..self.subject.joints]), self.mark_size(), &self.subject, self.planar);
+        self.room = Room::of(places.map_or(vec![Vec3::X], |places| places[..self.subject.joints].to_vec()));
+        self.subject.eye = self.room.eye(self.mark_size(), &self.subject, self.planar);
         let near = row.singularities().iter().zip(row.singularity.map(|report| report.p_BC));
         let near = near.min_by(|(a, _), (b, _)| (a.s.abs() / a.eta_in).total_cmp(&(b.s.abs() / b.eta_in)));
         let main = self.subject.eye;
@@ -127,17 +131,19 @@ impl Recording {
             return;
         }
         let unit = self.mark_size();
-        let whole = Ending { loop_ns: (0, self.nanoseconds(last)), close_up: self.subject.close_up };
+        let whole = Ending { loop_ns: (0, self.nanoseconds(last)), close_up: self.subject.close_up, main: None };
+        // A way that no plan told: an eye that sees all of it.
+        let main = self.room.eye(unit, &self.subject, self.planar);
+        let is_elsewhere = main.position.distance(self.subject.eye.position) > 0.05 * main.position.distance(main.look_at);
         let ending = match self.layout {
-            Layout::Control if !self.subject.stands_still => {
-                self.stretches.ending(|tick| self.nanoseconds(tick), last, unit, &self.subject.eye)
-            }
+            Layout::Control if !self.subject.stands_still => self.stretches.ending(|tick| self.nanoseconds(tick), last, unit, &main),
             _ => None,
         };
+        let ending = Ending { main: is_elsewhere.then_some(main), ..ending.unwrap_or(whole) };
         let store = self.blueprint();
         // Unplanned faults: the same views with a bar for them.
         let is_changed = !self.fault_states.is_empty() && !std::mem::replace(&mut self.subject.faults, true);
-        blueprint::send_ending(&mut self.sink, &store, &self.subject, self.layout, &ending.unwrap_or(whole), is_changed);
+        blueprint::send_ending(&mut self.sink, &store, &self.subject, self.layout, &ending, is_changed);
     }
 
     /// The blueprint's own store: one per recording, the same in every part.
@@ -166,6 +172,7 @@ impl Recording {
         let band = |k: usize| -3.1 * k as f64 / entity::BAND_LINES as f64;
         let goal = |i: usize| column(self.subject.goal[i].map(f64::log10).into_iter().collect());
         let columns = [
+            (custom("guide:zero", None), column(vec![0.0])),
             (custom("guide:band", None), column((0..entity::BAND_LINES).map(band).collect())),
             (custom("guide:edge", None), column(self.subject.outer.iter().map(|ratio| ratio.log10()).collect())),
             (custom("guide:goal_position", None), goal(0)),
@@ -196,6 +203,7 @@ impl Recording {
             self.write_turned(row.tick, &links, &turned);
         }
         let unit = self.mark_size();
+        self.room.push(links[..self.subject.joints].iter().map(|X_BL| X_BL.p), hand.p);
         self.stretches.push(row.tick, row.singularities(), &marks, &hand);
         self.picture.push(row.tick, &links, [Some(&hand), desired.as_ref()], &marks, unit, &self.sides);
         if let Some(report) = row.singularity {

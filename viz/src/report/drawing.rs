@@ -11,7 +11,7 @@ use super::solids::Solids;
 use crate::arm::Figure;
 use crate::blueprint::Subject;
 use crate::narration::colour_of;
-use crate::recording::eye;
+use crate::recording::Room;
 use crate::scene::reasons;
 use crate::solid::{Placement, Rgba};
 use crate::tint::{hex, on_paper, shaded};
@@ -84,7 +84,7 @@ impl<'a> Drawing<'a> {
         let first = drawing.bodies(*ticks.first()?)?;
         let places: Vec<Vec3> = first[1..].iter().map(|at| at.p).collect();
         let subject = Subject { floor_m, ..Subject::default() };
-        let from = eye(&places, unit, &subject, !robot.task.0[2]);
+        let from = Room::of(places).eye(unit, &subject, !robot.task.0[2]);
         // The whole arm in some ticks, with room for a mark at the hand.
         let some = ticks.iter().step_by((ticks.len() / 40).max(1)).filter_map(|tick| drawing.bodies(*tick));
         let mut points: Vec<Vec3> = Vec::new();
