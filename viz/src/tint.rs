@@ -18,7 +18,7 @@ pub(crate) fn on_paper([r, g, b, a]: Rgba) -> Rgba {
 }
 
 /// The least luminance of words in the viewer's 3-D views. Their ground is dark or, in the viewer's light theme, of a middle grey.
-const PALEST: f32 = 0.7;
+const PALEST: f32 = 0.85;
 
 /// A colour for words that read in both themes of the viewer: with as much white as that takes.
 pub(crate) fn of_words([r, g, b, _]: Rgba) -> Rgba {
@@ -63,7 +63,7 @@ mod tests {
         let luminance = |[r, g, b, _]: Rgba| 0.2126 * linear(r) + 0.7152 * linear(g) + 0.0722 * linear(b);
         for colour in [[240, 60, 210, 90], [255, 128, 0, 255], [90, 220, 120, 255], [0, 0, 0, 255], [255, 255, 255, 0]] {
             let words = of_words(colour);
-            assert!(luminance(words) > 0.69 && words[3] == 255, "{colour:?} gives {words:?}");
+            assert!(luminance(words) > 0.84 && words[3] == 255, "{colour:?} gives {words:?}");
         }
         assert_eq!(hex([1, 171, 255, 0]), "#01abff");
     }

@@ -66,10 +66,9 @@ impl Recording {
         let most = turned.iter().fold(0.0f64, |most, angle| most.max(angle.abs()));
         let joints = self.figure.rings.iter().zip(links).zip(turned).zip(blueprint::JOINTS).enumerate();
         let arcs = joints.filter_map(|(i, (((ring, X_BL), angle), [r, g, b, _]))| {
-            let ring = ring.as_ref().filter(|_| angle.abs() > 0.06)?;
-            // Words at those that move most.
-            let words = if angle.abs() > 0.6 * most { format!("q{} {:+.0}°", i + 1, angle.to_degrees()) } else { String::new() };
-            Some((scene::turning(ring, X_BL, *angle as f32), [r, g, b, 255], words))
+            // Those that move most, each with its words: an arc without any is a hook that belongs to nothing.
+            let ring = ring.as_ref().filter(|_| angle.abs() > (0.5 * most).max(0.06))?;
+            Some((scene::turning(ring, X_BL, *angle as f32), [r, g, b, 255], format!("q{} {:+.0}°", i + 1, angle.to_degrees())))
         });
         let (mut strips, mut colours, mut words) = (Vec::new(), Vec::new(), Vec::<String>::new());
         // Words of arcs next to each other would lie over each other: they share a place.
@@ -77,7 +76,7 @@ impl Recording {
         let place = |strip: &[[f32; 3]]| strip.iter().map(|p| Vec3::from(*p)).sum::<Vec3>() / strip.len().max(1) as f32;
         for (strip, colour, word) in arcs {
             let beside = |(other, words): (&Vec<[f32; 3]>, &String)| !words.is_empty() && place(other).distance(place(&strip)) < near;
-            let shared = if word.is_empty() { None } else { strips.iter().zip(&words).position(beside) };
+            let shared = strips.iter().zip(&words).position(beside);
             words.push(String::new());
             let last = words.len() - 1;
             match shared {
