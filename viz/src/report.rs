@@ -210,7 +210,7 @@ fn plots(page: &mut Html, job: &Job, recorded: &Recorded, singularities: &[Named
     for (i, line) in recorded.lines.get(Signal::Scale.name()).into_iter().flatten().enumerate() {
         scale.dashed(&line.name, numbered(i + 4), &line.points);
     }
-    let latency = recorded.panel("time per hop, µs", Signal::Latency, Axis::default().logarithmic(), &joints, str::to_owned);
+    let latency = recorded.panel("latency per hop, µs", Signal::Latency, Axis::default().logarithmic(), &joints, str::to_owned);
     page.figure(
         path,
         [scale, latency],

@@ -58,7 +58,9 @@ fn tables(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
     }
     writeln!(f, "{rows}")?;
     for turn in &summary.turns {
-        let joints = |moves: &[f64]| moves.iter().map(|by| format!("{by:+.2}")).collect::<Vec<_>>().join(" ");
+        // A joint that stays put has no sign.
+        let still = |by: f64| if by.abs() < 0.005 { 0.0 } else { by };
+        let joints = |moves: &[f64]| moves.iter().map(|by| format!("{:+.2}", still(*by))).collect::<Vec<_>>().join(" ");
         writeln!(f, "ζ turned   {} at tick {}", turn.singularity, turn.tick)?;
         writeln!(f, "           planned: joints by {} ° in {:.2} s", joints(&turn.planned_deg), turn.planned_s)?;
         writeln!(

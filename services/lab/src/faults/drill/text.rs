@@ -49,8 +49,9 @@ impl fmt::Display for Drilled {
         let goals = self.cells.iter().filter(|cell| cell.goal_reached).count();
         writeln!(
             f,
-            "{} cells: {goals} reached the goal, {} came to rest or ended cleanly, {broken} broke a guarantee",
+            "{} {}: {goals} reached the goal, {} came to rest or ended cleanly, {broken} broke a guarantee",
             self.cells.len(),
+            if self.cells.len() == 1 { "cell" } else { "cells" },
             self.cells.len() - goals
         )?;
         if !self.passed {
