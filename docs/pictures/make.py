@@ -40,6 +40,16 @@ ANIMATIONS = {
     "race.gif": (["compare", "fig5-wrist-rotation", "--race"], (0.0, 4.4), 1.0, (0, 54, 676, 830)),
     "servo.gif": (["servo", "servo-line-panda"], (0.0, 23.0), 4.0, (0, 54, 676, 830)),
 }
+# Every scenario that ends by itself, at a moment of the stretch that the viewer plays again and again.
+EVERY = {
+    "fig4-elbow-and-wrist": 0.3, "fig5-wrist-rotation": 1.0, "elbow-in-and-out": 3.9, "overhead-pass": 1.6, "straight-up": 0.15,
+    "wrist-near-miss": 1.0, "ur5-wrist": 1.0, "ur5-elbow": 3.9, "iiwa-elbow": 3.9, "iiwa-posture": 0.3,
+    "seven-joints": 2.0, "fr3-elbow": 4.3, "fr3-shoulder": 0.4, "fr3-wrist": 1.0, "fig1-pseudo-inverse": 1.9,
+    "servo-line-panda": 8.0, "servo-line-xarm7": 8.0, "servo-line-gen3": 8.0, "servo-over-base-panda": 8.0, "servo-hostile": 3.0,
+}
+# The arm, the close-up and the words of the layout for control; size of one on the sheet, and how many are in a row.
+LEFT, CELL, COLUMNS = (0, 28, 676, 690), (452, 442), 5
+
 # Frames per second, the window, width of a frame.
 RATE, WINDOW, WIDTH = 10, "1280x860", 676
 COLOURS = 200
@@ -111,11 +121,33 @@ def still(command, scratch):
         armplane(command, ["run", name], scratch / name)
         with Viewer([scratch / name / "run.rrd"]) as viewer:
             viewer.at(1.9)
-            parts.append(Image.open(io.BytesIO(viewer.picture())).convert("RGB").crop((0, 28, 676, 690)))
+            parts.append(Image.open(io.BytesIO(viewer.picture())).convert("RGB").crop(LEFT))
     sheet = Image.new("RGB", (2 * 676, 662))
     for k, part in enumerate(parts):
         sheet.paste(part, (676 * k, 0))
     sheet.quantize(255, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(DOCS / "still.png", optimize=True)
+
+
+def every(command, scratch):
+    """What each default recording tells, on one sheet."""
+    rows = -(-len(EVERY) // COLUMNS)
+    sheet = Image.new("RGB", (COLUMNS * CELL[0], rows * CELL[1]))
+    for k, (name, seconds) in enumerate(EVERY.items()):
+        armplane(command, ["servo" if name.startswith("servo") else "run", name], scratch / name)
+        with Viewer([scratch / name / "run.rrd"]) as viewer:
+            viewer.at(seconds)
+            part = Image.open(io.BytesIO(viewer.picture())).convert("RGB").crop(LEFT)
+        sheet.paste(part.resize(CELL, Image.Resampling.LANCZOS), (k % COLUMNS * CELL[0], k // COLUMNS * CELL[1]))
+    sheet.quantize(128, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(DOCS / "every.png", optimize=True)
+
+
+def light(command, scratch):
+    """The default scenario in the viewer's light theme."""
+    armplane(command, ["run", "fig5-wrist-rotation"], scratch / "light")
+    with Viewer([scratch / "light" / "run.rrd"]) as viewer:
+        viewer.light()
+        viewer.at(1.0)
+        small(viewer.picture()).save(DOCS / "light.png", optimize=True)
 
 
 def drill(command, scratch):
@@ -143,7 +175,7 @@ def report(command, scratch):
 
 
 # Pictures that need no viewer, or several of its frames.
-OTHERS = {"still": still, "fig3": figure, "report": report, "drill": drill, "soak": soak}
+OTHERS = {"every": every, "light": light, "still": still, "fig3": figure, "report": report, "drill": drill, "soak": soak}
 
 
 def main():

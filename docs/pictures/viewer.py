@@ -120,6 +120,21 @@ class Viewer:
             before = timelines
             time.sleep(1.0)
 
+    def click(self, **what):
+        """Presses the button of that label (`content_contains`) or at that place (`pos`)."""
+        done, text, _ = self.call("click", **what)
+        if not done:
+            raise RuntimeError(f"the viewer has no {what}: {text}")
+        self.call("wait_for", min_steps=4, timeout_secs=20)
+
+    def light(self):
+        """The viewer's light theme, as its menu sets it."""
+        self.click(pos={"x": 38, "y": 15})
+        for label in ("Settings", "Light"):
+            self.click(content_contains=label)
+        self.call("press_key", key="Escape")
+        self.call("wait_for", min_steps=4, timeout_secs=20)
+
     def at(self, seconds, timeline="t"):
         self.call("set_time", time=int(seconds * 1e9), timeline=timeline)
         self.call("wait_for", min_steps=4, timeout_secs=20)
