@@ -73,10 +73,14 @@ impl<'a> Desk<'a> {
             }
             Layout::Timing => {
                 let upper = [(2.2, self.latency(Named::All)), (1.0, self.small_world())];
-                let middle = [(1.0, self.lives()), (1.0, self.modes()), (1.0, self.log())];
-                let lower = [(1.0, self.errors()), (1.0, self.governor())];
-                let rows = [(2.0, upper.to_vec()), (1.3, middle.to_vec()), (1.2, lower.to_vec())];
-                let cells = rows.map(|(share, row)| (share, self.sheet.row("", row)));
+                // Each lane takes 40 points: the processes' stand in a column of their own.
+                let lives = self.lives();
+                let modes = [self.modes(), self.log()].map(|view| (1.0, view));
+                let plots = [(1.3, self.errors()), (1.0, self.governor())];
+                let rows = [(1.0, modes.to_vec()), (1.0, plots.to_vec())];
+                let rows = rows.map(|(share, row)| (share, self.sheet.row("", row)));
+                let lower = vec![(1.0, lives), (2.2, self.sheet.column(rows.into()))];
+                let cells = [(1.75, upper.to_vec()), (2.25, lower)].map(|(share, row)| (share, self.sheet.row("", row)));
                 self.sheet.column(cells.into());
             }
             Layout::Faults => {
