@@ -46,11 +46,13 @@ pub const SUMMARY: &str = "summary.json";
 pub const MESSAGES: &str = "messages";
 
 /// Pause between two rounds. To wake up with cold caches costs more than a tick's messages do, so the recorder takes several at a time: in lockstep,
-/// where all processes run at full speed, so that none has to wait; in real time far fewer than the buffers hold.
-const fn pause(mode: Mode) -> Duration {
+/// where all processes run at full speed, so that none has to wait; in real time a quarter of what the buffers hold at 1 kHz, or what a viewer that
+/// watches sees as motion.
+const fn pause(mode: Mode, is_watched: bool) -> Duration {
     match mode {
         Mode::Lockstep => Duration::from_millis(2),
-        Mode::Realtime => Duration::from_millis(100),
+        Mode::Realtime if is_watched => Duration::from_millis(100),
+        Mode::Realtime => Duration::from_millis(250),
     }
 }
 
@@ -129,7 +131,7 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
     let logs = Logs::of(job);
     let keep = job.messages.then_some((folder.as_path(), &logs));
     let mut topics = Topics::open(shell, &job.graph, keep, &progress, &mut assembler)?;
-    while shell.poll(pause(shell.mode()))? {
+    while shell.poll(pause(shell.mode(), job.live))? {
         topics.drain(&mut assembler)?;
         // Before the ticks in which it shows: their words name it.
         fault_reporter.report(shell, &job.graph, &mut tape);
@@ -238,9 +240,9 @@ impl<M: Topic> Tap<M> {
 
     fn drain(&mut self, assembler: &mut Assembler) -> Result<(), ProcessError> {
         let Self { drain, hash, last, keep, logged } = self;
+        let mut newest = None;
         drain.collect(|message| {
             hash.add(message);
-            *last = Some(*message);
             if let Some(keeping) = keep
                 && let Err(error) = keeping.add(message)
             {
@@ -248,10 +250,19 @@ impl<M: Topic> Tap<M> {
                 *logged = LogResult { bytes: keeping.place().byte, error: error.to_string() };
                 *keep = None;
             }
-            if let Some(row) = assembler.row(message.header().tick) {
+            let tick = message.header().tick;
+            newest = assembler.row(tick).map(|row| {
                 row.put(message);
+                tick
+            });
+            if newest.is_none() {
+                *last = Some(*message);
             }
         })?;
+        // A second copy of the last of them alone.
+        if let Some(row) = newest.and_then(|tick| assembler.row(tick)) {
+            *last = *M::of(row.messages());
+        }
         Ok(())
     }
 
