@@ -19,9 +19,11 @@
 
 mod arm;
 mod blueprint;
+mod contents;
 mod entity;
 mod export;
 mod frames;
+mod ipc;
 mod manipulability;
 mod narration;
 pub mod plot;

@@ -54,7 +54,7 @@ impl Sink {
         match chunk {
             Ok(chunk) => {
                 self.chunks += 1;
-                self.write(|stream| stream.chunk(store, &chunk));
+                self.write(|stream| stream.chunk(store, chunk));
             }
             Err(error) => self.fail(RecordError::Encode { bytes: self.bytes, reason: error.to_string() }),
         }
@@ -68,6 +68,11 @@ impl Sink {
             make_default: true,
         });
         self.write(|stream| stream.message(&message));
+    }
+
+    /// Writes what waits: from then on it outlives the process.
+    pub(crate) fn flush(&mut self) {
+        self.write(Stream::flush);
     }
 
     fn write(&mut self, write: impl FnOnce(&mut Stream) -> Result<(), RecordError>) {

@@ -7,19 +7,23 @@
 use std::collections::HashMap;
 use std::fmt::Display;
 
-use re_chunk::external::arrow::ipc::writer::StreamWriter;
 use re_chunk::{Chunk, Span};
 use re_log_encoding::external::lz4_flex::block::{CompressTable, compress_into_with_table, get_maximum_output_size};
 use re_log_encoding::{
-    CodecError, Compression, CrateVersion, Encodable, EncodingOptions, MessageHeader, MessageKind, RRD_FOURCC, RrdManifestBuilder,
-    StreamFooter, StreamHeader, ToTransport,
+    CodecError, Compression, CrateVersion, Encodable, EncodingOptions, MessageHeader, MessageKind, RRD_FOURCC, StreamFooter, StreamHeader,
+    ToTransport,
 };
 use re_log_types::{LogMsg, StoreId, StoreKind};
 use re_protos::common::v1alpha1::{Compression as Packing, Schema};
 use re_protos::external::prost::Message;
 use re_protos::log_msg::v1alpha1::{ArrowMsg, Encoding, RrdFooter, RrdManifest, log_msg::Msg};
 
+use crate::contents::Contents;
+use crate::ipc::Encoder;
 use crate::storage::{RecordError, Storage};
+
+/// Bytes of messages that wait, at which they are written.
+const MOST_WAITING: usize = 1 << 18;
 
 /// A stream in the making: each message is written whole or, where the storage refuses, not at all.
 pub(crate) struct Stream {
@@ -27,17 +31,15 @@ pub(crate) struct Stream {
     /// Bytes of whole messages in the storage.
     written: u64,
     /// The table of contents of each recording.
-    contents: HashMap<StoreId, RrdManifestBuilder>,
-    /// The entries for it of chunks that wait: what is not in the storage is not listed.
-    unlisted: Vec<(StoreId, Entry)>,
-    /// A chunk as Arrow writes it, and the message that waits: kept, so that their memory is.
+    contents: HashMap<StoreId, Contents>,
+    /// The chunks that wait, with their places and sizes, for it: what is not in the storage is not listed.
+    unlisted: Vec<(StoreId, Chunk, Span<u64>, u64)>,
+    encoder: Encoder,
+    /// A chunk as Arrow writes it, and the messages that wait: kept, so that their memory is.
     table: Vec<u8>,
     waiting: Vec<u8>,
     packer: Packer,
 }
-
-/// Enters a chunk into a table of contents.
-type Entry = Box<dyn FnOnce(&mut RrdManifestBuilder) -> Result<(), CodecError> + Send>;
 
 /// LZ4 with its memory.
 #[derive(Default)]
@@ -63,9 +65,9 @@ impl Packer {
 impl Stream {
     /// Begins a stream with its header.
     pub(crate) fn begin(storage: Box<dyn Storage>) -> Result<Self, RecordError> {
-        let (contents, packer) = (HashMap::new(), Packer::default());
+        let (contents, encoder, packer) = (HashMap::new(), Encoder::default(), Packer::default());
         let (unlisted, table, waiting) = (Vec::new(), Vec::new(), Vec::new());
-        let mut stream = Self { storage, written: 0, contents, unlisted, table, waiting, packer };
+        let mut stream = Self { storage, written: 0, contents, unlisted, encoder, table, waiting, packer };
         let options = EncodingOptions::PROTOBUF_COMPRESSED;
         stream.append(&StreamHeader { fourcc: RRD_FOURCC, version: CrateVersion::LOCAL.to_bytes(), options })?;
         // Alone: whatever comes of the rest, this is a stream.
@@ -78,20 +80,16 @@ impl Stream {
         self.written + self.waiting.len() as u64
     }
 
-    /// Appends a message that is no chunk.
+    /// Appends a message that is no chunk; it waits for [`Stream::flush`].
     pub(crate) fn message(&mut self, message: &LogMsg) -> Result<(), RecordError> {
         let message = message.to_transport(Compression::LZ4).map_err(|error| self.defect(&error))?;
-        self.append(&message)?;
-        self.flush()
+        self.append(&message)
     }
 
-    /// Appends a chunk of a store.
-    pub(crate) fn chunk(&mut self, store: &StoreId, chunk: &Chunk) -> Result<(), RecordError> {
-        let batch = chunk.to_chunk_batch().map_err(|error| self.defect(&error))?;
+    /// Appends a chunk of a store; it waits for [`Stream::flush`], but for no more than a quarter of a megabyte.
+    pub(crate) fn chunk(&mut self, store: &StoreId, chunk: Chunk) -> Result<(), RecordError> {
         self.table.clear();
-        StreamWriter::try_new(&mut self.table, batch.schema_ref())
-            .and_then(|mut writer| writer.write(&batch).and_then(|()| writer.finish()))
-            .map_err(|error| self.defect(&error))?;
+        self.encoder.write(&chunk, &mut self.table).map_err(|error| self.defect(&error))?;
         let (begin, size) = (self.bytes(), self.table.len() as u64);
         let payload =
             self.packer.pack(&self.table).map(<[u8]>::to_vec).ok_or_else(|| self.defect(&"LZ4 wants more room than its worst case"))?;
@@ -107,13 +105,13 @@ impl Stream {
         if store.kind() == StoreKind::Recording {
             let header = MessageHeader::ENCODED_SIZE_BYTES as u64;
             let place = Span { start: begin + header, len: self.bytes() - begin - header };
-            self.unlisted.push((store.clone(), Box::new(move |contents| contents.append(&batch, place, size))));
+            self.unlisted.push((store.clone(), chunk, place, size));
         }
-        self.flush()
+        if self.waiting.len() < MOST_WAITING { Ok(()) } else { self.flush() }
     }
 
     /// Writes the messages that wait.
-    fn flush(&mut self) -> Result<(), RecordError> {
+    pub(crate) fn flush(&mut self) -> Result<(), RecordError> {
         if self.waiting.is_empty() {
             return Ok(());
         }
@@ -127,8 +125,8 @@ impl Stream {
             return Err(RecordError::Write { bytes: self.written, source });
         }
         self.written += bytes as u64;
-        for (store, enter) in unlisted {
-            enter(self.contents.entry(store).or_default()).map_err(|error| self.defect(&error))?;
+        for (store, chunk, place, size) in unlisted {
+            self.contents.entry(store).or_default().enter(&chunk, place, size);
         }
         Ok(())
     }
@@ -194,10 +192,10 @@ mod tests {
         for (path, kind) in [("/a", StoreKind::Recording), ("/view", StoreKind::Blueprint), ("/b", StoreKind::Recording)] {
             let chunk =
                 Chunk::builder(path).with_archetype(RowId::new(), TimePoint::default(), &TextLog::new(path)).build().expect("a chunk");
-            stream.chunk(&store(kind), &chunk).expect("written");
             if kind == StoreKind::Recording {
                 chunks.push(chunk.id().as_tuid());
             }
+            stream.chunk(&store(kind), chunk).expect("written");
         }
         let (size, ended) = stream.end();
         ended.expect("ended");

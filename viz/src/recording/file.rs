@@ -194,6 +194,7 @@ impl Recording {
         self.sink.announce(&self.store);
         self.write_properties();
         self.write_figure();
+        self.sink.flush();
         self.sink.check()
     }
 
@@ -286,6 +287,7 @@ impl Recording {
             self.write_pending(false);
             self.write_signals();
         }
+        self.sink.flush();
         self.sink.check()
     }
 
@@ -317,6 +319,7 @@ impl Recording {
         self.write_picture();
         self.write_pending(false);
         self.write_signals();
+        self.sink.flush();
     }
 
     /// Size of all parts so far; bytes.
