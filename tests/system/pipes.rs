@@ -72,7 +72,7 @@ fn a_pipe_without_a_writer_is_refused_in_one_sentence_by_every_command() {
             let began = Instant::now();
             let said = desk.armplane(&[command, "r"]);
             assert!(
-                said.code > 0 && said.code < 3 && !said.err.is_empty(),
+                said.code > 0 && said.code < 3 && !(said.err.clone() + &said.out).is_empty(),
                 "{command} with {name}: {}: {}{}",
                 said.code,
                 said.out,

@@ -77,12 +77,16 @@ pub fn export(run: &Run, format: ExportFormat, out: &Path, observer: Observer<'_
                 }
             });
             observer(Progress::End);
-            let summary = run.summary().ok();
+            let (summary, defect) = match run.summary_if_any() {
+                Ok(summary) => (summary, None),
+                Err(error) => (None, Some(error.to_string())),
+            };
             damage = match messages {
                 Ok(stored) => stored.rows.damage(summary.as_ref()),
                 Err(Unread::Defect(reason)) => vec![reason],
                 Err(Unread::NotKept(_)) => Vec::new(),
             };
+            damage.extend(defect);
             written.map_err(Failure::work)?
         }
     };

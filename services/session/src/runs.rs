@@ -116,6 +116,17 @@ impl Run {
         self.json(SUMMARY)
     }
 
+    /// The run's summary, where there is one: the launcher may have been killed before.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] where it is there and cannot be read.
+    pub fn summary_if_any(&self) -> Result<Option<Summary>, Failure> {
+        match std::fs::symlink_metadata(self.folder.join(SUMMARY)) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+            _ => self.summary().map(Some),
+        }
+    }
+
     /// The run's job.
     ///
     /// # Errors

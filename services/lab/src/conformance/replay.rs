@@ -73,14 +73,19 @@ pub fn replay(run: &Path, process: Option<&str>, settings: &[String], observer: 
     let is_asked = |one: &Process| process.map_or(one.program() == Some(Program::Controller), |name| one.name == name);
     let found = job.graph.process.iter().find(|one| is_asked(one)).and_then(|one| Some((one.name.clone(), one.program()?)));
     let Some((name, program)) = found else { return Err(no_step(process.unwrap_or("controller"), &job, run)) };
-    let summary = summary(run);
+    // One that is there and cannot be read is a defect of the run, as a log is.
+    let (summary, defect) = match (Run { folder: run.to_owned(), parts: Vec::new() }).summary_if_any() {
+        Ok(summary) => (summary, None),
+        Err(error) => (None, Some(error.to_string())),
+    };
     let scheduled_faults = scheduled_faults(summary.as_ref(), &job, &name)?;
     let is_cut = summary.as_ref().is_none_or(|summary| !summary.completed);
     let folder = run.join(recorder::MESSAGES);
-    let damage = match MessageRows::open_left(&folder, &job) {
+    let mut damage = match MessageRows::open_left(&folder, &job) {
         Ok(rows) => rows.damage(summary.as_ref()),
         Err(error) => vec![error.to_string()],
     };
+    damage.extend(defect);
     let logs = Logs::of(&job);
     let tape = Tape { folder, run, logs, observer, process: name.clone(), is_cut, damage, scheduled_faults };
     observer(Progress::Begin { title: &scenario.name, length: scenario.planned_ticks(), unit: "ticks" });
@@ -148,11 +153,6 @@ fn no_step(process: &str, job: &Job, run: &Path) -> Failure {
         true => format!("no process of {run} can be replayed: its graph has other programs in the places of armplane's"),
         false => format!("{run} has no process `{process}` that can be replayed: --process takes {}", known.join(", ")),
     })
-}
-
-/// The summary of a run; `None` where it was stopped before it had one.
-fn summary(run: &Path) -> Option<Summary> {
-    files::read(&run.join(SUMMARY)).ok().and_then(|text| serde_json::from_slice(&text).ok())
 }
 
 /// The job of the run.
