@@ -1,7 +1,7 @@
 //! The joint drives: the last to touch a torque, and able to stop the arm by themselves.
 
 use model::Model;
-use nalgebra::SVector;
+use nalgebra::{SMatrix, SVector};
 use shared_types::codes::{
     DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_EFFORT, DRIVE_ENCODER, DRIVE_HOLDING, DRIVE_RATE, DRIVE_REFUSED, DRIVE_SPEED,
     DRIVE_STALE, DRIVE_STOPPING,
@@ -23,6 +23,12 @@ const SPEED_GAIN: f64 = 100.0;
 /// The most of the excess that is taken away in a tick: the coupling of the joints makes the gain several times as large. At rates so low
 /// that it is less than the stop law's, that one holds.
 const SPEED_SHARE: f64 = 0.1;
+
+/// The drives look ahead at a joint whose speed would be beyond this fraction of its limit ...
+const AHEAD_RATIO: f64 = 0.5;
+
+/// ... with so many times what it has gained in the last tick: at full torque that is up to half of the limit, and torque needs two ticks to be taken back.
+const AHEAD_TICKS: f64 = 4.0;
 
 /// Brakes engage below this fraction of the speed limit ...
 const REST_RATIO: f64 = 0.05;
@@ -64,9 +70,11 @@ pub struct Applied<const N: usize> {
 /// after 1 s in any case.
 ///
 /// Every applied torque is within the effort limit and within a bounded step of the one before: half the effort limit per
-/// millisecond, a tenth while returning from a stop. Above its speed limit a joint gets no torque that would keep it
-/// there. A torque with a NaN or an infinity is refused whole and counts as absent; so is one that was computed from a reading of the
-/// encoders that the drives' own sensors contradict.
+/// millisecond, a tenth while returning from a stop. A joint is braked before it passes its speed limit, its own torque or that of
+/// other joints taking it there: the drives' own sensors give the acceleration under the torques of the last tick, and the model how
+/// much a change of torque changes it. Above the limit it gets no torque that would keep it there. A torque with a NaN or an infinity
+/// is refused whole and counts as absent; so is one that was computed from a reading of the encoders that the drives' own sensors
+/// contradict.
 #[derive(Clone, Debug)]
 pub struct Drive<const N: usize> {
     /// The drives' model of the arm: its description, not the simulated deviation from it.
@@ -75,6 +83,8 @@ pub struct Drive<const N: usize> {
     hold_ticks: u32,
     rest: SVector<f64, N>,
     applied: Applied<N>,
+    /// Joint speeds of the tick before, where there was one.
+    qdot_before: Option<SVector<f64, N>>,
     /// On the way back from a stop to commanded torque.
     returning: bool,
     stopping_ticks: u32,
@@ -91,7 +101,7 @@ impl<const N: usize> Drive<N> {
         let rest = model.velocity().map(|limit| if limit.is_finite() { REST_RATIO * limit } else { REST_SPEED });
         let applied = Applied { tau: carried, drive: DRIVE_ACTIVE, flags: 0, saturation_mask: 0, stale_ticks: 0, braked: false };
         let dt = 1.0 / f64::from(rate_hz);
-        Self { model, dt, hold_ticks, rest, applied, returning: false, stopping_ticks: 0, refused: 0 }
+        Self { model, dt, hold_ticks, rest, applied, qdot_before: None, returning: false, stopping_ticks: 0, refused: 0 }
     }
 
     /// The drives' actions over the last tick.
@@ -168,6 +178,7 @@ impl<const N: usize> Drive<N> {
         }
         let braked = state == DRIVE_BRAKED;
         self.applied = Applied { tau, drive: state, flags, saturation_mask, stale_ticks, braked };
+        self.qdot_before = Some(*qdot);
         &self.applied
     }
 
@@ -211,27 +222,52 @@ impl<const N: usize> Drive<N> {
             }
         };
         let speed = self.model.velocity();
-        let too_fast = (0..N).any(|i| qdot[i].abs() > speed[i]);
+        let gained = self.qdot_before.map_or_else(SVector::zeros, |before| qdot - before);
+        let is_near = |i: usize| qdot[i].abs() + AHEAD_TICKS * gained[i].abs() > AHEAD_RATIO * speed[i];
+        let is_fast = (0..N).any(is_near);
         // The most that keeps a joint at its speed limit: what carries its weight, less damping of the excess.
-        let carried = if too_fast { self.model.gravity(q) } else { SVector::zeros() };
-        let inertia = if too_fast { self.model.mass_matrix(q).diagonal() } else { SVector::zeros() };
+        let carried = if is_fast { self.model.gravity(q) } else { SVector::zeros() };
+        let A = if is_fast { self.model.mass_matrix(q) } else { SMatrix::zeros() };
+        let inertia = A.diagonal();
+        let mobility = if is_fast { A.cholesky().map(|factors| factors.inverse().diagonal()) } else { None };
         let speed_gain = SPEED_GAIN.min(SPEED_SHARE / self.dt).max(STOP_GAIN);
         let mut tau = *wanted;
         for i in 0..N {
             let effort = self.model.effort()[i];
             bound(&mut tau[i], -effort, effort, DRIVE_EFFORT);
-            let excess = qdot[i].abs() - speed[i];
+            let (excess, sign) = (qdot[i].abs() - speed[i], qdot[i].signum());
+            // The most torque in the direction of motion.
+            let mut most = f64::INFINITY;
             if excess > 0.0 {
-                let brake = (speed_gain * inertia[i] * excess).copysign(qdot[i]);
-                let most = (carried[i] - brake).clamp(-effort, effort);
-                let (low, high) = if qdot[i] > 0.0 { (f64::NEG_INFINITY, most) } else { (most, f64::INFINITY) };
-                bound(&mut tau[i], low, high, DRIVE_SPEED);
+                most = sign * carried[i] - speed_gain * inertia[i] * excess;
             }
+            if self.qdot_before.is_some() && is_near(i) {
+                // Without a model of the arm there is no more than what carries the joint.
+                let ahead = mobility.map_or(sign * carried[i], |mobility| {
+                    let room = (-excess).max(0.0);
+                    let allowed = most_acceleration(room, step * effort * mobility[i] / self.dt, self.dt);
+                    sign * self.applied.tau[i] + (allowed - sign * gained[i] / self.dt) / mobility[i]
+                });
+                most = most.min(ahead);
+            }
+            // In this order it is a number whatever comes out above.
+            let most = most.max(-effort);
+            let (low, high) = if sign > 0.0 { (f64::NEG_INFINITY, most) } else { (-most, f64::INFINITY) };
+            bound(&mut tau[i], low, high, DRIVE_SPEED);
             let last = self.applied.tau[i];
             bound(&mut tau[i], last - step * effort, last + step * effort, DRIVE_RATE);
         }
         (tau, flags)
     }
+}
+
+/// The largest acceleration under which a joint that lacks `room` of its speed limit does not pass it, when it keeps it for a tick `dt` and is then taken
+/// back at `jerk`: a·dt + a²/(2·jerk) = room.
+///
+/// Units rad/s, rad/s³, s → rad/s² · Requires room ≥ 0, jerk > 0, which may be infinite
+fn most_acceleration(room: f64, jerk: f64, dt: f64) -> f64 {
+    // The other form of jerk·(√(dt² + 2·room/jerk) − dt), which has no difference of like numbers and no infinity times zero.
+    2.0 * room / (dt + (dt * dt + 2.0 * room / jerk).sqrt())
 }
 
 #[cfg(test)]
@@ -319,6 +355,49 @@ mod tests {
         let applied = *drive.step(&start(), &REST, Some(&tau));
         assert!((step_ratio(&before, &applied.tau) - TORQUE_RATE * 1e-3).abs() < 1e-12);
         assert_eq!((applied.flags, applied.saturation_mask), (DRIVE_RATE, 0b1000), "joint 1 is within the bound");
+    }
+
+    /// The most speed of a joint, as a fraction of its limit, of an arm whose joint is driven at full torque from rest.
+    fn most_speed_share(name: &str, joint: usize, sign: f64, push: f64) -> f64 {
+        fn of<const N: usize>(robot: &Robot, joint: usize, sign: f64, push: f64) -> f64 {
+            let model = Model::<N>::new(robot, None).unwrap();
+            let (mut q, mut qdot) = (SVector::<f64, N>::from_element(0.3), SVector::<f64, N>::zeros());
+            let (mut drive, mut most, dt) = (Drive::new(model.clone(), 1000, 3, &q), 0.0_f64, 1e-3);
+            for _ in 0..40 {
+                let mut tau = model.gravity(&q);
+                tau[joint] = sign * model.effort()[joint];
+                let mut applied = drive.step(&q, &qdot, Some(&tau)).tau;
+                // A load that the model does not know drags or pushes at the joint.
+                applied[joint] += push * model.effort()[joint];
+                for _ in 0..10 {
+                    let free = applied - model.bias(&q, &qdot);
+                    qdot += model.mass_matrix(&q).cholesky().unwrap().solve(&free) * (0.1 * dt);
+                    q += qdot * (0.1 * dt);
+                }
+                most = most.max(qdot[joint].abs() / model.velocity()[joint]);
+            }
+            most
+        }
+        let robot = Robot::builtin(name).unwrap();
+        if robot.joints.len() == 7 { of::<7>(&robot, joint, sign, push) } else { of::<6>(&robot, joint, sign, push) }
+    }
+
+    #[test]
+    fn no_torque_takes_a_joint_past_its_speed_limit() {
+        for (name, joint) in [("iiwa14", 3), ("iiwa14", 1), ("iiwa14", 5), ("puma560", 2), ("puma560", 4), ("ur5", 2), ("panda", 3)] {
+            for (sign, push) in [(1.0, 0.0), (-1.0, 0.0), (1.0, -0.1), (-1.0, 0.3), (1.0, 0.1), (-1.0, -0.2)] {
+                let share = most_speed_share(name, joint, sign, push);
+                assert!((0.6..1.05).contains(&share), "{name}: joint {joint} at {sign} with {push}: {share}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_acceleration_that_is_left_ends_at_the_speed_limit() {
+        for (room, jerk, dt) in [(0.1, 1.7e5, 1e-3), (1e-9, 1e6, 1e-3), (1.0, 1e-3, 1e-3), (0.3, f64::INFINITY, 1e-3), (0.0, 1e5, 1e-3)] {
+            let a = most_acceleration(room, jerk, dt);
+            assert!(a >= 0.0 && (a * dt + a * a / (2.0 * jerk) - room).abs() <= 1e-12 * room.max(1e-9), "{room}, {jerk}: {a}");
+        }
     }
 
     #[test]
