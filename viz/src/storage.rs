@@ -72,6 +72,17 @@ pub enum RecordError {
     },
 }
 
+impl RecordError {
+    /// The same where so many bytes of the recording can be read, all of its parts together.
+    #[must_use]
+    pub fn keeping(mut self, kept: u64) -> Self {
+        if let Self::Write { bytes, .. } | Self::Encode { bytes, .. } = &mut self {
+            *bytes = kept;
+        }
+        self
+    }
+}
+
 /// Without the number of bytes: the file gets its end, and may get a table of contents, after this.
 fn ends(bytes: u64) -> &'static str {
     if bytes == 0 { "cannot begin" } else { "ends early" }

@@ -87,7 +87,7 @@ impl Tape {
             Ok(recording) => tape.recording = Some(recording),
             Err(error @ RecordError::Arm { .. }) => return Err(ProcessError::setup(error)),
             // A volume without room ends the recording, not the run.
-            Err(error) => tape.fail(&error),
+            Err(error) => tape.fail(error),
         }
         Ok(tape)
     }
@@ -107,7 +107,7 @@ impl Tape {
             runtime::realtime::give_back_memory();
         }
         if let Err(error) = turned.and_then(|()| recording.tick(&row)) {
-            self.fail(&error);
+            self.fail(error);
         }
     }
 
@@ -153,13 +153,21 @@ impl Tape {
     }
 
     /// Keeps the first error; what was written before it stays.
-    fn fail(&mut self, error: &RecordError) {
-        eprintln!("{error}");
-        self.result.error = error.to_string();
+    fn fail(&mut self, error: RecordError) {
         if let Some(recording) = self.recording.take() {
             // A part that could not be followed by another still gets its end.
             let _ = recording.finish();
         }
+        let error = error.keeping(self.kept().1);
+        eprintln!("{error}");
+        self.result.error = error.to_string();
+    }
+
+    /// Parts and bytes that can be read, a predecessor's too.
+    fn kept(&self) -> (u32, u64) {
+        let parts = viz::parts_in(&self.folder);
+        let bytes = parts.iter().filter_map(|part| std::fs::metadata(part).ok()).map(|file| file.len()).sum();
+        (parts.len() as u32, bytes)
     }
 
     /// Ends the recording.
@@ -167,13 +175,10 @@ impl Tape {
         if let Some(recording) = self.recording.take()
             && let Err(error) = recording.finish()
         {
-            self.fail(&error);
+            self.fail(error);
         }
         if !self.result.file.is_empty() {
-            // All of them, a predecessor's too.
-            let parts = viz::parts_in(&self.folder);
-            self.result.parts = parts.len() as u32;
-            self.result.bytes = parts.iter().filter_map(|part| std::fs::metadata(part).ok()).map(|file| file.len()).sum();
+            (self.result.parts, self.result.bytes) = self.kept();
         }
         self.result
     }
