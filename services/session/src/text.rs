@@ -156,7 +156,7 @@ fn files(f: &mut fmt::Formatter<'_>, summary: &Summary, folder: &Path) -> fmt::R
     if folder.join(SUMMARY).exists() {
         writeln!(f, "  {SUMMARY}  all of this and more, for machines")?;
     }
-    if !summary.recorder.file.is_empty() {
+    if !summary.recorder.file.is_empty() && summary.recorder.parts > 0 {
         writeln!(
             f,
             "  {}       {:.1} MB{}; open it with: armplane view {}",
