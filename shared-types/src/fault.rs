@@ -34,6 +34,9 @@ use kind::{DELAY_TICKS, LONGEST_MS, Rule};
 pub use kind::{Kind, MOST_DELAY_TICKS, Way};
 pub use scheduled::ScheduledFault;
 
+/// The finest steps of an encoder that is at fault; rad. Finer ones are no steps in 64 bits.
+const FINEST_STEP: f64 = 1e-12;
+
 /// One fault, as people write it. Of each pair in ticks and in seconds at most one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -250,6 +253,9 @@ impl Fault {
                 format!("an amount of {amount}"),
                 "a number in the unit of the fault's way; `armplane fault --list`",
             ));
+        }
+        if way == Some(Way::Quantise) && !(amount >= FINEST_STEP) {
+            return Err(Complaint::new("amount", format!("steps of {amount:e} rad"), format!("at least {FINEST_STEP:e}")));
         }
         let jitter = self.jitter_ticks.unwrap_or(0);
         if kind == Kind::Delay && self.delay_ticks.unwrap_or(DELAY_TICKS).saturating_add(jitter) > MOST_DELAY_TICKS {

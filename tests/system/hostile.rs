@@ -327,7 +327,7 @@ fn a_live_fault_of_a_joint_that_the_arm_does_not_have_is_refused() {
     let name = run_of(run.id()).unwrap();
     let fault = |joint: &str| desk.armplane(&["fault", "plant", "sensor", "--joint", joint, "--run", &name]);
     let said = fault("7");
-    assert!(said.code == 2 && said.err.contains("the arm of") && said.err.contains("has 6"), "{}", said.err);
+    assert!(said.code == 2 && said.err.contains("there is no joint 7") && said.err.contains("has 6 joints"), "{}", said.err);
     until("the run to take a fault", || fault("6").code == 0);
     // SAFETY: a plain signal to a child of ours.
     unsafe { libc::kill(run.id().cast_signed(), libc::SIGINT) };

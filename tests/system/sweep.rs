@@ -73,6 +73,20 @@ fn faults_drawn_at_random_have_the_bytes_of_five_processes() {
     drawn_runs_are_those_of_five_processes(&desk, &keys, 12);
 }
 
+#[test]
+fn a_steered_session_is_swept_and_has_the_bytes_of_five_processes() {
+    let desk = Desk::new();
+    let file = "name = \"steered\"\nscenario = \"servo-hostile\"\n[[key]]\nkey = \"seed\"\nvalues = [3]\n";
+    desk.file("steered.toml", file);
+    let said = desk.armplane(&["sweep", "steered.toml"]);
+    assert_eq!(said.code, 0, "{}", said.err);
+    let report = report(&desk, &["runs/steered", "--worst", "1"]);
+    let run = &report["worst"][0];
+    let summary = desk.run(&["servo-hostile", "--seed", "3", "--out", "r"]);
+    assert_eq!((&run["outcome"], &run["hashes"]["torque"]), (&summary["outcome"], &summary["topics"]["torque"]["hash"]), "{report}");
+    assert_eq!(run["hashes"]["servo_state"], summary["topics"]["servo_state"]["hash"], "{report}");
+}
+
 /// A sweep of runs drawn from `keys`: the command that it gives for each has the same hashes and figures in five processes.
 fn drawn_runs_are_those_of_five_processes(desk: &Desk, keys: &[(&str, &str)], count: usize) {
     let keys: String = keys.iter().map(|(key, values)| format!("[[key]]\nkey = \"{key}\"\n{values}\n")).collect();

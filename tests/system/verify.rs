@@ -103,6 +103,19 @@ fn the_first_difference_between_runs_with_faults_is_found_too() {
 }
 
 #[test]
+fn a_budget_that_deaths_spend_is_the_end_on_one_thread_too() {
+    let desk = Desk::new();
+    let deaths: String =
+        (0..6).map(|i| format!("[[fault]]\nprocess = \"analyzer\"\nkind = \"kill\"\nat_tick = {}\n", 120 * (i + 1))).collect();
+    let task = FAULTS.split("[[fault]]").next().unwrap();
+    desk.file("spent.toml", &[task, &deaths].concat());
+    let said = desk.armplane(&["verify", "spent.toml", "--runs", "1", "--json"]);
+    let json: Value = serde_json::from_str(&said.out).unwrap();
+    assert!(json["runs"][0]["failure"].as_str().unwrap().contains("analyzer"), "{json}");
+    assert_eq!(json["runs"][0]["topics"]["torque"], json["reference"]["topics"]["torque"], "{json}");
+}
+
+#[test]
 fn an_end_that_a_fault_plans_is_the_end_of_every_run() {
     let desk = Desk::new();
     desk.file("end.toml", &FAULTS.replace("process = \"controller\"", "process = \"plant\""));

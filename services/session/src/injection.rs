@@ -9,7 +9,7 @@ use shared_types::graph::Role;
 use shared_types::job::{JOB, Job};
 
 use crate::observation::choose_to_change;
-use crate::{Failure, load};
+use crate::{Failure, arm_faults, load};
 
 /// How long to wait for the next tick of a run.
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -29,11 +29,8 @@ pub fn inject(wanted: Option<&str>, fault: &Fault) -> Result<(String, Fault), Fa
         let known: Vec<_> = manifest.processes.iter().map(|process| process.name.as_str()).collect();
         return Err(Failure::Input(format!("the run has no process `{}`; it has {}", fault.process, known.join(", "))));
     };
-    if let (Some(joint), Some(dof)) = (fault.joint, job.as_ref().and_then(|job| load::robot_of(&job.robot).ok()).map(|robot| robot.dof()))
-        && joint as usize > dof
-    {
-        // A fault of a joint that the arm does not have could not be repeated.
-        return Err(Failure::Input(format!("joint: there is no joint {joint}: the arm of {name} has {dof} (joints count from 1)")));
+    if let Some(robot) = job.as_ref().and_then(|job| load::robot_of(&job.robot).ok()) {
+        arm_faults::check(fault, &robot).map_err(|complaint| Failure::Input(complaint.to_string()))?;
     }
     // Any seed will do: the run records it with the fault.
     let seed = random(runtime::now_ns(), u64::from(std::process::id()));

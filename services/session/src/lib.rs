@@ -8,6 +8,7 @@ pub mod observation;
 pub mod schema;
 pub mod table;
 
+mod arm_faults;
 mod catalogue;
 mod export;
 mod failure;
@@ -30,6 +31,7 @@ mod summary;
 mod text;
 mod viewer;
 
+pub use arm_faults::lacks_limit;
 pub use catalogue::Catalogue;
 pub use export::{Export, ExportFormat, WHOLE, export};
 pub use failure::Failure;

@@ -14,6 +14,7 @@ use shared_types::scenario::Scenario;
 use shared_types::target_file::{self, InvalidRow};
 use sim::scenarios;
 
+use crate::arm_faults;
 use crate::failure::Failure;
 
 /// The scenario of `armplane` without arguments.
@@ -134,10 +135,8 @@ impl Source {
             return Err(located(Complaint::new("servo", "the graph's controller does not read `target`", remedy)));
         }
         scenario.scheduled_faults(graph).map_err(located)?;
-        let beyond = |fault: &shared_types::fault::Fault| fault.joint.is_some_and(|joint| joint as usize > robot.dof());
-        if let Some(i) = scenario.fault.iter().position(beyond) {
-            let sentence = format!("{} has {} joints", robot.name, robot.dof());
-            return Err(located(Complaint::new(format!("fault.{i}.joint"), sentence, "joints count from 1")));
+        for (i, fault) in scenario.fault.iter().enumerate() {
+            arm_faults::check(fault, robot).map_err(|complaint| located(complaint.within(&format!("fault.{i}"))))?;
         }
         let key = if scenario.start.q_rad.is_some() {
             "start.q_rad"

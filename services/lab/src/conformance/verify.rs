@@ -53,12 +53,13 @@ pub struct Reference {
 impl Reference {
     /// Whether a run gave the same bytes and ended the same way.
     fn is_like(&self, ran: &Ran) -> bool {
-        ran.topics == self.ran.topics && ran.ended_by == self.ran.ended_by && ran.failure.is_empty() == self.ran.failure.is_empty()
+        let is_same_end = !self.is_run || ran.ended_by == self.ran.ended_by;
+        ran.topics == self.ran.topics && is_same_end && ran.failure.is_empty() == self.ran.failure.is_empty()
     }
 
-    /// A planned fault may be the end of every run (the death of the plant is); nothing else may.
+    /// A planned fault may be the end of every run (the death of the plant is, and one death more than the budget); nothing else may.
     fn is_sound(&self) -> bool {
-        self.ran.failure.is_empty() || (self.is_run && self.ran.ended_by.is_some())
+        self.ran.failure.is_empty() || !self.is_run || self.ran.ended_by.is_some()
     }
 }
 

@@ -115,10 +115,11 @@ impl Sweep {
 
     fn of(spec: Spec, text: String, scenario: String, source: Source) -> Result<Self, Refusal> {
         let space = Space::new(&spec, &source)?;
-        let base = source.parse(&spec.set)?;
+        let mut base = source.parse(&spec.set)?;
+        source.read_targets(&mut base)?;
         chain::planned_faults(&base).map_err(Failure::input)?;
         let own_graph = Some(&base.graph).filter(|file| !file.is_empty()).map(|file| source.beside(file));
-        let graph = load::graph(own_graph.as_deref())?;
+        let graph = load::graph_of(&base, own_graph.as_deref())?;
         if graph.process.iter().any(|process| process.program().is_none()) {
             let sentence = format!("{scenario} runs in programs of its graph, and a sweep is computed without processes; remove `graph`");
             return Err(Failure::Input(sentence).into());
@@ -165,7 +166,8 @@ impl Sweep {
     /// Why there is none, in words.
     pub(super) fn load(&self, run: u64) -> Result<(&Robot, Scenario), String> {
         let load = || {
-            let scenario = self.source.parse(&self.space.settings(run))?;
+            let mut scenario = self.source.parse(&self.space.settings(run))?;
+            self.source.read_targets(&mut scenario)?;
             let robot = self.robots.get(&scenario.robot).ok_or_else(|| Failure::Input(format!("no robot `{}`", scenario.robot)))?;
             self.source.check(&scenario, robot, &self.graph)?;
             Ok((robot, scenario))

@@ -85,12 +85,12 @@ pub fn drill(request: &Request<'_>, observer: Observer<'_>) -> Result<Drilled, F
     for name in request.scenarios {
         let load::Loaded { scenario, robot, graph } = load::scenario_in(request.graph, name, request.settings, request.seed)?;
         let drill = Drill::new(&scenario, &robot, graph, request.without, folder.path())?;
-        let terms = Terms { graph: &drill.job.graph, seed: drill.job.scenario.seed, span: drill.span, dof: robot.dof() };
+        let terms = Terms { graph: &drill.job.graph, seed: drill.job.scenario.seed, span: drill.span, robot: &robot };
         let plans = plans(&terms, only.as_ref(), request.pairs);
         if let Some(only) = only.as_ref().filter(|_| plans.is_empty()) {
             let cell = request.only.unwrap_or_default();
             return Err(Failure::Input(format!(
-                "`{cell}` is no cell of this graph: {}; see `armplane fault --list`",
+                "`{cell}` is no cell of this graph and arm: {}; see `armplane fault --list`",
                 only.remedy(terms.graph)
             )));
         }

@@ -1,5 +1,6 @@
 //! The plans of a drill: every kind of fault in every way on every process, and pairs.
 
+use model::Robot;
 use runtime::random;
 use shared_types::fault::{Fault, Kind, Way};
 use shared_types::graph::Graph;
@@ -45,8 +46,8 @@ pub(super) struct Terms<'a> {
     pub seed: u64,
     /// Ticks of the task, in the middle of which faults are injected.
     pub span: u64,
-    /// Joints of the arm.
-    pub dof: usize,
+    /// The arm.
+    pub robot: &'a Robot,
 }
 
 /// Every kind in every way for every process, and a seeded sample of pairs of them.
@@ -67,12 +68,14 @@ pub(super) fn plans(terms: &Terms<'_>, only: Option<&Only>, pairs: u32) -> Vec<P
         // In the middle of the motion, each at another place.
         let at = span / 4 + draw(index, what) % (span / 2).max(1);
         let needs_joint = fault.kind.concerns_joint();
-        let joint = needs_joint.then(|| 1 + (draw(index, what + 1) % terms.dof as u64) as u32);
+        let joint = needs_joint.then(|| 1 + (draw(index, what + 1) % terms.robot.dof() as u64) as u32);
         Fault { at_tick: Some(at), joint, ..fault.clone() }
     };
+    // A share of a torque limit that a joint has not is no fault.
+    let is_one = |plan: &Plan| plan.iter().all(|fault| !session::lacks_limit(fault, terms.robot));
     if let Some(only) = only {
         let chosen = singles.iter().enumerate().filter(|(_, fault)| only.takes(fault));
-        return chosen.map(|(index, fault)| vec![placed(fault, index as u64, 0)]).collect();
+        return chosen.map(|(index, fault)| vec![placed(fault, index as u64, 0)]).filter(is_one).collect();
     }
     let single = singles.iter().enumerate().map(|(index, fault)| vec![placed(fault, index as u64, 0)]);
     let pair = (0..u64::from(pairs)).map(|index| {
@@ -83,7 +86,7 @@ pub(super) fn plans(terms: &Terms<'_>, only: Option<&Only>, pairs: u32) -> Vec<P
         let second = Fault { at_tick: first.at_tick.map(|at| at + draw(index, 6) % 60), ..placed(pick(3), index, 8) };
         vec![first, second]
     });
-    single.chain(pair).collect()
+    single.chain(pair).filter(is_one).collect()
 }
 
 #[cfg(test)]

@@ -157,7 +157,7 @@ fn assembled<const N: usize, O: Sink>(robot: &Robot, scenario: &Scenario, sink: 
     judged.take_rows(true);
     let mut verdict = judged.judge.verdict();
     if let Some(sentence) = ended {
-        (verdict.completed, verdict.outcome) = (false, "stopped".to_owned());
+        (verdict.completed, verdict.outcome) = (false, "failed".to_owned());
         verdict.reason = format!("{sentence}; {}", verdict.reason);
     }
     Ok((judged.meter.score(&verdict, scenario), verdict))
