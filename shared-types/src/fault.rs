@@ -254,7 +254,7 @@ impl Fault {
                 "a number in the unit of the fault's way; `armplane fault --list`",
             ));
         }
-        if way == Some(Way::Quantise) && !(amount >= FINEST_STEP) {
+        if way == Some(Way::Quantise) && amount < FINEST_STEP {
             return Err(Complaint::new("amount", format!("steps of {amount:e} rad"), format!("at least {FINEST_STEP:e}")));
         }
         let jitter = self.jitter_ticks.unwrap_or(0);
