@@ -34,6 +34,15 @@ pub use topology::Graph;
 use built_in::{BUILT_IN_NAME, EVERYTHING, STEERED_NAME};
 
 impl Graph {
+    /// The built-in graph, of a steered run with an operator.
+    ///
+    /// # Errors
+    /// As [`Graph::parse`].
+    pub fn built_in(is_steered: bool) -> Result<Self, InvalidFile> {
+        let (name, text) = if is_steered { ("servo.toml", STEERED) } else { ("graph.toml", BUILT_IN) };
+        Self::parse(name, text)
+    }
+
     /// Reads and validates a graph.
     ///
     /// # Errors

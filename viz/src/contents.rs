@@ -19,7 +19,7 @@ use re_sorbet::{BatchType, ComponentColumnDescriptor, IndexColumnDescriptor, Row
 #[derive(Default)]
 pub(crate) struct Contents {
     chunks: Vec<Entry>,
-    /// What each component has, over the time lines.
+    /// The part of each component, over the time lines.
     components: BTreeMap<ComponentDescriptor, Component>,
     /// The columns of a table of the whole recording, by entity and component.
     columns: BTreeMap<(EntityPath, ComponentDescriptor), Column>,

@@ -2,8 +2,8 @@
 
 use lockstep::{Checkpoints, Ended, Run, Sink};
 use model::{Refused, Robot};
-use shared_types::fault::{Kind, ScheduledFault};
-use shared_types::graph::{BUILT_IN, Graph, Role, STEERED};
+use shared_types::fault::ScheduledFault;
+use shared_types::graph::{Graph, Role};
 use shared_types::process::Program;
 use shared_types::scenario::Scenario;
 use shared_types::{
@@ -11,13 +11,14 @@ use shared_types::{
     SingularityReport, StateEstimate, Target, TorqueCommand,
 };
 
+use crate::cycles::{Cycles, operator};
+
 /// The process graph of a scenario on one thread: the built-in one.
 ///
 /// # Errors
 /// [`Refused`] where it cannot be read.
 pub fn graph(scenario: &Scenario) -> Result<Graph, Refused> {
-    let (name, text) = if scenario.servo.is_some() { ("servo.toml", STEERED) } else { ("graph.toml", BUILT_IN) };
-    Graph::parse(name, text).map_err(Refused::because)
+    Graph::built_in(scenario.servo.is_some()).map_err(Refused::because)
 }
 
 /// The faults that a scenario plans, where one thread can have them: those of sensors and drives, of messages, and deaths and pauses of all processes that
@@ -82,15 +83,10 @@ struct UnderFaults<'a, O> {
     robot: &'a Robot,
     scenario: &'a Scenario,
     tick: u64,
-    plant: Box<dyn plant::Step>,
-    estimator: Box<dyn estimator::Step>,
-    analyzer: Box<dyn analyzer::Step>,
-    controller: Box<dyn controller::Step>,
-    operator: Option<operator::Cycle>,
+    cycles: Cycles,
     estimator_states: Checkpoints<EstimatorCheckpoint>,
     analyzer_states: Checkpoints<AnalyzerCheckpoint>,
     controller_states: Checkpoints<ControllerCheckpoint>,
-    hardware: Vec<ScheduledFault>,
 }
 
 /// Runs a scenario under its faults to its end, handing each message that counts to `sink`. The sentence: why it ended before its task did.
@@ -105,26 +101,17 @@ pub fn run_under_faults(robot: &Robot, scenario: &Scenario, sink: &mut impl Sink
         robot,
         scenario,
         tick: 0,
-        plant: plant::cycle(robot, scenario)?,
-        estimator: estimator::cycle(robot, scenario)?,
-        analyzer: analyzer::cycle(robot, scenario)?,
-        controller: controller::cycle(robot, scenario)?,
-        operator: operator(scenario),
+        cycles: Cycles::new(robot, scenario)?,
         estimator_states: Checkpoints::default(),
         analyzer_states: Checkpoints::default(),
         controller_states: Checkpoints::default(),
-        hardware: Vec::new(),
     };
-    while !chain.plant.is_over() {
+    while !chain.cycles.plant.is_over() {
         if let Err(ended) = chain.step() {
             return Ok(Some(ended.to_string()));
         }
     }
     Ok(None)
-}
-
-fn operator(scenario: &Scenario) -> Option<operator::Cycle> {
-    scenario.servo.as_ref().map(|session| operator::Cycle::new(session, scenario.rate_hz))
 }
 
 /// A message of a tick, to be filled in.
@@ -143,7 +130,7 @@ impl<O: Sink> UnderFaults<'_, O> {
         self.steer()?;
         self.control()?;
         let torque = self.run.arriving::<TorqueCommand>(self.at.plant);
-        self.plant.step(torque.as_ref());
+        self.cycles.plant.step(torque.as_ref());
         self.tick += 1;
         Ok(())
     }
@@ -151,15 +138,9 @@ impl<O: Sink> UnderFaults<'_, O> {
     fn sample(&mut self) -> Result<(), Ended> {
         let (me, tick) = (self.at.plant, self.tick);
         self.run.begin(me, tick);
-        let had_faults = !self.hardware.is_empty();
-        self.hardware.clear();
-        let of_joints = self.run.faults_of(me, tick).filter(|fault| fault.kind().is_some_and(Kind::concerns_joint));
-        self.hardware.extend(of_joints.copied());
-        if had_faults || !self.hardware.is_empty() {
-            self.plant.apply_faults(tick, &self.hardware);
-        }
+        self.cycles.apply_faults(tick, self.run.faults());
         let (mut sample, mut truth) = (of_tick::<SensorSample>(tick), of_tick::<PlantState>(tick));
-        self.plant.sample(tick, &mut sample, &mut truth);
+        self.cycles.plant.sample(tick, &mut sample, &mut truth);
         self.run.send(me, sample)?;
         self.run.send(me, truth).map(drop)
     }
@@ -168,17 +149,17 @@ impl<O: Sink> UnderFaults<'_, O> {
         let me = self.at.estimator;
         while let Some(sample) = self.run.next::<SensorSample>(me, self.tick) {
             let mut estimate = of_tick::<StateEstimate>(sample.header.tick);
-            self.estimator.step(&sample, &mut estimate);
-            self.estimator.save(self.estimator_states.slot());
+            self.cycles.estimator.step(&sample, &mut estimate);
+            self.cycles.estimator.save(self.estimator_states.slot());
             if self.run.send(me, estimate)? {
                 self.estimator_states.commit(sample.header.tick);
             }
         }
         if self.run.has_fallen(me) {
             self.run.restart(me)?;
-            self.estimator = estimator::cycle(self.robot, self.scenario).map_err(Ended::because)?;
+            self.cycles.estimator = estimator::cycle(self.robot, self.scenario).map_err(Ended::because)?;
             let last = self.estimator_states.resume(|tick| self.run.may_resume_from(me, tick));
-            last.into_iter().for_each(|last| self.estimator.restore(last));
+            last.into_iter().for_each(|last| self.cycles.estimator.restore(last));
         }
         Ok(())
     }
@@ -187,23 +168,23 @@ impl<O: Sink> UnderFaults<'_, O> {
         let me = self.at.analyzer;
         while let Some(estimate) = self.run.next::<StateEstimate>(me, self.tick) {
             let mut report = of_tick::<SingularityReport>(estimate.header.tick);
-            self.analyzer.step(&estimate, &mut report);
-            self.analyzer.save(self.analyzer_states.slot());
+            self.cycles.analyzer.step(&estimate, &mut report);
+            self.cycles.analyzer.save(self.analyzer_states.slot());
             if self.run.send(me, report)? {
                 self.analyzer_states.commit(estimate.header.tick);
             }
         }
         if self.run.has_fallen(me) {
             self.run.restart(me)?;
-            self.analyzer = analyzer::cycle(self.robot, self.scenario).map_err(Ended::because)?;
+            self.cycles.analyzer = analyzer::cycle(self.robot, self.scenario).map_err(Ended::because)?;
             let last = self.analyzer_states.resume(|tick| self.run.may_resume_from(me, tick));
-            last.into_iter().for_each(|last| self.analyzer.restore(last));
+            last.into_iter().for_each(|last| self.cycles.analyzer.restore(last));
         }
         Ok(())
     }
 
     fn steer(&mut self) -> Result<(), Ended> {
-        let (Some(me), Some(cycle)) = (self.at.operator, &mut self.operator) else { return Ok(()) };
+        let (Some(me), Some(cycle)) = (self.at.operator, &mut self.cycles.operator) else { return Ok(()) };
         while let Some(sample) = self.run.next::<SensorSample>(me, self.tick) {
             let mut target = of_tick::<Target>(sample.header.tick);
             cycle.step(&sample, &mut target);
@@ -211,7 +192,7 @@ impl<O: Sink> UnderFaults<'_, O> {
         }
         if self.run.has_fallen(me) {
             self.run.restart(me)?;
-            self.operator = operator(self.scenario);
+            self.cycles.operator = operator(self.scenario);
         }
         Ok(())
     }
@@ -222,14 +203,14 @@ impl<O: Sink> UnderFaults<'_, O> {
             let tick = report.header.tick;
             let Some(estimate) = self.run.at::<StateEstimate>(me, tick) else { continue };
             let (mut state, mut torque) = (of_tick::<ControlState>(tick), of_tick::<TorqueCommand>(tick));
-            if self.operator.is_some() {
+            if self.cycles.operator.is_some() {
                 let (target, mut servo) = (self.run.at::<Target>(me, tick), of_tick::<ServoState>(tick));
-                self.controller.steer((&estimate, &report), target.as_ref(), &mut servo, &mut state, &mut torque);
-                self.controller.save(self.controller_states.slot());
+                self.cycles.controller.steer((&estimate, &report), target.as_ref(), &mut servo, &mut state, &mut torque);
+                self.cycles.controller.save(self.controller_states.slot());
                 self.run.send(me, servo)?;
             } else {
-                self.controller.step(&estimate, &report, &mut state, &mut torque);
-                self.controller.save(self.controller_states.slot());
+                self.cycles.controller.step(&estimate, &report, &mut state, &mut torque);
+                self.cycles.controller.save(self.controller_states.slot());
             }
             self.run.send(me, state)?;
             if self.run.send(me, torque)? {
@@ -238,9 +219,9 @@ impl<O: Sink> UnderFaults<'_, O> {
         }
         if self.run.has_fallen(me) {
             self.run.restart(me)?;
-            self.controller = controller::cycle(self.robot, self.scenario).map_err(Ended::because)?;
+            self.cycles.controller = controller::cycle(self.robot, self.scenario).map_err(Ended::because)?;
             let last = self.controller_states.resume(|tick| self.run.may_resume_from(me, tick));
-            last.into_iter().for_each(|last| self.controller.restore(last));
+            last.into_iter().for_each(|last| self.cycles.controller.restore(last));
         }
         Ok(())
     }

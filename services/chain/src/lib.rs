@@ -2,6 +2,7 @@
 //! Tests, comparisons and sweeps use it, and `armplane run` tries its first tick here before it starts anything.
 #![allow(non_snake_case)]
 
+mod cycles;
 mod faults;
 
 use model::{Refused, Robot};
@@ -9,6 +10,8 @@ use shared_types::codes::{PHASE_REFUSED, REFUSALS, name_of};
 use shared_types::fault::ScheduledFault;
 use shared_types::scenario::Scenario;
 use shared_types::topics::{self, ByTopic, Each, Topic, Whole};
+
+use cycles::Cycles;
 
 pub use faults::{graph, planned_faults, plans_faults_of_processes, run_under_faults};
 pub use lockstep::Sink;
@@ -18,15 +21,8 @@ pub type Tick = ByTopic<Whole>;
 
 /// The cycles of the chain, one after the other.
 pub struct Chain {
-    plant: Box<dyn plant::Step>,
-    estimator: Box<dyn estimator::Step>,
-    analyzer: Box<dyn analyzer::Step>,
-    controller: Box<dyn controller::Step>,
-    /// Of a steered run.
-    operator: Option<operator::Cycle>,
+    cycles: Cycles,
     faults: Vec<ScheduledFault>,
-    /// Those that concern the tick in hand.
-    in_force: Vec<ScheduledFault>,
     tick: u64,
 }
 
@@ -37,64 +33,45 @@ impl Chain {
     /// [`Refused`] by the first cycle that does not accept the robot or the scenario, or where the scenario plans faults other than those of the
     /// arm's sensors and drives: [`run_under_faults`] has them, and [`without_faults`] takes all of them out.
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
-        let faults = hardware_faults(scenario)?;
-        Ok(Self {
-            plant: plant::cycle(robot, scenario)?,
-            estimator: estimator::cycle(robot, scenario)?,
-            analyzer: analyzer::cycle(robot, scenario)?,
-            controller: controller::cycle(robot, scenario)?,
-            operator: scenario.servo.as_ref().map(|session| operator::Cycle::new(session, scenario.rate_hz)),
-            in_force: Vec::with_capacity(faults.len()),
-            faults,
-            tick: 0,
-        })
+        Ok(Self { faults: hardware_faults(scenario)?, cycles: Cycles::new(robot, scenario)?, tick: 0 })
     }
 
     /// One tick: sample, estimate, analyse, control, move. Fills the messages of the chain; those of other processes stay as they are.
     pub fn step(&mut self, tick: &mut Tick) {
-        self.apply_faults();
+        self.cycles.apply_faults(self.tick, self.faults.iter());
+        let Cycles { plant, estimator, analyzer, controller, operator, .. } = &mut self.cycles;
         let Tick { sensor, plant_state, estimate, singularity, target, servo_state, control_state, torque, .. } = tick;
-        self.plant.sample(self.tick, sensor, plant_state);
-        self.estimator.step(sensor, estimate);
-        self.analyzer.step(estimate, singularity);
-        match &mut self.operator {
+        plant.sample(self.tick, sensor, plant_state);
+        estimator.step(sensor, estimate);
+        analyzer.step(estimate, singularity);
+        match operator {
             Some(operator) => {
                 operator.step(sensor, target);
-                self.controller.steer((estimate, singularity), Some(target), servo_state, control_state, torque);
+                controller.steer((estimate, singularity), Some(target), servo_state, control_state, torque);
             }
-            None => self.controller.step_knowing(self.analyzer.terms(), (estimate, singularity), control_state, torque),
+            None => controller.step_knowing(analyzer.terms(), (estimate, singularity), control_state, torque),
         }
         topics::each(&mut First(tick));
-        self.plant.step(Some(&tick.torque));
+        plant.step(Some(&tick.torque));
         self.tick += 1;
-    }
-
-    /// As the plant process does it: also at the first tick that a fault no longer concerns.
-    fn apply_faults(&mut self) {
-        let (tick, had_faults) = (self.tick, !self.in_force.is_empty());
-        self.in_force.clear();
-        self.in_force.extend(self.faults.iter().filter(|fault| fault.concerns(tick)));
-        if had_faults || !self.in_force.is_empty() {
-            self.plant.apply_faults(tick, &self.in_force);
-        }
     }
 
     /// Why the path cannot be followed, found before the first tick, in words.
     #[must_use]
     pub fn obstacle(&self) -> Option<&str> {
-        self.controller.obstacle()
+        self.cycles.controller.obstacle()
     }
 
     /// A goal beyond reach, found before the first tick, in words.
     #[must_use]
     pub fn warning(&self) -> Option<String> {
-        self.controller.warning()
+        self.cycles.controller.warning()
     }
 
     /// Whether the task is over.
     #[must_use]
     pub fn is_over(&self) -> bool {
-        self.plant.is_over()
+        self.cycles.plant.is_over()
     }
 }
 

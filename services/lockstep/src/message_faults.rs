@@ -9,7 +9,7 @@ use shared_types::{Header, Message};
 /// Room for what a delay can hold back.
 const MOST_HELD: usize = 2 * MOST_DELAY_TICKS as usize + 4;
 
-/// What the faults of a process make of the messages of one of its topics. Takes its memory at the beginning.
+/// The work of the faults of a process on the messages of one of its topics. Takes its memory at the beginning.
 #[derive(Debug)]
 pub struct Shaper<M> {
     /// Messages that faults hold back, with the tick at which they leave.

@@ -40,7 +40,7 @@ impl std::fmt::Display for Ended {
     }
 }
 
-/// What a process leaves for its replacement: the states of the last two ticks that it has answered, as in its checkpoint file.
+/// The states that a process leaves for its replacement: those of the last two ticks that it has answered, as in its checkpoint file.
 #[derive(Clone, Debug)]
 pub struct Checkpoints<C> {
     slot: C,
@@ -152,20 +152,7 @@ impl<O> View for Run<'_, O> {
     }
 
     fn outages(&self) -> impl Iterator<Item = Outage> {
-        let outage = |(place, fault): (usize, &ScheduledFault)| {
-            let kind = fault.kind().filter(|kind| kind.takes_down())?;
-            Some(Outage {
-                place,
-                process: fault.process as usize,
-                at: fault.at,
-                until: fault.until,
-                has_struck: self.has_struck[place],
-                is_death: kind.ends_process(fault.way()),
-                is_unplanned: false,
-                after_outputs: fault.after_outputs(),
-            })
-        };
-        self.faults.iter().enumerate().filter_map(outage)
+        self.faults.iter().enumerate().filter_map(|(place, fault)| Outage::of(fault, place, self.has_struck[place], false))
     }
 
     fn is_lockstep(&self) -> bool {
@@ -202,9 +189,9 @@ impl<'a, O: Sink> Run<'a, O> {
         self.processes[source].tick = tick;
     }
 
-    /// The faults that concern a process at a tick.
-    pub fn faults_of(&self, me: usize, tick: u64) -> impl Iterator<Item = &ScheduledFault> {
-        of(&self.faults, me, tick).map(|(_, fault, _)| fault)
+    /// The faults planned.
+    pub fn faults(&self) -> impl Iterator<Item = &ScheduledFault> {
+        self.faults.iter()
     }
 
     /// The next message for a process at `now`, the source's tick in hand; `None` where its turn is over: it has closed the tick, stands still, or is dead.

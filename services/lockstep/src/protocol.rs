@@ -56,6 +56,22 @@ pub struct Outage {
 }
 
 impl Outage {
+    /// The one that a fault at a place of the table means; `None` for a fault that takes no process down.
+    #[must_use]
+    pub fn of(fault: &ScheduledFault, place: usize, has_struck: bool, is_unplanned: bool) -> Option<Self> {
+        let kind = fault.kind().filter(|kind| kind.takes_down())?;
+        Some(Self {
+            place,
+            process: fault.process as usize,
+            at: fault.at,
+            until: fault.until,
+            has_struck,
+            is_death: kind.ends_process(fault.way()),
+            is_unplanned,
+            after_outputs: fault.after_outputs(),
+        })
+    }
+
     fn covers(&self, tick: u64) -> bool {
         (self.at..self.until).contains(&tick)
     }

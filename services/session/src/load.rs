@@ -7,7 +7,7 @@ use std::process::Command;
 
 use model::{Robot, RobotError, RobotSource};
 use shared_types::file::Complaint;
-use shared_types::graph::{self, Graph};
+use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode, RobotText};
 use shared_types::process::Program;
 use shared_types::scenario::Scenario;
@@ -232,7 +232,7 @@ pub fn robot_of(text: &RobotText) -> Result<Robot, RobotError> {
 /// As [`graph`].
 pub fn graph_of(scenario: &Scenario, file: Option<&Path>) -> Result<Graph, Failure> {
     match scenario.servo {
-        Some(_) if file.is_none() => Ok(Graph::parse("servo.toml", graph::STEERED)?),
+        Some(_) if file.is_none() => Ok(Graph::built_in(true)?),
         _ => graph(file),
     }
 }
@@ -242,7 +242,7 @@ pub fn graph_of(scenario: &Scenario, file: Option<&Path>) -> Result<Graph, Failu
 /// # Errors
 /// [`Failure::Input`] or [`Failure::File`] where the file cannot be read or is invalid.
 pub fn graph(file: Option<&Path>) -> Result<Graph, Failure> {
-    let Some(path) = file else { return Ok(Graph::parse("graph.toml", graph::BUILT_IN)?) };
+    let Some(path) = file else { return Ok(Graph::built_in(false)?) };
     let (name, text) = (path.display().to_string(), read(path)?);
     let mut graph = Graph::parse(&name, &text)?;
     if !graph.process.iter().any(|process| process.program() == Some(Program::Recorder)) {

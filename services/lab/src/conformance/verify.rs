@@ -173,6 +173,13 @@ struct Tap<M: Message> {
     keep: Option<LogWriter<M>>,
 }
 
+impl<M: Message> Tap<M> {
+    fn add(&mut self, message: &M) -> Result<(), LogError> {
+        self.hash.add(message);
+        self.keep.as_mut().map_or(Ok(()), |keep| keep.add(message))
+    }
+}
+
 impl Topics {
     fn create(folder: Option<&Path>) -> Result<Self, LogError> {
         struct Create<'a>(Option<&'a Path>, Logs);
@@ -190,9 +197,7 @@ impl Topics {
         impl Each for Add<'_> {
             type Output = Result<(), LogError>;
             fn each<M: Topic>(&mut self) -> Self::Output {
-                let (tap, message) = (M::of_mut(self.0), M::of(self.1));
-                tap.hash.add(message);
-                tap.keep.as_mut().map_or(Ok(()), |keep| keep.add(message))
+                M::of_mut(self.0).add(M::of(self.1))
             }
         }
         topics::try_each(&mut Add(&mut self.0, tick))
@@ -203,10 +208,8 @@ impl Topics {
         struct Add<'a>(&'a mut ByTopic<Taps>, Result<(), LogError>);
         impl Sink for Add<'_> {
             fn take<M: Topic>(&mut self, message: &M) {
-                let tap = M::of_mut(self.0);
-                tap.hash.add(message);
                 if self.1.is_ok() {
-                    self.1 = tap.keep.as_mut().map_or(Ok(()), |keep| keep.add(message));
+                    self.1 = M::of_mut(self.0).add(message);
                 }
             }
         }

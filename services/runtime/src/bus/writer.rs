@@ -68,7 +68,7 @@ struct Sending<M: Message> {
     readers: Vec<usize>,
     /// The last messages made while faults shape them, for this process and its replacement.
     last_made: LastMade<M>,
-    /// What faults hold back or repeat of its messages; the room for it is taken before the first tick.
+    /// The messages that faults hold back or repeat; the room for it is taken before the first tick.
     shaper: RefCell<Shaper<M>>,
 }
 

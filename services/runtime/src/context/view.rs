@@ -34,18 +34,8 @@ impl View for Context {
     fn outages(&self) -> impl Iterator<Item = Outage> {
         let outage = |index: usize| {
             let (place, fault) = *self.faults.known.borrow().faults().get(index)?;
-            let kind = fault.kind().filter(|kind| kind.takes_down())?;
             let record = self.control_page.fault_table().record(place)?;
-            Some(Outage {
-                place,
-                process: fault.process as usize,
-                at: fault.at,
-                until: fault.until,
-                has_struck: record.injected_ns != 0,
-                is_death: kind.ends_process(fault.way()),
-                is_unplanned: record.origin == Origin::Detected,
-                after_outputs: fault.after_outputs(),
-            })
+            Outage::of(&fault, place, record.injected_ns != 0, record.origin == Origin::Detected)
         };
         let count = self.faults.known.borrow().faults().len();
         (0..count).filter_map(outage)
