@@ -388,6 +388,9 @@ impl std::fmt::Display for Fault {
         }
         if let Some(amount) = self.amount {
             write!(f, ", {amount}")?;
+            if let Some(unit) = self.way.map(|way| self.kind.unit(way)).filter(|unit| !unit.is_empty()) {
+                write!(f, " {unit}")?;
+            }
         }
         if let Some(probability) = self.probability.filter(|&p| p < 1.0) {
             write!(f, ", {:.0} % of the messages", probability * 100.0)?;
@@ -519,5 +522,7 @@ mod tests {
         assert_eq!(fault.to_string(), "cut of the controller, estimate, at tick 9, for 5 ticks");
         let again = fault.schedule(&target, 1000, 0).unwrap().fault("controller", &target).unwrap();
         assert_eq!(again.topic.as_deref(), Some("estimate"));
+        let fault = parse("process='plant'\nkind='sensor'\nas='bias'\njoint=5\namount=0.02\nat_tick=9");
+        assert_eq!(fault.to_string(), "sensor (bias) of the plant, joint 5, 0.02 rad, at tick 9");
     }
 }

@@ -1,7 +1,5 @@
 //! A running graph in words.
 
-use viz::plot::digits;
-
 use crate::observation::{Observation, ObservedFault, ObservedProcess, ObservedSingularity, Times};
 
 /// Colours, where they are wanted.
@@ -35,9 +33,13 @@ fn left(text: &str, width: usize) -> String {
     format!("{:<1$} ", text.chars().take(width - 1).collect::<String>(), width - 1)
 }
 
-/// A time in µs, in at most five characters up to ten seconds: thousands as `12k`.
+/// A time in µs, in at most five characters up to ten seconds: thousands as `12k`, tenths below ten.
 fn short(time: f64) -> String {
-    if time >= 9_999.5 { format!("{:.0}k", time / 1e3) } else { digits(time) }
+    match time {
+        9_999.5.. => format!("{:.0}k", time / 1e3),
+        9.95.. => format!("{time:.0}"),
+        _ => format!("{time:.1}"),
+    }
 }
 
 /// "p50/p99/longest" in µs; empty for a process that computes nothing.

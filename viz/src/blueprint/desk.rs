@@ -76,11 +76,11 @@ impl<'a> Desk<'a> {
                 // Each lane takes 40 points: the processes' stand in a column of their own.
                 let lives = self.lives();
                 let modes = [self.modes(), self.log()].map(|view| (1.0, view));
-                let plots = [(1.3, self.errors()), (1.0, self.governor())];
-                let rows = [(1.0, modes.to_vec()), (1.0, plots.to_vec())];
-                let rows = rows.map(|(share, row)| (share, self.sheet.row("", row)));
-                let lower = vec![(1.0, lives), (2.2, self.sheet.column(rows.into()))];
-                let cells = [(1.75, upper.to_vec()), (2.25, lower)].map(|(share, row)| (share, self.sheet.row("", row)));
+                // Three plots side by side have no room for their titles.
+                let plots = vec![self.errors(), self.governor()];
+                let rows = vec![(1.0, self.sheet.row("", modes.to_vec())), (1.2, self.sheet.tabs(plots))];
+                let lower = vec![(1.0, lives), (2.2, self.sheet.column(rows))];
+                let cells = [(1.6, upper.to_vec()), (2.4, lower)].map(|(share, row)| (share, self.sheet.row("", row)));
                 self.sheet.column(cells.into());
             }
             Layout::Faults => {
