@@ -29,11 +29,36 @@ impl Doorbell {
     /// Tells the owner that something arrived on the topics `bits`; a system call only if it sleeps for one of them.
     #[inline]
     pub(crate) fn ring(&self, bits: u32) {
-        self.rings.fetch_add(1, Ordering::SeqCst);
-        if self.awaited.load(Ordering::SeqCst) & bits != 0 && self.awaited.swap(0, Ordering::SeqCst) != 0 {
-            // It cannot fail on a mapped word, and a lost wake costs one time slice of the sleeper.
-            let _ = futex::wake(&self.rings, futex::Flags::empty(), 1);
+        self.count();
+        if self.is_armed_for(bits) && self.take() {
+            self.end_sleep();
         }
+    }
+
+    /// From here on no sleep begins for which the count was read before.
+    #[inline]
+    fn count(&self) {
+        self.rings.fetch_add(1, Ordering::SeqCst);
+    }
+
+    /// Takes an announced sleep away, so that one ringer of several makes the system call: whether there was one.
+    #[inline]
+    fn take(&self) -> bool {
+        self.awaited.swap(0, Ordering::SeqCst) != 0
+    }
+
+    /// Ends the sleep that was taken away. This ringer may have been held up since its first count: then the owner has read that, looked, and announced
+    /// this sleep afterwards, and is about to begin it, without an announcement that a further ringer would find. Hence the second count before the wake:
+    /// a sleep that was taken away ends, or does not begin.
+    #[inline]
+    fn end_sleep(&self) {
+        self.count();
+        self.wake();
+    }
+
+    fn wake(&self) {
+        // It cannot fail on a mapped word.
+        let _ = futex::wake(&self.rings, futex::Flags::empty(), 1);
     }
 
     /// How often the owner has gone to sleep.
@@ -73,5 +98,147 @@ impl Doorbell {
     pub(crate) fn sleep(&self, seen: u32, limit_ns: Option<u64>) {
         let limit = limit_ns.map(timespec);
         let _ = futex::wait(&self.rings, futex::Flags::empty(), seen, limit.as_ref());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashSet;
+
+    use super::*;
+
+    const BITS: u32 = 1;
+    /// Messages of each of two ringers.
+    const MESSAGES: u8 = 2;
+
+    /// A doorbell, two ringers and its owner between two of their steps.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+    struct Moment {
+        rings: u32,
+        awaited: u32,
+        /// Messages that have been sent, and that the owner has seen.
+        messages: [u8; 2],
+        ringers: [Ringer; 2],
+        owner: Owner,
+    }
+
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+    struct Ringer {
+        sent: u8,
+        step: Step,
+    }
+
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+    enum Step {
+        #[default]
+        Sends,
+        Counts,
+        LooksForASleep,
+        Takes,
+        CountsAgain,
+        Wakes,
+    }
+
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+    enum Owner {
+        #[default]
+        ReadsRings,
+        Looks {
+            seen: u32,
+        },
+        Arms {
+            seen: u32,
+        },
+        GoesToSleep {
+            seen: u32,
+        },
+        Sleeps,
+    }
+
+    impl Moment {
+        fn has_lost_a_wake(&self) -> bool {
+            let is_over = self.ringers.iter().all(|ringer| ringer.sent == MESSAGES && ringer.step == Step::Sends);
+            is_over && self.owner == Owner::Sleeps && self.messages[0] > self.messages[1]
+        }
+
+        /// The next step of a ringer (0, 1) or the owner (2); `None` where it has none. `counts_again`: as [`Doorbell::end_sleep`] does it.
+        fn after(mut self, actor: usize, counts_again: bool) -> Option<Self> {
+            let bell = Doorbell { rings: self.rings.into(), awaited: self.awaited.into(), ..Doorbell::default() };
+            if let Some(ringer) = self.ringers.get_mut(actor) {
+                ringer.step = match ringer.step {
+                    Step::Sends if ringer.sent == MESSAGES => return None,
+                    Step::Sends => {
+                        ringer.sent += 1;
+                        self.messages[0] += 1;
+                        Step::Counts
+                    }
+                    Step::Counts => {
+                        bell.count();
+                        Step::LooksForASleep
+                    }
+                    Step::LooksForASleep => {
+                        if bell.is_armed_for(BITS) {
+                            Step::Takes
+                        } else {
+                            Step::Sends
+                        }
+                    }
+                    Step::Takes => match (bell.take(), counts_again) {
+                        (true, true) => Step::CountsAgain,
+                        (true, false) => Step::Wakes,
+                        (false, _) => Step::Sends,
+                    },
+                    Step::CountsAgain => {
+                        bell.count();
+                        Step::Wakes
+                    }
+                    Step::Wakes => {
+                        // The kernel's part: one that does not sleep yet is not woken.
+                        if self.owner == Owner::Sleeps {
+                            self.owner = Owner::ReadsRings;
+                        }
+                        Step::Sends
+                    }
+                };
+            } else {
+                self.owner = match self.owner {
+                    Owner::Sleeps => return None,
+                    Owner::ReadsRings => Owner::Looks { seen: bell.rings() },
+                    Owner::Looks { .. } if self.messages[0] > self.messages[1] => {
+                        self.messages[1] = self.messages[0];
+                        bell.disarm();
+                        Owner::ReadsRings
+                    }
+                    Owner::Looks { seen } => Owner::Arms { seen },
+                    Owner::Arms { seen } => {
+                        bell.arm(BITS);
+                        Owner::GoesToSleep { seen }
+                    }
+                    // The kernel's part: not where the word has another value than the one that was seen.
+                    Owner::GoesToSleep { seen } if bell.rings() == seen => Owner::Sleeps,
+                    Owner::GoesToSleep { .. } => Owner::ReadsRings,
+                };
+            }
+            Some(Self { rings: bell.rings(), awaited: bell.awaited.into_inner(), ..self })
+        }
+    }
+
+    /// The moments of all orders of all steps: how many, and how many in which the owner sleeps over a message for ever.
+    fn explore(counts_again: bool) -> (usize, usize) {
+        let (mut known, mut open, mut lost) = (HashSet::from([Moment::default()]), vec![Moment::default()], 0);
+        while let Some(moment) = open.pop() {
+            lost += usize::from(moment.has_lost_a_wake());
+            open.extend((0..3).filter_map(|actor| moment.after(actor, counts_again)).filter(|next| known.insert(*next)));
+        }
+        (known.len(), lost)
+    }
+
+    #[test]
+    fn no_order_of_steps_lets_the_owner_of_a_doorbell_sleep_over_a_message() {
+        let (moments, lost) = explore(true);
+        assert!(moments > 10_000, "{moments}");
+        assert_eq!(lost, 0, "of {moments}");
+        // With one count a ringer that is held up after it may take a sleep away that it does not end.
+        assert!(explore(false).1 > 0);
     }
 }
