@@ -1,7 +1,12 @@
 //! The launcher's side of all topics.
 
+use std::fs::DirEntry;
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::PathBuf;
 use std::time::Duration;
 
+use iceoryx2::identifiers::UniqueNodeId;
+use iceoryx2::node::NodeView as _;
 use iceoryx2::prelude::*;
 use shared_types::Topic;
 use shared_types::topics::{self, Each, TOPICS, wire_hash};
@@ -13,6 +18,9 @@ use crate::bus::retainer::Retainer;
 use crate::control_page::ControlPage;
 use crate::manifest::Manifest;
 use crate::run_dir::RunDir;
+
+/// How long to wait for a further thread of this process that clears away at the same time: iceoryx2 admits one.
+const CLEAR_LIMIT: Duration = Duration::from_millis(100);
 
 /// The launcher's side: makes every topic of the run, keeps the last messages of each, and clears away what a dead process left in them.
 pub struct Hub {
@@ -107,16 +115,29 @@ impl Hub {
         if let Err(error) = self.hand_over() {
             tracing::warn!("{error}");
         }
-        let (cleared, failed): (Vec<_>, Vec<_>) =
-            dead.into_iter().map(|view| view.blocking_remove_stale_resources(Duration::ZERO)).partition(Result::is_ok);
-        match failed.len() {
-            0 => Ok(cleared.len() as u64),
-            failed => Err(TopicError::Node {
-                run: self.node.config().global.prefix.to_string(),
-                reason: format!("{failed} dead processes could not be cleared away"),
-            }),
+        let count = dead.len() as u64;
+        dead.iter().for_each(|view| remove_unfinished_tags(self.node.config(), view.id()));
+        let failures = dead.into_iter().filter_map(|view| {
+            let name = view.details().as_ref().map_or_else(|| "a process that has not joined".to_owned(), |node| node.name().to_string());
+            let failure = view.blocking_remove_stale_resources(CLEAR_LIMIT).err()?;
+            Some(format!("what the dead {name} left is not cleared away ({failure:?})"))
+        });
+        match failures.collect::<Vec<_>>() {
+            failures if failures.is_empty() => Ok(count),
+            failures => Err(TopicError::Node { run: self.node.config().global.prefix.to_string(), reason: failures.join("; ") }),
         }
     }
+}
+
+/// Removes what a process was making in the folder of its node when it died: iceoryx2 lists only what is finished, and then cannot remove the folder.
+fn remove_unfinished_tags(config: &Config, id: &UniqueNodeId) {
+    // Its text is hexadecimal, the folder's name is decimal.
+    let Ok(number) = u128::from_str_radix(&id.to_string(), 16) else { return };
+    let nodes = PathBuf::from(config.global.root_path().to_string()).join(config.global.node.directory.to_string());
+    let entries = std::fs::read_dir(nodes.join(number.to_string())).into_iter().flatten().flatten();
+    // Finished ones cannot be written to.
+    let is_unfinished = |entry: &DirEntry| entry.metadata().is_ok_and(|file| file.is_file() && file.permissions().mode() & 0o200 != 0);
+    entries.filter(is_unfinished).for_each(|entry| drop(std::fs::remove_file(entry.path())));
 }
 
 /// A topic's name decides its message.
