@@ -174,8 +174,12 @@ fn a_budget_that_is_spent_ends_the_run_with_a_sentence() {
     desk.file("s.toml", &scenario(&(0..6).map(kills).collect::<String>()));
     let said = desk.armplane(&["run", "s.toml", "--out", "r"]);
     assert_eq!(said.code, 1);
-    assert!(said.err.contains("controller") && said.err.contains("after 5 restarts, all that its budget allows"), "{}", said.err);
+    assert!(said.err.contains("at tick 600 after 5 restarts, all that its budget allows"), "{}", said.err);
     assert_nothing_left(said.launcher);
+    // The tick is that of the last death, wherever the plan lists it.
+    desk.file("s.toml", &scenario(&(0..6).map(|k| kills((k + 5) % 6)).collect::<String>()));
+    let said = desk.armplane(&["run", "s.toml", "--out", "r"]);
+    assert!(said.code == 1 && said.err.contains("controller") && said.err.contains("at tick 600 after 5 restarts"), "{}", said.err);
 }
 
 #[test]

@@ -146,7 +146,8 @@ impl Supervised {
         };
         let ends = || self.control_page.fault_table().records().map(|(_, account)| account).filter(has_ended);
         let is_listed = ends().count() >= self.control_page.process(index).incarnation() as usize;
-        if is_listed { ends().last().map(|account| account.scheduled.at) } else { None }
+        // The table has the planned ones first, and in the order of the plan: the last end is the one that has come about last.
+        if is_listed { ends().max_by_key(|account| account.injected_ns).map(|account| account.scheduled.at) } else { None }
     }
 
     /// Where a death has left the outputs of a process: the first tick that is not whole, and how many messages of it have left.
