@@ -307,6 +307,9 @@ pub struct RecorderSummary {
     pub messages: u64,
     /// Messages known to be lost (gaps in the ticks).
     pub lost: u64,
+    /// Ticks given to the recording, those too that not every process answered: with deaths of processes more than `ticks`.
+    #[serde(default)]
+    pub rows: u64,
     /// Size of the recording, all parts; bytes.
     pub bytes: u64,
     /// The recording's first part, relative to `summary.json`; empty without one.

@@ -257,3 +257,26 @@ fn a_recording_that_lacks_something_is_said_to() {
     let said = desk.armplane(&["view", "run"]);
     assert!(said.code == 2 && said.err.contains("0 of ") && !said.err.contains("--no-record"), "{}", said.err);
 }
+
+#[test]
+fn ticks_without_an_answer_of_a_dead_process_are_rows_of_the_recording() {
+    let desk = Desk::new();
+    let fault = "fault=[{process=\"estimator\", kind=\"kill\", at_tick=500}]";
+    let summary = desk.run(&[&SHORT[..], &["--set", fault, "--out", "run"]].concat());
+    let (ticks, rows) = (summary["ticks"].as_u64().expect("a number"), summary["recorder"]["rows"].as_u64().expect("a number"));
+    assert_eq!((rows, summary["topics"]["sensor"]["count"].as_u64()), (ticks + 100, Some(rows)), "the estimator is away for 100 ticks");
+    let path = desk.path().join("run/run.rrd");
+    let whole = std::fs::read(&path).expect("bytes");
+    std::fs::write(&path, &whole[..whole.len() - 1]).expect("room");
+    for command in ["export", "report"] {
+        let said = desk.armplane(&[command, "run"]);
+        assert!(said.code == 1 && said.err.contains(&format!("{rows} of {rows} rows")), "{command}: {}", said.err);
+    }
+    // A recorder that is killed counts on, and one whose volume is full.
+    for (name, kind) in [("killed", "kill"), ("full", "disk-full")] {
+        let more = fault.replace(']', &format!(", {{process=\"recorder\", kind=\"{kind}\", at_tick=900}}]"));
+        let said = desk.armplane(&[&["run", "--json"], &SHORT[..], &["--set", &more, "--out", name]].concat());
+        let summary: serde_json::Value = serde_json::from_str(&said.out).expect("a summary");
+        assert_eq!(summary["recorder"]["rows"].as_u64(), Some(rows), "{name}: {}", summary["recorder"]);
+    }
+}

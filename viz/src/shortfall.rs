@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use shared_types::summary::Summary;
 
 use crate::read::{Piece, ReadError, ReadNews, read};
-use crate::recording::{is_complete, parts_in};
+use crate::recording::{bytes_in, is_complete, parts_in};
 
 /// The rows and damages found while a recording is read.
 #[derive(Clone, Debug, Default)]
@@ -41,8 +41,8 @@ impl Reading {
             causes.push(format!("{} has no end", part.display()));
         }
         if let Some(run) = run {
-            let bytes: u64 = parts.iter().filter_map(|part| std::fs::metadata(part).ok()).map(|file| file.len()).sum();
-            let is_short = self.rows < run.ticks;
+            let bytes = bytes_in(parts);
+            let is_short = self.rows < run.recorder.rows;
             if bytes < run.recorder.bytes {
                 causes.push(format!("there are {bytes} of the {} bytes that the recorder wrote", run.recorder.bytes));
             }
@@ -54,7 +54,7 @@ impl Reading {
                 causes.push("a part of its bytes is passed over".to_owned());
             }
         }
-        (!causes.is_empty()).then(|| Shortfall { rows: self.rows, of: run.map(|run| run.ticks), causes })
+        (!causes.is_empty()).then(|| Shortfall { rows: self.rows, of: run.map(|run| run.recorder.rows), causes })
     }
 }
 

@@ -126,6 +126,8 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
         if tape.result.error.is_empty() {
             tape.result.error = past.result.error;
         }
+        // Those since then come again.
+        tape.result.rows = past.result.rows;
         (judge, fault_reporter) = (past.judge, FaultReporter::resume(past.reported));
     }
     let logs = Logs::of(job);

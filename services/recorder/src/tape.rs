@@ -94,6 +94,8 @@ impl Tape {
 
     /// Adds a tick; what is missing of it is left out.
     pub fn tick(&mut self, row: &Row) {
+        // Those for which there is no room any more count too: they are what the recording lacks.
+        self.result.rows += 1;
         let Some(recording) = &mut self.recording else { return };
         self.next_tick = row.tick + 1;
         let row = TickRow::new(row.tick, row.messages().lent());
@@ -166,8 +168,7 @@ impl Tape {
     /// Parts and bytes that can be read, a predecessor's too.
     fn kept(&self) -> (u32, u64) {
         let parts = viz::parts_in(&self.folder);
-        let bytes = parts.iter().filter_map(|part| std::fs::metadata(part).ok()).map(|file| file.len()).sum();
-        (parts.len() as u32, bytes)
+        (parts.len() as u32, viz::bytes_in(&parts))
     }
 
     /// Ends the recording.

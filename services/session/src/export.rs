@@ -68,7 +68,7 @@ pub fn export(run: &Run, format: ExportFormat, out: &Path, observer: Observer<'_
             let slides = messages.as_ref().map_or(Vec::new(), |stored| stored.slides.clone());
             let steered = messages.as_ref().is_ok_and(|stored| stored.steered);
             let lent = messages.as_mut().ok().map(|stored| stored as &mut dyn Messages);
-            let ticks = run.summary().map_or(0, |summary| summary.ticks);
+            let ticks = run.summary().map_or(0, |summary| summary.recorder.rows);
             observer(Progress::Begin { title: "export", length: ticks, unit: "rows" });
             let written = viz::export(Exported { parts, messages: lent, slides: &slides, steered }, format, out, &mut |news| {
                 reading.add(news);
@@ -79,7 +79,7 @@ pub fn export(run: &Run, format: ExportFormat, out: &Path, observer: Observer<'_
             observer(Progress::End);
             let (summary, defect) = match run.summary_if_any() {
                 Ok(summary) => (summary, None),
-                Err(error) => (None, Some(error.to_string())),
+                Err(defect) => (None, Some(defect)),
             };
             damage = match messages {
                 Ok(stored) => stored.rows.damage(summary.as_ref()),
@@ -123,10 +123,10 @@ impl Unread {
 
 impl StoredMessages {
     fn open(run: &Run) -> Result<Self, Unread> {
-        if run.parts != viz::parts_in(&run.folder) {
+        if !run.is_own() {
             return Err(Unread::NotKept("the recording has been given a name of its own; export its run's folder"));
         }
-        let job = run.job().map_err(Unread::defect)?;
+        let job = run.read_job().map_err(Unread::Defect)?;
         if !job.messages {
             return Err(Unread::NotKept("it was run with --no-messages"));
         }
@@ -161,7 +161,7 @@ pub(crate) fn complete(folder: &Path, summary: &mut Summary, observer: Observer<
         }
     }
     if !summary.recorder.file.is_empty() {
-        summary.recorder.bytes = parts.iter().filter_map(|part| std::fs::metadata(part).ok()).map(|file| file.len()).sum();
+        summary.recorder.bytes = viz::bytes_in(&parts);
         let Summary { recorder, .. } = summary;
         if !recorder.error.is_empty() && recorder.bytes > 0 {
             // Nothing is written into them any more.

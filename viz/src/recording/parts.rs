@@ -18,6 +18,12 @@ pub fn parts_in(folder: &Path) -> Vec<PathBuf> {
     parts.filter(|path| !is_blank(path)).collect()
 }
 
+/// What files of a recording take on the volume; bytes. One that is gone takes nothing.
+#[must_use]
+pub fn bytes_in(parts: &[PathBuf]) -> u64 {
+    parts.iter().filter_map(|part| std::fs::metadata(part).ok()).map(|file| file.len()).sum()
+}
+
 /// Whether a file is empty, or no more than the head of a recording and the message that names it: less than 150 bytes, where a chunk has 600 and more.
 pub(super) fn is_blank(path: &Path) -> bool {
     const HEAD: usize = 512;
