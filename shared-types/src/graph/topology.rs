@@ -4,11 +4,11 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-use crate::fault::{Target, corrupted_topic};
+use crate::fault::{Kind, Target, corrupted_topic};
 use crate::layout::{DeclaredTopic, MessageLayout};
 use crate::process::{Process, Role};
 use crate::topics::{self, Each, Topic};
-use crate::wire::MAX_HOPS;
+use crate::wire::{Field, MAX_HOPS};
 
 /// A process graph.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -69,6 +69,13 @@ impl Graph {
     /// The messages that only this graph knows.
     pub fn own_messages(&self) -> impl Iterator<Item = MessageLayout> + '_ {
         self.topic.iter().filter_map(|declared| declared.layout().ok())
+    }
+
+    /// Whether a fault of this kind can happen to a process: its part takes it, and to be corrupted it sends a number.
+    #[must_use]
+    pub fn takes(&self, kind: Kind, process: &Process) -> bool {
+        let sends_number = || self.target(&process.name).is_some_and(|target| target.fields.iter().any(Field::is_number));
+        kind.suits(process) && (kind != Kind::Corrupt || sends_number())
     }
 
     /// The process that a fault happens to.

@@ -19,7 +19,7 @@ impl Only {
     /// Where no process of the graph has this cell: the processes that this kind of fault applies to.
     pub(super) fn remedy(&self, graph: &Graph) -> String {
         let names: Vec<&str> =
-            graph.process.iter().filter(|process| self.kind.suits(process)).map(|process| process.name.as_str()).collect();
+            graph.process.iter().filter(|process| graph.takes(self.kind, process)).map(|process| process.name.as_str()).collect();
         format!("`{}` can happen to {}", self.kind, names.join(", "))
     }
 
@@ -54,7 +54,7 @@ pub(super) struct Terms<'a> {
 pub(super) fn plans(terms: &Terms<'_>, only: Option<&Only>, pairs: u32) -> Vec<Plan> {
     let mut singles = Vec::new();
     for process in &terms.graph.process {
-        for &kind in Kind::ALL.iter().filter(|kind| kind.suits(process)) {
+        for &kind in Kind::ALL.iter().filter(|kind| terms.graph.takes(**kind, process)) {
             let ways: Vec<_> = kind.ways().map(Some).collect();
             for way in if ways.is_empty() { vec![None] } else { ways } {
                 singles.push(Fault { way, ..Fault::new(&process.name, kind) });
@@ -92,6 +92,22 @@ pub(super) fn plans(terms: &Terms<'_>, only: Option<&Only>, pairs: u32) -> Vec<P
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn every_cell_of_every_graph_can_be_scheduled() {
+        let robot = Robot::builtin("puma560").unwrap();
+        for is_steered in [false, true] {
+            let graph = Graph::built_in(is_steered).unwrap();
+            let plans = plans(&Terms { graph: &graph, seed: 1, span: 1000, robot: &robot }, None, 200);
+            for fault in plans.iter().flatten() {
+                let target = graph.target(&fault.process).unwrap();
+                assert!(fault.schedule(&target, 1000, 1).is_ok(), "{fault}: {:?}", fault.schedule(&target, 1000, 1));
+            }
+            let has = |process: &str, kind: Kind| plans.iter().flatten().any(|fault| fault.process == process && fault.kind == kind);
+            assert!(has("plant", Kind::Corrupt) && has("controller", Kind::Corrupt));
+            assert_eq!((has("operator", Kind::Kill), has("operator", Kind::Corrupt)), (is_steered, false), "its targets have no number");
+        }
+    }
 
     #[test]
     fn a_cell_is_named_by_process_kind_and_way() {

@@ -270,7 +270,7 @@ impl FaultDraw {
 fn every(graph: &Graph) -> Vec<Act> {
     let mut acts = Vec::new();
     for process in &graph.process {
-        for &kind in Kind::ALL.iter().filter(|kind| kind.suits(process)) {
+        for &kind in Kind::ALL.iter().filter(|kind| graph.takes(**kind, process)) {
             let ways: Vec<_> = kind.ways().map(Some).collect();
             let ways = if ways.is_empty() { vec![None] } else { ways };
             acts.extend(ways.into_iter().map(|way| Act::Fault(Fault { way, ..Fault::new(&process.name, kind) })));
