@@ -55,7 +55,7 @@ fn recover_says_which_log_is_damaged_and_what_that_costs() {
     assert!(said.code == 1 && said.err.contains(&format!("the results are not whole: {sentence}")), "{}", said.err);
     assert_eq!(again["topics"]["sensor"]["count"].as_u64().unwrap() + 128, whole["topics"]["sensor"]["count"].as_u64().unwrap());
     assert_eq!(again["topics"]["torque"], whole["topics"]["torque"], "the other logs are whole");
-    for command in [&["export", "r"][..], &["replay", "r", "--process", "estimator"]] {
+    for command in [&["export", "r"][..], &["report", "r"], &["replay", "r", "--process", "estimator"]] {
         let said = desk.armplane(command);
         assert!(
             said.code == 1 && (said.err.clone() + &said.out).contains("sensor.log is damaged"),
@@ -153,6 +153,10 @@ fn blocks_that_are_missing_repeated_exchanged_or_of_another_run_are_named_by_eac
         let is_whole_log = clause.contains("is the log of another") || clause.contains("renamed") || clause.contains("missing or empty");
         let expected = if is_whole_log { "messages/sensor.log" } else { &*clause };
         assert!(said.code == 1 && said.err.contains(expected), "{clause}: {}: {}", said.code, said.err);
+        let said = desk.armplane(&["report", "r"]);
+        assert!(said.code == 1 && said.err.contains(&clause) && said.err.lines().count() == 1, "{clause}: {}: {}", said.code, said.err);
+        let page = std::fs::read_to_string(run.join("report.html")).unwrap();
+        assert!(page.contains(&format!("<p class=\"bad\">{clause}")), "the page says it, too: {clause}");
         as_of_a_killed_launcher(&run);
         let said = desk.armplane(&["replay", "r", "--process", "estimator"]);
         assert!(said.code == 1 && (said.out + &said.err).contains(&clause), "{clause}: of a killed launcher");
@@ -229,4 +233,53 @@ fn a_recording_that_a_full_volume_ends_is_in_the_exit_code() {
         said.err
     );
     assert_nothing_left(said.launcher);
+}
+
+#[test]
+fn a_run_without_its_job_or_its_summary_is_told_with_a_remedy_that_helps() {
+    let desk = Desk::new();
+    desk.file("short.toml", SHORT);
+    desk.run(&["short.toml", "--out", "r"]);
+    let run = desk.path().join("r");
+    let kept = ["job.json", "summary.json", "scenario.toml"].map(|name| (run.join(name), std::fs::read(run.join(name)).unwrap()));
+    let restore = || {
+        for (path, bytes) in &kept {
+            let _ = std::fs::remove_file(path).or_else(|_| std::fs::remove_dir(path));
+            std::fs::write(path, bytes).unwrap();
+        }
+    };
+    let said = |command: &str, codes: &[i32], defect: &str, remedy: &str| {
+        let said = desk.armplane(&[command, "r"]);
+        let sentence = said.err.lines().last().unwrap_or_default();
+        assert!(codes.contains(&said.code), "{command}: {}: {}", said.code, said.err);
+        assert!(sentence.contains(defect) && sentence.ends_with(remedy), "{command}: {sentence}\n{defect}\n{remedy}");
+    };
+    let again = "; `armplane run r/scenario.toml` makes the run again";
+    let pipe = |name: &str| {
+        std::fs::remove_file(run.join(name)).unwrap();
+        assert!(std::process::Command::new("mkfifo").arg(run.join(name)).status().unwrap().success());
+    };
+    std::fs::remove_file(run.join("job.json")).unwrap();
+    ["report", "export", "replay"].iter().for_each(|command| said(command, &[1, 2], "r has no job.json", again));
+    restore();
+    pipe("job.json");
+    let defect = "r/job.json: it is a named pipe, not a regular file";
+    ["report", "export", "replay"].iter().for_each(|command| said(command, &[1, 2], defect, again));
+    // What a killed launcher leaves: no scenario, and no summary.
+    std::fs::remove_file(run.join("summary.json")).unwrap();
+    std::fs::remove_file(run.join("scenario.toml")).unwrap();
+    said("recover", &[2], defect, "; run its scenario again");
+    restore();
+    std::fs::remove_file(run.join("summary.json")).unwrap();
+    said("report", &[2], "r has no summary.json", "`armplane recover r` makes it from its messages");
+    restore();
+    pipe("summary.json");
+    said("report", &[2], "it is a named pipe", "remove r/summary.json, and `armplane recover r` makes it from its messages");
+    let refused = desk.armplane(&["recover", "r"]);
+    assert!(refused.code == 2 && refused.err.contains("remove it, and recover the run again"), "{}", refused.err);
+    std::fs::remove_file(run.join("summary.json")).unwrap();
+    assert_eq!(desk.armplane(&["recover", "r"]).code, 0);
+    std::fs::create_dir(desk.path().join("none")).unwrap();
+    let said = desk.armplane(&["replay", "none"]);
+    assert!(said.code == 2 && said.err.contains("none is not the folder of a run (it has no job.json): give the folder"), "{}", said.err);
 }

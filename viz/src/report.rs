@@ -19,7 +19,7 @@ use shared_types::summary::{Machine, Summary};
 use crate::blueprint::{ACROSS, ALONG, JOINTS};
 use crate::plot::{Axis, Color, PlotError, RED, digits, numbered};
 use crate::read::ReadError;
-use crate::shortfall::{Reading, Shortfall};
+use crate::shortfall::Reading;
 use crate::signals::Signal;
 use crate::tint::ink;
 use drawing::Named;
@@ -46,18 +46,20 @@ pub enum ReportError {
 pub struct Report {
     /// HTML.
     pub text: String,
-    /// The shortfall of its recording; the page says it, too.
-    pub shortfall: Option<Shortfall>,
+    /// Clauses: the shortfall of its recording, and the damage of its messages; the page says them, too.
+    pub lacks: Vec<String>,
 }
 
-/// The page of a run; `parts` are its recording's files, none where there is no recording. Errors name `path`, where the page shall go.
+/// The page of a run; `parts` are its recording's files, none where there is no recording, `damage` what its message logs lack, in clauses. Errors name
+/// `path`, where the page shall go.
 ///
 /// # Errors
 /// [`ReportError`] where the recording cannot be read or a plot not be drawn.
-pub fn report(summary: &Summary, job: &Job, parts: &[PathBuf], path: &Path) -> Result<Report, ReportError> {
+pub fn report(summary: &Summary, job: &Job, parts: &[PathBuf], damage: &[String], path: &Path) -> Result<Report, ReportError> {
     let mut reading = Reading::default();
     let recorded = &Recorded::read(parts, summary, &mut reading)?;
-    let shortfall = reading.shortfall(parts, Some(summary));
+    let shortfall = reading.shortfall(parts, Some(summary)).map(|shortfall| shortfall.to_string());
+    let lacks: Vec<String> = shortfall.into_iter().chain(damage.iter().cloned()).collect();
     let mut page = Html::default();
     let title = if job.scenario.title.is_empty() { &summary.scenario } else { &job.scenario.title };
     let title = escaped(title);
@@ -77,8 +79,8 @@ pub fn report(summary: &Summary, job: &Job, parts: &[PathBuf], path: &Path) -> R
     if !job.scenario.about.is_empty() {
         page.add(format_args!("<p>{}</p>", escaped(&job.scenario.about)));
     }
-    if let Some(shortfall) = &shortfall {
-        page.add(format_args!("<p class=\"bad\">{}</p>", escaped(&shortfall.to_string())));
+    for lack in &lacks {
+        page.add(format_args!("<p class=\"bad\">{}</p>", escaped(lack)));
     }
     let singularities = Named::all(&recorded.singularities);
     let RobotText { name, description, urdf } = job.robot.clone();
@@ -107,7 +109,7 @@ pub fn report(summary: &Summary, job: &Job, parts: &[PathBuf], path: &Path) -> R
         stage.script(&mut page);
     }
     page.add(format_args!("</body></html>"));
-    Ok(Report { text: page.text, shortfall })
+    Ok(Report { text: page.text, lacks })
 }
 
 fn tables(page: &mut Html, summary: &Summary) {

@@ -21,12 +21,8 @@ pub(crate) struct ReportArgs {
 
 pub(crate) fn report(args: &ReportArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let run = Run::find(args.run.as_deref())?;
-    let (summary, job) = (run.summary()?, run.job()?);
     let path = args.out.clone().unwrap_or_else(|| run.folder.join("report.html"));
-    let viz::Report { text, shortfall } = viz::report(&summary, &job, &run.parts, &path).map_err(|error| match error {
-        viz::ReportError::Read(error) => Failure::Input(run.with_remedy(&error)),
-        other => Failure::work(other),
-    })?;
+    let session::Page { text, shortfall } = session::report(&run, &path)?;
     std::fs::write(&path, &text)
         .map_err(|error| Failure::Work(format!("cannot write {}: {error}; name another file with --out", path.display())))?;
     if as_json {
@@ -34,5 +30,5 @@ pub(crate) fn report(args: &ReportArgs, as_json: bool) -> Result<ExitCode, Failu
     } else {
         say!("{}  {}; open it with any browser", path.display(), size(text.len() as u64));
     }
-    shortfall.map_or(Ok(ExitCode::SUCCESS), |shortfall| Err(Failure::Work(run.with_remedy(&shortfall))))
+    shortfall.map_or(Ok(ExitCode::SUCCESS), |shortfall| Err(Failure::Work(shortfall)))
 }

@@ -99,12 +99,28 @@ impl Source {
     /// # Errors
     /// [`Failure::Input`] where it cannot be read or is no list of targets.
     pub fn read_targets(&self, scenario: &mut Scenario) -> Result<(), Failure> {
+        match self.targets_file(scenario) {
+            Some(path) => self.give_targets(scenario, read(&path)?),
+            None => Ok(()),
+        }
+    }
+
+    /// The file of a steered run's targets, where the scenario names one that has not been read.
+    #[must_use]
+    pub fn targets_file(&self, scenario: &Scenario) -> Option<PathBuf> {
+        let session = scenario.servo.as_ref().filter(|session| !session.input.is_empty() && session.targets.is_empty())?;
+        Some(self.beside(&session.input))
+    }
+
+    /// Gives a steered run the text of the file that its scenario names.
+    ///
+    /// # Errors
+    /// [`Failure::File`] where it is no list of targets.
+    pub fn give_targets(&self, scenario: &mut Scenario, text: String) -> Result<(), Failure> {
         let rate_hz = scenario.rate_hz;
-        let Some(session) = scenario.servo.as_mut().filter(|session| !session.input.is_empty() && session.targets.is_empty()) else {
-            return Ok(());
-        };
+        let Some(session) = &mut scenario.servo else { return Ok(()) };
         let path = self.beside(&session.input);
-        session.targets = read(&path)?;
+        session.targets = text;
         let located = |error: InvalidRow| Failure::File(error.in_file(&path.display().to_string(), &session.targets).into());
         target_file::parse(&session.targets, rate_hz).map(drop).map_err(located)
     }

@@ -39,18 +39,22 @@ const FAULTS_BYTES: usize = 32 * 1024;
 
 /// The remedies for a results folder that cannot be used.
 struct Remedies {
+    /// Files of the run that are only read there: a reader that finds one of them irregular says so itself.
+    is_read: &'static [&'static str],
     busy: &'static str,
     irregular: &'static str,
     unwritable: &'static str,
 }
 
 const FOR_A_RUN: Remedies = Remedies {
+    is_read: &[],
     busy: "choose another folder with --out",
     irregular: "remove it, or choose another folder with --out",
     unwritable: "choose another folder with --out",
 };
 
 const FOR_A_RECOVERY: Remedies = Remedies {
+    is_read: &[JOB],
     busy: "wait for its end",
     irregular: "remove it, and recover the run again",
     unwritable: "make it writable, or recover a copy of the folder",
@@ -109,7 +113,7 @@ impl Results {
         };
         let folder = folder.canonicalize().map_err(|error| remedies.unusable(folder, &error))?;
         let results = Self { folder, made, has_reserve: Cell::new(false), _lock: lock };
-        if let Some(path) = results.irregular() {
+        if let Some(path) = results.irregular(remedies.is_read) {
             let path = path.display();
             return Err(Failure::Input(format!("{path} has the name of a result and is not an ordinary file: {}", remedies.irregular)));
         }
@@ -120,8 +124,10 @@ impl Results {
     }
 
     /// A link, pipe, device or folder in the folder that has the name of a result: what is written there would go elsewhere, or wait for a reader.
-    fn irregular(&self) -> Option<PathBuf> {
-        let is_ours = |name: &str| KEPT.contains(&name) || [".rrd", ".log", ".reserved", ".tmp"].iter().any(|end| name.ends_with(end));
+    fn irregular(&self, is_read: &[&str]) -> Option<PathBuf> {
+        let is_ours = |name: &str| {
+            KEPT.contains(&name) && !is_read.contains(&name) || [".rrd", ".log", ".reserved", ".tmp"].iter().any(|end| name.ends_with(end))
+        };
         let here = [self.folder.clone(), self.folder.join(recorder::MESSAGES)];
         let mut entries = here.iter().filter_map(|folder| std::fs::read_dir(folder).ok()).flatten().flatten();
         let found = entries.find(|entry| {

@@ -3,6 +3,7 @@
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
+use recorder::{MESSAGES, MessageRows};
 use shared_types::job::{JOB, Job};
 use shared_types::summary::Summary;
 use viz::Reading;
@@ -89,7 +90,7 @@ impl Run {
     #[must_use]
     pub fn with_remedy(&self, lack: &impl Display) -> String {
         let folder = self.folder.display();
-        let remedy = if !self.parts.is_empty() && self.parts != viz::parts_in(&self.folder) {
+        let remedy = if !self.parts.is_empty() && !self.is_own() {
             "the folder of its run may have the whole one".to_owned()
         } else if self.folder.join(SCENARIO).exists() {
             self.again()
@@ -113,18 +114,20 @@ impl Run {
     /// # Errors
     /// [`Failure::Input`] where it cannot be read.
     pub fn summary(&self) -> Result<Summary, Failure> {
-        self.json(SUMMARY)
+        self.json(SUMMARY).map_err(|defect| {
+            let path = self.folder.join(SUMMARY);
+            let first = if self.has(SUMMARY) && !path.is_file() { format!("remove {}, and ", path.display()) } else { String::new() };
+            let remedy = format!("where the run has ended, {first}`armplane recover {}` makes it from its messages", self.folder.display());
+            Failure::Input(format!("{defect}; {remedy}"))
+        })
     }
 
     /// The run's summary, where there is one: the launcher may have been killed before.
     ///
     /// # Errors
-    /// [`Failure::Input`] where it is there and cannot be read.
-    pub fn summary_if_any(&self) -> Result<Option<Summary>, Failure> {
-        match std::fs::symlink_metadata(self.folder.join(SUMMARY)) {
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
-            _ => self.summary().map(Some),
-        }
+    /// A clause, where it is there and cannot be read.
+    pub fn summary_if_any(&self) -> Result<Option<Summary>, String> {
+        if self.has(SUMMARY) { self.json(SUMMARY).map(Some) } else { Ok(None) }
     }
 
     /// The run's job.
@@ -132,23 +135,47 @@ impl Run {
     /// # Errors
     /// [`Failure::Input`] where it cannot be read or is invalid.
     pub fn job(&self) -> Result<Job, Failure> {
+        let folder = self.folder.display();
+        if ![JOB, SUMMARY, MESSAGES].iter().any(|name| self.has(name)) {
+            let remedy = format!("give the folder that `armplane run` named, such as {RUNS}/fig5-wrist-rotation-001");
+            return Err(Failure::Input(format!("{folder} is not the folder of a run (it has no {JOB}): {remedy}")));
+        }
+        self.read_job().map_err(|defect| Failure::Input(format!("{defect}; {}", self.again())))
+    }
+
+    /// As [`job`](Self::job), where it cannot be read with a clause.
+    pub(crate) fn read_job(&self) -> Result<Job, String> {
         let job: Job = self.json(JOB)?;
-        job.check().map_err(|complaint| Failure::Input(format!("{}: {complaint}", self.folder.join(JOB).display())))?;
+        job.check().map_err(|complaint| format!("{}: {complaint}", self.folder.join(JOB).display()))?;
         Ok(job)
     }
 
-    fn json<T: serde::de::DeserializeOwned>(&self, name: &str) -> Result<T, Failure> {
+    /// The message logs of the run that are not as they were written, or do not hold what its summary counts: a clause for each; none where it kept none.
+    #[must_use]
+    pub fn message_damage(&self, job: &Job, summary: Option<&Summary>) -> Vec<String> {
+        match MessageRows::open_left(&self.folder.join(MESSAGES), job) {
+            _ if !job.messages => Vec::new(),
+            Ok(rows) => rows.damage(summary),
+            Err(error) => vec![error.to_string()],
+        }
+    }
+
+    /// Whether the recording is the one of the folder's run, and not one that has been given a name of its own.
+    pub(crate) fn is_own(&self) -> bool {
+        self.parts == viz::parts_in(&self.folder)
+    }
+
+    fn has(&self, name: &str) -> bool {
+        std::fs::symlink_metadata(self.folder.join(name)).is_ok()
+    }
+
+    fn json<T: serde::de::DeserializeOwned>(&self, name: &str) -> Result<T, String> {
         let path = self.folder.join(name);
-        let text = files::read(&path)
-            .map_err(|error| Failure::Input(format!("cannot read {}: {error}; name the folder of a run that has ended", path.display())))?;
-        serde_json::from_slice(&text).map_err(|error| {
-            let (path, folder) = (path.display(), self.folder.display());
-            let remedy = match name {
-                SUMMARY => format!("`armplane recover {folder}` makes it anew from the run's messages"),
-                _ => "run the scenario again".to_owned(),
-            };
-            Failure::Input(format!("{path} is not what `armplane run` wrote: {error}; {remedy}"))
-        })
+        if !self.has(name) {
+            return Err(format!("{} has no {name}", self.folder.display()));
+        }
+        let text = files::read(&path).map_err(|error| format!("cannot read {}: {error}", path.display()))?;
+        serde_json::from_slice(&text).map_err(|error| format!("{} is not what `armplane run` wrote: {error}", path.display()))
     }
 }
 

@@ -1,12 +1,10 @@
 //! The recorded inputs of a run, fed to the step of one process again.
 
 use std::collections::BTreeMap;
-use std::io::ErrorKind;
 use std::path::Path;
 
 use message_log::{Difference, LogError, LogReader, Logs};
 use model::{Refused, Robot};
-use recorder::MessageRows;
 use runtime::apply_to_outgoing;
 use session::{Failure, JOB, Observer, Progress, Run, SUMMARY, load};
 use shared_types::codes::{DRIVE_ABSENT, DRIVE_ENCODER, DRIVE_STALE};
@@ -61,7 +59,8 @@ impl Replayed {
 /// # Errors
 /// [`Failure`] where the run wrote no messages, cannot be read, has no such process, or the step refuses the scenario.
 pub fn replay(run: &Path, process: Option<&str>, settings: &[String], observer: Observer<'_>) -> Result<(Job, Replayed), Failure> {
-    let job = job(run)?;
+    let found = Run { folder: run.to_owned(), parts: Vec::new() };
+    let job = found.job()?;
     if !job.messages {
         let run = run.display();
         return Err(Failure::Input(format!(
@@ -71,23 +70,20 @@ pub fn replay(run: &Path, process: Option<&str>, settings: &[String], observer: 
     let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
     let scenario = with_settings(&job.scenario, settings)?;
     let is_asked = |one: &Process| process.map_or(one.program() == Some(Program::Controller), |name| one.name == name);
-    let found = job.graph.process.iter().find(|one| is_asked(one)).and_then(|one| Some((one.name.clone(), one.program()?)));
-    let Some((name, program)) = found else { return Err(no_step(process.unwrap_or("controller"), &job, run)) };
+    let asked = job.graph.process.iter().find(|one| is_asked(one)).and_then(|one| Some((one.name.clone(), one.program()?)));
+    let Some((name, program)) = asked else { return Err(no_step(process.unwrap_or("controller"), &job, run)) };
     // One that is there and cannot be read is a defect of the run, as a log is.
-    let (summary, defect) = match (Run { folder: run.to_owned(), parts: Vec::new() }).summary_if_any() {
+    let (summary, defect) = match found.summary_if_any() {
         Ok(summary) => (summary, None),
-        Err(error) => (None, Some(error.to_string())),
+        Err(defect) => (None, Some(defect)),
     };
     let scheduled_faults = scheduled_faults(summary.as_ref(), &job, &name)?;
     let is_cut = summary.as_ref().is_none_or(|summary| !summary.completed);
     let folder = run.join(recorder::MESSAGES);
-    let mut damage = match MessageRows::open_left(&folder, &job) {
-        Ok(rows) => rows.damage(summary.as_ref()),
-        Err(error) => vec![error.to_string()],
-    };
+    let mut damage = found.message_damage(&job, summary.as_ref());
     damage.extend(defect);
     let logs = Logs::of(&job);
-    let tape = Tape { folder, run, logs, observer, process: name.clone(), is_cut, damage, scheduled_faults };
+    let tape = Tape { folder, run: &found, logs, observer, process: name.clone(), is_cut, damage, scheduled_faults };
     observer(Progress::Begin { title: &scenario.name, length: scenario.planned_ticks(), unit: "ticks" });
     let refused = |error: Refused| Failure::input(error);
     let replayed = match program {
@@ -128,7 +124,7 @@ pub fn replay(run: &Path, process: Option<&str>, settings: &[String], observer: 
     observer(Progress::End);
     if replayed.topics.iter().all(|topic| topic.messages == 0) && replayed.without_input == 0 {
         if !replayed.damage.is_empty() {
-            return Err(damaged(run, &replayed.damage));
+            return Err(damaged(&found, &replayed.damage));
         }
         let run = run.display();
         return Err(Failure::Input(format!(
@@ -139,8 +135,7 @@ pub fn replay(run: &Path, process: Option<&str>, settings: &[String], observer: 
 }
 
 /// The message logs of a run are not whole.
-fn damaged(run: &Path, damage: &[String]) -> Failure {
-    let run = Run { folder: run.to_owned(), parts: Vec::new() };
+fn damaged(run: &Run, damage: &[String]) -> Failure {
     Failure::Work(format!("{}: {}; {}", run.folder.display(), damage.join("; "), run.again()))
 }
 
@@ -153,25 +148,6 @@ fn no_step(process: &str, job: &Job, run: &Path) -> Failure {
         true => format!("no process of {run} can be replayed: its graph has other programs in the places of armplane's"),
         false => format!("{run} has no process `{process}` that can be replayed: --process takes {}", known.join(", ")),
     })
-}
-
-/// The job of the run.
-fn job(run: &Path) -> Result<Job, Failure> {
-    let path = run.join(JOB);
-    let text = files::read(&path).map_err(|error| {
-        let run = run.display();
-        Failure::Input(match error.kind() {
-            ErrorKind::NotFound => {
-                format!("{run} is not the folder of a run (it has no {JOB}): give the folder that `armplane run` named, such as runs/fig5-wrist-rotation-001")
-            }
-            _ => format!("cannot read {}: {error}", path.display()),
-        })
-    })?;
-    let job: Job = serde_json::from_slice(&text).map_err(|error| {
-        Failure::Input(format!("{} was not written by this version of armplane: {error}; run the scenario again", path.display()))
-    })?;
-    job.check().map_err(|complaint| Failure::Input(format!("{}: {complaint}", path.display())))?;
-    Ok(job)
 }
 
 /// The faults that happened to a process, planned or not: the summary knows of all, and without one (the run was stopped) the plan counts.
@@ -200,7 +176,7 @@ fn with_settings(scenario: &Scenario, settings: &[String]) -> Result<Scenario, F
 /// The kept messages of a run.
 struct Tape<'a> {
     folder: std::path::PathBuf,
-    run: &'a Path,
+    run: &'a Run,
     logs: Logs,
     observer: Observer<'a>,
     /// As in [`Replayed`].
