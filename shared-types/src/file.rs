@@ -1,10 +1,14 @@
 //! Reading TOML that people wrote: every error names the place, what is wrong and what to do.
 
+mod words;
+
 use std::fmt;
 use std::ops::Range;
 
 use serde::de::DeserializeOwned;
 use toml::de::{DeTable, DeValue};
+
+use words::explain;
 
 /// A file that cannot be used, with the place and the remedy.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -117,6 +121,10 @@ impl Complaint {
 pub fn parse<T: DeserializeOwned>(file: &str, text: &str, settings: &[String]) -> Result<T, InvalidFile> {
     let invalid = |error: toml::de::Error| {
         let (message, remedy) = explain(error.message());
+        // An error about a value, and not about the name of a key, which it tells itself.
+        let key =
+            error.span().filter(|_| !message.contains('`') || message.ends_with("does not fit here")).and_then(|span| key_at(text, &span));
+        let message = key.map_or(message.clone(), |key| format!("`{key}`: {message}"));
         InvalidFile { file: file.to_owned(), text: text.to_owned(), span: error.span(), message, remedy }
     };
     if settings.is_empty() {
@@ -155,9 +163,13 @@ fn lay_over(table: &mut toml::Table, setting: &str) -> Result<(), (String, Strin
     };
     let mut keys = path.trim().split('.').peekable();
     let first = keys.next().unwrap_or_default();
-    if keys.peek().is_none() {
+    let Some(second) = keys.peek() else {
         table.insert(first.to_owned(), value);
         return Ok(());
+    };
+    if !table.contains_key(first) && second.parse::<usize>().is_ok() {
+        // An element of a list that the file does not have.
+        return Err(missing(path));
     }
     let mut place = table.entry(first).or_insert_with(|| toml::Value::Table(toml::Table::new()));
     while let Some(key) = keys.next() {
@@ -192,46 +204,6 @@ pub(crate) fn positive(path: &str, value: f64) -> Result<(), Complaint> {
     }
 }
 
-/// serde's message in the words of the file's writer, with its list of expected names turned into advice.
-fn explain(message: &str) -> (String, String) {
-    let message = message.trim();
-    if let Some(field) = message.strip_prefix("missing field ") {
-        return (format!("{field} is missing"), format!("add {} = …", field.trim_matches('`')));
-    }
-    let Some((wrong, expected)) = message.split_once(", expected ") else {
-        return (message.to_owned(), String::new());
-    };
-    let known: Vec<&str> = expected.split('`').skip(1).step_by(2).collect();
-    let written = wrong.split('`').nth(1).unwrap_or_default();
-    if let Some((_, found)) = wrong.split_once("invalid type: ").or_else(|| wrong.split_once("invalid value: ")) {
-        return (format!("{} does not fit here", in_words(found)), format!("it must be {}", in_words(expected)));
-    }
-    match known.iter().map(|name| (strsim::levenshtein(written, name), name)).min() {
-        Some((distance, name)) if distance <= 2 + name.len() / 4 => (wrong.to_owned(), format!("did you mean `{name}`?")),
-        _ => (wrong.to_owned(), format!("expected {expected}")),
-    }
-}
-
-/// A type of the program, as a value in a file.
-fn in_words(expected: &str) -> String {
-    const WORDS: [(&str, &str); 12] = [
-        ("f64", "a number"),
-        ("usize", "a whole number from 0"),
-        ("u64", "a whole number from 0"),
-        ("u32", "a whole number from 0"),
-        ("bool", "true or false"),
-        ("a boolean", "true or false"),
-        ("a string", "text in quotes"),
-        ("string", "the text"),
-        ("integer", "the whole number"),
-        ("floating point", "the number"),
-        ("sequence", "a list"),
-        ("map", "a table"),
-    ];
-    let (word, rest) = WORDS.iter().find_map(|(word, words)| Some((words, expected.strip_prefix(word)?))).unwrap_or((&"", expected));
-    format!("{word}{}", rest.replace("a sequence", "a list").replace("an array of length", "a list of"))
-}
-
 /// Where the value at `path` stands; the nearest enclosing value that exists, else nothing.
 fn span_of(text: &str, path: &str) -> Option<Range<usize>> {
     let document = DeTable::parse(text).ok()?;
@@ -255,6 +227,30 @@ fn span_of(text: &str, path: &str) -> Option<Range<usize>> {
     span
 }
 
+/// Keys within each other that a sentence names.
+const MOST_KEYS: usize = 6;
+
+/// The key of the value that stands at a place in the text, with the keys around it.
+fn key_at(text: &str, place: &Range<usize>) -> Option<String> {
+    /// Looks into each value: a table that has a header of its own does not enclose its values in the text.
+    fn look(value: &DeValue<'_>, place: &Range<usize>) -> Option<String> {
+        let inner = |name: String, value: &toml::Spanned<DeValue<'_>>| match look(value.get_ref(), place) {
+            Some(below) => Some(format!("{name}.{below}")),
+            None => (value.span().start <= place.start && place.end <= value.span().end).then_some(name),
+        };
+        match value {
+            DeValue::Table(table) => table.iter().find_map(|(key, value)| inner(key.get_ref().to_string(), value)),
+            DeValue::Array(items) => items.iter().enumerate().find_map(|(index, value)| inner(index.to_string(), value)),
+            _ => None,
+        }
+    }
+    // As far as it can be read: the text itself may be the defect.
+    let (document, _) = DeTable::parse_recoverable(text);
+    let key = look(&DeValue::Table(document.into_inner()), place)?;
+    // Of values within each other the first few tell which it is.
+    Some(key.match_indices('.').nth(MOST_KEYS - 1).map_or(key.clone(), |(end, _)| key[..end].to_owned()))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -268,6 +264,36 @@ mod tests {
         let error = parse::<Scenario>("a.toml", &text, &[]).unwrap_err();
         assert_eq!(error.line(), Some(6));
         assert_eq!(error.to_string(), "a.toml:6: unknown field `duration` (did you mean `duration_s`?)");
+    }
+
+    #[test]
+    fn a_value_that_does_not_fit_is_named_by_its_key_with_what_is_allowed() {
+        let said = |text: &str| parse::<Scenario>("a.toml", text, &[]).unwrap_err().to_string();
+        let cases = [
+            (
+                TEXT.replace("duration_s = 1.0", "duration_s = true"),
+                "a.toml:6: `segment.0.duration_s`: the value `true` does not fit here (it must be a number)",
+            ),
+            (
+                format!("rate_hz = 5000000000\n{TEXT}"),
+                "a.toml:1: `rate_hz`: the whole number `5000000000` does not fit here (it must be a whole number from 0 to 4294967295)",
+            ),
+            (
+                TEXT.replace("posture = \"ready\"", "q_deg = [1, \"b\"]"),
+                "a.toml:4: `start.q_deg.1`: the text \"b\" does not fit here (it must be a number)",
+            ),
+        ];
+        for (text, sentence) in cases {
+            assert_eq!(said(&text), sentence);
+        }
+        let deep = format!("deep = {}1{}\n{TEXT}", "[".repeat(300), "]".repeat(300));
+        let (nested, large) = (said(&deep), said(&format!("seed = 99999999999999999999\n{TEXT}")));
+        assert!(
+            nested.starts_with("a.toml:1: `deep.0.0.0.0.0`: lists")
+                && nested.ends_with("nested too deeply (at most 80 are within each other)"),
+            "{nested}"
+        );
+        assert!(large.starts_with("a.toml:1: `seed`: the whole number `99999999999999999999` does not fit here (it must be"), "{large}");
     }
 
     #[test]
