@@ -87,6 +87,74 @@ fn a_steered_session_is_swept_and_has_the_bytes_of_five_processes() {
     assert_eq!(run["hashes"]["servo_state"], summary["topics"]["servo_state"]["hash"], "{report}");
 }
 
+#[test]
+fn targets_that_have_changed_are_not_those_of_the_sweep() {
+    let desk = Desk::new();
+    let targets = |speed: u32| {
+        desk.file("targets.csv", &format!("# armplane targets 1, length mm\n0, twist, base, 0.3, {speed} 0 0 0 0 0\n0.3, end\n"));
+    };
+    let scenario = "name = \"steered\"\nrobot = \"puma560\"\n[start]\nposture = \"ready\"\n[servo]\ninput = \"targets.csv\"\n";
+    desk.file("steered.toml", scenario);
+    let file = "name = \"s\"\nscenario = \"steered.toml\"\npartition = 1\n[[key]]\nkey = \"seed\"\nvalues = [1, 2]\n";
+    desk.file("s.toml", file);
+    targets(100);
+    let sweep = |args: &[&str]| desk.armplane(&[&["sweep"], args].concat());
+    let said = sweep(&["s.toml", "--shard", "1/2", "--out", "one"]);
+    assert_eq!(said.code, 0, "{}", said.err);
+    targets(50);
+    let said = sweep(&["s.toml", "--shard", "1/2", "--out", "one"]);
+    assert!(said.code == 2 && said.err.contains("its robot or its targets changed"), "{}", said.err);
+    let said = sweep(&["s.toml", "--shard", "2/2", "--out", "two"]);
+    assert_eq!(said.code, 0, "{}", said.err);
+    let said = sweep(&["--merge", "one", "two", "--out", "whole"]);
+    assert!(said.code == 2 && said.err.contains("different fingerprints"), "{}", said.err);
+    targets(100);
+    let said = sweep(&["s.toml", "--shard", "1/2", "--out", "one", "--json"]);
+    assert!(said.code == 0 && said.out.contains("\"found\":1"), "{}{}", said.out, said.err);
+    // Files that a key lists are read, too.
+    desk.file("other.csv", "time, kind\n");
+    desk.file("s.toml", &file.replace("\"seed\"\nvalues = [1, 2]", "\"servo.input\"\nvalues = [\"targets.csv\", \"nowhere.csv\"]"));
+    let said = sweep(&["s.toml", "--out", "three"]);
+    assert!(said.code == 2 && said.err.contains("s.toml:6: there is no file nowhere.csv"), "{}", said.err);
+}
+
+#[test]
+fn runs_that_come_to_nothing_are_in_the_exit_code() {
+    let desk = desk();
+    let file = |name: &str, keys: &str| sweep_file(&desk, name, keys);
+    let folder = |name: &str| desk.path().join("runs").join(name).display().to_string();
+    // A run that is refused is a row: a range of starts shows where the arm can begin.
+    file("some", "[[key]]\nkey = \"start.q_deg.1\"\nfrom = -500\nto = -60\nsteps = 2\n");
+    let said = desk.armplane(&["sweep", "some.toml"]);
+    assert!(said.code == 0 && said.out.contains("refused    1 of 2 runs, for example: "), "{}{}", said.out, said.err);
+    // Of the listed ones each has a result.
+    file("listed", "[[key]]\nkey = \"start.q_deg.1\"\nvalues = [-500, -60]\n");
+    let said = desk.armplane(&["sweep", "listed.toml", "--json"]);
+    let error: Value = serde_json::from_str(&said.err).unwrap();
+    let (done, sentence): (Value, _) = (serde_json::from_str(&said.out).unwrap(), error["error"]["message"].as_str().unwrap());
+    assert_eq!((said.code, &done["computed"], &done["refused"], &done["failed"]), (1, &1.into(), &1.into(), &0.into()), "{done}");
+    assert!(sentence.contains("no run with start.q_deg.1 = -500 has a result: "), "{sentence}");
+    assert_eq!(tables(&desk.path().join("runs/listed")).len(), 1, "the table is there");
+    assert_eq!(desk.armplane(&["sweep", "listed.toml"]).code, 1, "the same again, from the table");
+    file("none", "[[key]]\nkey = \"start.q_deg.1\"\nfrom = -500\nto = -490\nsteps = 2\n");
+    let said = desk.armplane(&["sweep", "none.toml"]);
+    assert!(said.code == 1 && said.err.contains("no run of 2 has a result: "), "{}", said.err);
+    assert!(said.err.lines().last().unwrap().contains("runs/none"), "{} {}", said.err, folder("none"));
+    // Values of faults that the graph has no process for.
+    let fault = "set = [\"fault=[{process='controller', kind='kill', at_tick=100}]\"]\n";
+    file("fault", &format!("{fault}[[key]]\nkey = \"fault.0.process\"\nvalues = [\"estimator\", \"nobody\"]\n"));
+    let said = desk.armplane(&["sweep", "fault.toml"]);
+    assert!(said.code == 1 && said.err.contains("no run with fault.0.process = nobody has a result: "), "{}", said.err);
+    // A shard is judged when all of them are put together.
+    file("parts", "partition = 1\n[[key]]\nkey = \"start.q_deg.1\"\nvalues = [-500, -60]\n");
+    for shard in ["1", "2"] {
+        let said = desk.armplane(&["sweep", "parts.toml", "--shard", &format!("{shard}/2"), "--out", shard]);
+        assert_eq!(said.code, 0, "{}", said.err);
+    }
+    let said = desk.armplane(&["sweep", "--merge", "1", "2", "--out", "merged"]);
+    assert!(said.code == 1 && said.err.contains("no run with start.q_deg.1 = -500 has a result: "), "{}", said.err);
+}
+
 /// A sweep of runs drawn from `keys`: the command that it gives for each has the same hashes and figures in five processes.
 fn drawn_runs_are_those_of_five_processes(desk: &Desk, keys: &[(&str, &str)], count: usize) {
     let keys: String = keys.iter().map(|(key, values)| format!("[[key]]\nkey = \"{key}\"\n{values}\n")).collect();
@@ -195,6 +263,32 @@ fn a_sweep_that_cannot_be_is_refused_in_a_sentence() {
     refused("[[key]]\nkey = \"control.kp\"\nvalues = [1.0]\n", "did you mean `k_p`?");
     refused("[[key]]\nkey = \"start.q_deg.4\"\nunit = \"rad\"\nvalues = [1.0]\n", "is in °, not in rad");
     refused("[[key]]\nkey = \"start.q_rad\"\nvalues = [[0.0]]\n", "given 2 times");
+    let seed = "[[key]]\nkey = \"seed\"\n";
+    for (more, expected) in [
+        ("fault = 1\n".to_owned(), "unknown field `fault`"),
+        (
+            format!("{seed}values = [99999999999999999999]\n"),
+            "bad.toml:5: `key.0.values.0`: the whole number `99999999999999999999` does not",
+        ),
+        (format!("{seed}from = 0\nto = 1e300\nsteps = 3\n"), "it takes whole numbers only (both ends must be whole, and within"),
+        (format!("{seed}from = 1\nto = 4\nsteps = 3\n"), "`seed` takes whole numbers only, and 3 steps from 1 to 4 are no"),
+        (format!("{seed}values = [{}1{}]\n", "[".repeat(200), "]".repeat(200)), "nested too deeply (at most 80 are within each other)"),
+        (
+            "[[key]]\nkey = \"fault\"\nvalues = [[1]]\n".to_owned(),
+            "`fault = [1]`: the whole number `1` does not fit here (it must be a table)",
+        ),
+        (
+            "[[key]]\nkey = \"fault.0.process\"\nvalues = [\"plant\"]\n".to_owned(),
+            "`fault.0.process = \"plant\"`: `fault.0.process` does not name a place in the file",
+        ),
+        (
+            "[[key]]\nkey = \"rate_hz\"\nvalues = [5000000000]\n".to_owned(),
+            "`rate_hz = 5000000000`: the whole number `5000000000` does not fit here (it must be a whole number from 0 to 4294967295)",
+        ),
+        (format!("set = [\"seed2=1\"]\n{seed}values = [1]\n"), "bad.toml:3: `seed2=1`: unknown field `seed2`"),
+    ] {
+        refused(&more, expected);
+    }
     let fault = |fault: &str| format!("set = [\"fault=[{{{fault}, at_tick=10}}]\"]\n[[key]]\nkey = \"seed\"\nvalues = [1]\n");
     refused(&fault("process='plant', kind='kill'"), "it ends the run");
     refused(&fault("process='recorder', kind='slow-disk'"), "one thread has no such process");
@@ -203,7 +297,7 @@ fn a_sweep_that_cannot_be_is_refused_in_a_sentence() {
     assert_eq!(desk.armplane(&["sweep", "grid.toml"]).code, 0);
     grid("[100, 300]");
     let said = desk.armplane(&["sweep", "grid.toml"]);
-    assert!(said.code == 2 && said.err.contains("before its file, its scenario or its robot changed"), "{}", said.err);
+    assert!(said.code == 2 && said.err.contains("before its file, its scenario, its robot or its targets changed"), "{}", said.err);
     sweep_file(&desk, "other", "[[key]]\nkey = \"control.k_p\"\nvalues = [100]\n");
     let said = desk.armplane(&["sweep", "other.toml", "--out", "runs/grid"]);
     assert!(said.code == 2 && said.err.contains("the results of the sweep `grid`"), "{}", said.err);
@@ -211,4 +305,43 @@ fn a_sweep_that_cannot_be_is_refused_in_a_sentence() {
     assert!(said.code == 2 && said.err.contains("has no numbers"), "{}", said.err);
     let said = desk.armplane(&["sweep", "report", "."]);
     assert!(said.code == 2 && said.err.contains("no sweep.json"), "{}", said.err);
+}
+
+#[test]
+fn nothing_is_written_through_a_link_and_damaged_results_are_refused_with_a_remedy() {
+    let desk = desk();
+    sweep_file(&desk, "grid", "partition = 4\n[[key]]\nkey = \"control.k_p\"\nfrom = 100\nto = 800\nsteps = 8\n");
+    assert_eq!(desk.armplane(&["sweep", "grid.toml", "--out", "g"]).code, 0);
+    let (folder, part) = (desk.path().join("g"), desk.path().join("g/runs/part-00001.parquet"));
+    let refused = |args: &[&str], words: &str| {
+        let said = desk.armplane(args);
+        assert!(said.code == 2 && said.err.contains(words) && said.err.lines().count() == 1, "{args:?}: {}: {}", said.code, said.err);
+    };
+    let rows = std::fs::read(&part).unwrap();
+    for bytes in [&rows[..0], &rows[..rows.len() / 2], &rows[..rows.len() - 1]] {
+        std::fs::write(&part, bytes).unwrap();
+        for args in [&["sweep", "grid.toml", "--out", "g"][..], &["sweep", "report", "g"], &["sweep", "--merge", "g", "--out", "m"]] {
+            refused(args, "part-00001.parquet");
+            refused(args, "; remove it, and run the sweep again");
+        }
+    }
+    std::fs::remove_file(&part).unwrap();
+    let elsewhere = desk.file("elsewhere", "mine");
+    std::fs::create_dir_all(folder.join("journal")).unwrap();
+    let journal = folder.join("journal/part-00001.journal");
+    for link in [&part, &journal] {
+        std::os::unix::fs::symlink(&elsewhere, link).unwrap();
+        refused(&["sweep", "grid.toml", "--out", "g"], "has the name of a result and is none: remove it");
+        std::fs::remove_file(link).unwrap();
+    }
+    std::fs::remove_dir_all(folder.join("runs")).unwrap();
+    std::fs::create_dir(desk.path().join("other")).unwrap();
+    std::os::unix::fs::symlink(desk.path().join("other"), folder.join("runs")).unwrap();
+    refused(&["sweep", "grid.toml", "--out", "g"], "g/runs has the name of a result and is none: remove it");
+    assert!(std::fs::read_dir(desk.path().join("other")).unwrap().next().is_none(), "nothing is written through a link");
+    assert_eq!(std::fs::read_to_string(elsewhere).unwrap(), "mine");
+    std::fs::remove_file(folder.join("runs")).unwrap();
+    assert_eq!(desk.armplane(&["sweep", "grid.toml", "--out", "g"]).code, 0, "what is gone is computed again");
+    std::fs::write(folder.join("sweep.json"), "{").unwrap();
+    refused(&["sweep", "report", "g"], "; restore it, or compute the sweep again in another folder");
 }

@@ -68,25 +68,31 @@ pub(crate) fn sweep(args: &SweepArgs, as_json: bool) -> Result<ExitCode, Failure
     let observer = |progress: session::Progress<'_>| terminal.show(progress);
     let Some(file) = &args.file else {
         let merged = sweeps::merge(&args.merge, args.out.as_deref(), &observer)?;
-        return print(&merged, &merged.folder, true, as_json);
+        return print(&merged, &merged.folder, true, merged.lack(), as_json);
     };
     let done = sweeps::run(&Request { file, out: args.out.as_deref(), shard: args.shard }, &observer)?;
-    print(&done, &done.folder, args.shard.is_none(), as_json)
+    print(&done, &done.folder, args.shard.is_none(), done.lack(), as_json)
 }
 
-/// A folder of results, and how to go on with it.
-fn print(done: &(impl Display + Serialize), folder: &Path, is_whole: bool, as_json: bool) -> Result<ExitCode, Failure> {
+/// A folder of results, and how to go on with it; a failure where something that was asked for has no result.
+fn print(
+    done: &(impl Display + Serialize),
+    folder: &Path,
+    is_whole: bool,
+    lack: Option<String>,
+    as_json: bool,
+) -> Result<ExitCode, Failure> {
     if as_json {
         say!("{}", serde_json::to_string(done).map_err(Failure::work)?);
-        return Ok(ExitCode::SUCCESS);
+    } else {
+        show(done);
+        say!("\n{}", folder.display());
+        say!("  runs/*.parquet  a row a run: duckdb -c \"FROM '{}/runs/*.parquet'\"", folder.display());
+        if is_whole {
+            say!("  look at it with: armplane sweep report {}", folder.display());
+        }
     }
-    show(done);
-    say!("\n{}", folder.display());
-    say!("  runs/*.parquet  a row a run: duckdb -c \"FROM '{}/runs/*.parquet'\"", folder.display());
-    if is_whole {
-        say!("  look at it with: armplane sweep report {}", folder.display());
-    }
-    Ok(ExitCode::SUCCESS)
+    lack.map_or(Ok(ExitCode::SUCCESS), |lack| Err(Failure::Work(lack)))
 }
 
 fn report(args: &ReportArgs, as_json: bool) -> Result<ExitCode, Failure> {

@@ -88,6 +88,8 @@ pub(super) struct Sweep {
     source: Source,
     graph: Graph,
     robots: BTreeMap<String, Robot>,
+    /// The texts of the files of targets, read once: no run sees another one.
+    targets: BTreeMap<PathBuf, String>,
 }
 
 impl Sweep {
@@ -115,8 +117,9 @@ impl Sweep {
 
     fn of(spec: Spec, text: String, scenario: String, source: Source) -> Result<Self, Refusal> {
         let space = Space::new(&spec, &source)?;
+        let targets = targets(&spec, &source, &space)?;
         let mut base = source.parse(&spec.set)?;
-        source.read_targets(&mut base)?;
+        give_targets(&targets, &source, &mut base)?;
         chain::planned_faults(&base).map_err(Failure::input)?;
         let own_graph = Some(&base.graph).filter(|file| !file.is_empty()).map(|file| source.beside(file));
         let graph = load::graph_of(&base, own_graph.as_deref())?;
@@ -142,7 +145,7 @@ impl Sweep {
             robots.iter().map(|(name, robot)| (name, &robot.source.name, &robot.source.description, &robot.source.urdf)).collect();
         let (version, program) = (env!("CARGO_PKG_VERSION").to_owned(), program()?);
         let partition_runs = spec.partition_runs();
-        let all = (FORMAT, &version, &program, &spec, partition_runs, &source.text, &graph, texts);
+        let all = (FORMAT, &version, &program, &spec, partition_runs, &source.text, &graph, texts, &targets);
         let all = serde_json::to_vec(&all).map_err(Failure::work)?;
         let manifest = Manifest {
             format: FORMAT,
@@ -157,7 +160,7 @@ impl Sweep {
             partition_runs,
             shard: Shard::WHOLE,
         };
-        Ok(Self { manifest, space, columns, source, graph, robots })
+        Ok(Self { manifest, space, columns, source, graph, robots, targets })
     }
 
     /// The robot and the scenario of a run.
@@ -167,7 +170,7 @@ impl Sweep {
     pub(super) fn load(&self, run: u64) -> Result<(&Robot, Scenario), String> {
         let load = || {
             let mut scenario = self.source.parse(&self.space.settings(run))?;
-            self.source.read_targets(&mut scenario)?;
+            give_targets(&self.targets, &self.source, &mut scenario)?;
             let robot = self.robots.get(&scenario.robot).ok_or_else(|| Failure::Input(format!("no robot `{}`", scenario.robot)))?;
             self.source.check(&scenario, robot, &self.graph)?;
             Ok((robot, scenario))
@@ -206,6 +209,35 @@ impl Sweep {
     }
 }
 
+/// The texts of all files of targets that the runs have: the scenario's own, and those that a key lists.
+fn targets(spec: &Spec, source: &Source, space: &Space) -> Result<BTreeMap<PathBuf, String>, Refusal> {
+    let mut targets = BTreeMap::new();
+    let mut read = |settings: &[String]| {
+        if let Some(path) = source.targets_file(&source.parse(settings)?)
+            && !targets.contains_key(&path)
+        {
+            let text = load::read(&path)?;
+            targets.insert(path, text);
+        }
+        Ok::<(), Failure>(())
+    };
+    read(&spec.set)?;
+    for (place, key) in spec.key.iter().enumerate().filter(|(_, key)| ["servo", "servo.input"].contains(&key.key.as_str())) {
+        for value in space.listed(&key.key) {
+            let settings = [&spec.set[..], &[format!("{}={value}", key.key)]].concat();
+            read(&settings).map_err(|failure| Complaint::new(format!("key.{place}.values"), failure.to_string(), ""))?;
+        }
+    }
+    Ok(targets)
+}
+
+/// Gives a scenario the text of its file of targets, where it names one.
+fn give_targets(targets: &BTreeMap<PathBuf, String>, source: &Source, scenario: &mut Scenario) -> Result<(), Failure> {
+    let Some(path) = source.targets_file(scenario) else { return Ok(()) };
+    let unread = || Failure::Input(format!("{} was not read when the sweep began: list it as `servo.input`", path.display()));
+    source.give_targets(scenario, targets.get(&path).ok_or_else(unread)?.clone())
+}
+
 /// XXH3-64 of this program's file: two builds are two versions.
 fn program() -> Result<String, Failure> {
     let bytes = std::fs::read("/proc/self/exe").map_err(|error| Failure::Work(format!("cannot read this program's file: {error}")))?;
@@ -238,12 +270,13 @@ impl Manifest {
         if !path.exists() {
             return Ok(None);
         }
-        let text = files::read(&path).map_err(|error| Failure::Input(format!("cannot read {}: {error}", path.display())))?;
+        let refuse = |sentence: String| Failure::Input(format!("{sentence}; restore it, or compute the sweep again in another folder"));
+        let text = files::read(&path).map_err(|error| refuse(format!("cannot read {}: {error}", path.display())))?;
         let manifest: Self = serde_json::from_slice(&text)
-            .map_err(|error| Failure::Input(format!("{} is not the description of a sweep: {error}", path.display())))?;
+            .map_err(|error| refuse(format!("{} is not the description of a sweep: {error}", path.display())))?;
         let sound = manifest.format == FORMAT && manifest.partition_runs > 0 && manifest.runs > 0;
         if !sound || !(1..=manifest.shard.of).contains(&manifest.shard.index) {
-            return Err(Failure::Input(format!("{} is of another version of armplane, or damaged", path.display())));
+            return Err(refuse(format!("{} is of another version of armplane, or damaged", path.display())));
         }
         Ok(Some(manifest))
     }
@@ -254,6 +287,7 @@ impl Manifest {
     /// [`Failure::Input`] where the folder is another sweep's, or has other files in it.
     pub(super) fn take(&self, results: &Results) -> Result<(), Failure> {
         let folder = &results.folder;
+        check_regular(folder)?;
         let refuse = |sentence: String| Failure::Input(format!("{} {sentence}; choose another folder with --out", folder.display()));
         match Self::read(folder)? {
             None if std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some()) => {
@@ -266,11 +300,32 @@ impl Manifest {
                 found.version, found.program, self.program
             ))),
             Some(found) if found.shard != self.shard => Err(refuse(format!("has shard {} in it, not {}", found.shard, self.shard))),
-            Some(found) if found.fingerprint != self.fingerprint => {
-                Err(refuse(format!("has runs of `{}` in it from before its file, its scenario or its robot changed", self.name)))
-            }
+            Some(found) if found.fingerprint != self.fingerprint => Err(refuse(format!(
+                "has runs of `{}` in it from before its file, its scenario, its robot or its targets changed",
+                self.name
+            ))),
             Some(_) => Ok(()),
         }
+    }
+}
+
+/// Refuses a link, pipe, device or folder that has the name of a result: what is written there would go elsewhere, or wait for a reader.
+///
+/// # Errors
+/// [`Failure::Input`] with the remedy.
+pub(super) fn check_regular(folder: &Path) -> Result<(), Failure> {
+    let kind = |path: &Path| std::fs::symlink_metadata(path).ok().map(|found| found.file_type());
+    let folders = [rows_folder(folder), journals_folder(folder)];
+    let parts = folders.iter().filter(|inner| kind(inner).is_some_and(|kind| kind.is_dir()));
+    let parts = parts.filter_map(|inner| std::fs::read_dir(inner).ok()).flatten().flatten().map(|entry| entry.path());
+    let mut files = [FILE, "report.json", "report.svg", "report.png", ".draft"].map(|name| folder.join(name)).into_iter().chain(parts);
+    let file = files.find(|path| kind(path).is_some_and(|kind| !kind.is_file()));
+    match file.or_else(|| folders.into_iter().find(|path| kind(path).is_some_and(|kind| !kind.is_dir()))) {
+        None => Ok(()),
+        Some(path) => Err(Failure::Input(format!(
+            "{} has the name of a result and is none: remove it, or choose another folder with --out",
+            path.display()
+        ))),
     }
 }
 
@@ -300,12 +355,13 @@ pub(super) fn journal_file(folder: &Path, partition: u64) -> PathBuf {
 /// [`Failure::Input`] where it is not.
 pub(super) fn open(folder: &Path, manifest: &Manifest, partition: u64) -> Result<super::table::Partition, Failure> {
     let path = rows_file(folder, partition);
-    let opened = super::table::Partition::open(&path).map_err(Failure::Input)?;
+    let damaged = |sentence: String| Failure::Input(format!("{sentence}; remove it, and run the sweep again"));
+    let opened = super::table::Partition::open(&path).map_err(damaged)?;
     let runs = manifest.runs_of(partition);
     if opened.metadata(FINGERPRINT) != Some(manifest.fingerprint.as_str()) || opened.rows != runs.end - runs.start {
         return Err(Failure::Input(format!("{} is not of this sweep: remove it, and run the sweep again", path.display())));
     }
-    let numbers = opened.column(RUN).map_err(|error| Failure::Input(format!("cannot read {}: {error}", path.display())))?;
+    let numbers = opened.column(RUN).map_err(|error| damaged(format!("cannot read {}: {error}", path.display())))?;
     match numbers.iter().map(|cell| cell.number().map(|run| run as u64)).eq(runs.map(Some)) {
         true => Ok(opened),
         false => Err(Failure::Input(format!("{} lacks runs of its partition: remove it, and run the sweep again", path.display()))),

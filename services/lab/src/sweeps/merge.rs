@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use session::{Failure, Observer, Progress, Results};
 
 use super::manifest::{Manifest, Shard, open, rows_file, rows_folder};
+use super::outcomes::Outcomes;
 
 /// Partitions that a refusal names.
 const NAMED: usize = 5;
@@ -20,6 +21,17 @@ pub struct Merged {
     pub folder: PathBuf,
     /// Its runs.
     pub runs: u64,
+    /// What came of them.
+    #[serde(flatten)]
+    pub outcomes: Outcomes,
+}
+
+impl Merged {
+    /// What of the file's runs came to nothing.
+    #[must_use]
+    pub fn lack(&self) -> Option<String> {
+        self.outcomes.lack().map(|lack| format!("{}: {lack}", self.folder.display()))
+    }
 }
 
 /// Puts the shards of one sweep into a folder of its own, which then is that of a sweep computed in one piece: the same files.
@@ -80,7 +92,8 @@ pub fn merge(folders: &[PathBuf], out: Option<&Path>, observer: Observer<'_>) ->
         observer(Progress::Step);
     }
     observer(Progress::End);
-    Ok(Merged { name: whole.name, folder: target, runs: whole.runs })
+    let outcomes = Outcomes::of(&target, &whole)?;
+    Ok(Merged { name: whole.name, folder: target, runs: whole.runs, outcomes })
 }
 
 /// The folder from which each partition comes.

@@ -9,6 +9,7 @@ mod cell;
 mod journal;
 mod manifest;
 mod merge;
+mod outcomes;
 mod picture;
 mod read_back;
 mod report;
@@ -21,5 +22,6 @@ mod work;
 
 pub use manifest::Shard;
 pub use merge::{Merged, merge};
+pub use outcomes::Outcomes;
 pub use report::{Report, ReportRequest, Spread, Worst, report};
 pub use work::{Done, Request, run};

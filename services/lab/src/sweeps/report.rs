@@ -8,7 +8,7 @@ use session::{Failure, Results, load};
 use shared_types::topics::TOPICS;
 
 use super::cell::Cell;
-use super::manifest::Manifest;
+use super::manifest::{Manifest, check_regular};
 use super::picture;
 use super::read_back::{SHOWN, Table};
 use super::row::{COMPLETED, OUTCOME, REASON, REFUSED, RUN, hash_column};
@@ -177,6 +177,7 @@ pub fn report(request: &ReportRequest<'_>) -> Result<Report, Failure> {
         remark,
     };
     let results = Results::create(Some(folder), &manifest.name)?;
+    check_regular(folder)?;
     let page = picture::page(title(&report, &spec), listed(&report.outcomes), &table, &spec, &map, &report.by);
     page.save(&folder.join("report")).map_err(Failure::work)?;
     results.save("report.json", &report.json())?;

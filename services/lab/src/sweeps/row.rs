@@ -7,11 +7,11 @@ use message_log::TopicHash;
 use model::{Refused, Robot};
 use recorder::Verdict;
 use shared_types::scenario::Scenario;
-use shared_types::topics::{self, COUNT, Each, STEERED, TOPICS, Topic};
+use shared_types::topics::{COUNT, TOPICS, Topic};
 
 use super::cell::{Cell, Kind};
 use super::spec::unit_of;
-use crate::studies::compare::{Score, scored, scored_under_faults};
+use crate::studies::compare::{Score, scored};
 
 /// A column of the table.
 #[derive(Clone, Debug, PartialEq)]
@@ -82,7 +82,7 @@ pub(super) const REASON: &str = "reason";
 /// The outcome of a run that a cycle refused before its first tick.
 pub(super) const REFUSED: &str = "refused";
 /// The outcome of a run that ended in a defect of this program.
-const FAILED: &str = "failed";
+pub(super) const FAILED: &str = "failed";
 
 /// The columns of a table with these keys.
 pub(super) fn columns<'a>(keys: impl Iterator<Item = (&'a str, Kind, &'a str)>) -> Vec<Column> {
@@ -132,39 +132,17 @@ fn guarded<T>(run: impl FnOnce() -> Result<T, Refused>) -> Result<T, String> {
 fn run(robot: &Robot, scenario: &Scenario) -> Result<(Score, Verdict, [TopicHash; COUNT]), Refused> {
     // As `armplane run` does it: a start that the control law refuses is no run.
     chain::try_first_tick(robot, scenario)?;
-    let mut hashes = [TopicHash::default(); COUNT];
-    if chain::plans_faults_of_processes(scenario) {
-        let (score, verdict) = scored_under_faults(robot, scenario, &mut Hashes(&mut hashes))?;
-        return Ok((score, verdict, hashes));
-    }
-    let (score, verdict) = scored(robot, scenario, &mut |tick| {
-        topics::each(&mut Add { hashes: &mut hashes, tick, is_steered: scenario.servo.is_some() });
-    })?;
-    Ok((score, verdict, hashes))
+    let mut hashes = Hashes([TopicHash::default(); COUNT]);
+    let (score, verdict) = scored(robot, scenario, &mut hashes)?;
+    Ok((score, verdict, hashes.0))
 }
 
 /// Adds messages to the hashes of their topics, one by one.
-struct Hashes<'a>(&'a mut [TopicHash; COUNT]);
+struct Hashes([TopicHash; COUNT]);
 
-impl Sink for Hashes<'_> {
+impl Sink for Hashes {
     fn take<M: Topic>(&mut self, message: &M) {
         self.0[M::INDEX].add(message);
-    }
-}
-
-/// Adds the messages of a tick to the hashes of their topics.
-struct Add<'a> {
-    hashes: &'a mut [TopicHash; COUNT],
-    tick: &'a chain::Tick,
-    is_steered: bool,
-}
-
-impl Each for Add<'_> {
-    type Output = ();
-    fn each<M: Topic>(&mut self) {
-        if self.is_steered || !STEERED.contains(&M::TOPIC) {
-            self.hashes[M::INDEX].add(M::of(self.tick));
-        }
     }
 }
 

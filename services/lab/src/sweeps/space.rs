@@ -8,6 +8,9 @@ use shared_types::random;
 use super::cell::{Cell, Kind};
 use super::spec::{Key, Sample, Scale, Spec};
 
+/// Whole numbers up to here are exact as `from` and `to`: 2⁵³.
+const MOST_WHOLE: f64 = 9_007_199_254_740_992.0;
+
 /// All runs of a sweep.
 #[derive(Debug)]
 pub(super) struct Space {
@@ -40,7 +43,11 @@ impl Space {
     /// # Errors
     /// [`Complaint`] at the place in the sweep's file; [`Failure`] where the scenario itself is invalid.
     pub(super) fn new(spec: &Spec, source: &Source) -> Result<Self, Refusal> {
-        source.parse(&spec.set)?;
+        source.parse(&[])?;
+        for (i, setting) in spec.set.iter().enumerate() {
+            let refused = |failure| Complaint::new(format!("set.{i}"), format!("`{setting}`: {}", sentence(&failure)), "");
+            source.parse(&spec.set[..=i]).map_err(refused)?;
+        }
         let runs = spec.runs().unwrap_or_default();
         let try_key =
             |(i, key): (usize, &Key)| Axis::new(key, &spec.set, source).map_err(|complaint| complaint.within(&format!("key.{i}")));
@@ -146,9 +153,14 @@ impl Axis {
             return Ok(Self { key: key.key.clone(), kind, values: Values::Listed(key.values.clone()) });
         };
         let ends = |whole: bool| [from, to].iter().try_for_each(|end| laid(&number(*end, whole)).map(drop));
+        let has_exact_ends = [from, to].iter().all(|end| end.fract() == 0.0 && end.abs() <= MOST_WHOLE);
         let whole = match (ends(false), ends(true)) {
             (Ok(()), _) => false,
-            (Err(_), Ok(())) if from.fract() == 0.0 && to.fract() == 0.0 => true,
+            (Err(_), Ok(())) if has_exact_ends => true,
+            (Err(_), Ok(())) => {
+                let sentence = format!("`{}` from {from:?} to {to:?}: it takes whole numbers only", key.key);
+                return Err(Complaint::new("key", sentence, format!("both ends must be whole, and within ±{MOST_WHOLE}")));
+            }
             (Err(failure), _) => {
                 let sentence = format!("`{}` from {from} to {to}: {}", key.key, sentence(&failure));
                 return Err(Complaint::new("key", sentence, ""));
@@ -156,8 +168,9 @@ impl Axis {
         };
         let steps = key.steps.unwrap_or_default();
         if whole && key.scale == Scale::Linear && steps > 1 && (to - from) % f64::from(steps - 1) != 0.0 {
-            let sentence = format!("{steps} steps from {from} to {to} are no whole numbers, and `{}` takes only those", key.key);
-            return Err(Complaint::new("steps", sentence, ""));
+            let sentence = format!("`{}` takes whole numbers only, and {steps} steps from {from} to {to} are no whole numbers", key.key);
+            let remedy = format!("{} must be a multiple of `steps` - 1", to - from);
+            return Err(Complaint::new("steps", sentence, remedy));
         }
         let kind = if whole { Kind::Whole } else { Kind::Number };
         Ok(Self { key: key.key.clone(), kind, values: Values::Range { from, to, steps, scale: key.scale, whole } })

@@ -182,7 +182,8 @@ impl Key {
             return Err(Complaint::new("key", format!("`{key}` is not a scenario key"), "write it as control.k_p"));
         }
         if ["graph", "name"].contains(&key.as_str()) {
-            return Err(Complaint::new("key", format!("`{key}` is the same for all runs of a sweep"), ""));
+            let remedy = "leave it out, or make a sweep for each";
+            return Err(Complaint::new("key", format!("`{key}` is the same for all runs of a sweep"), remedy));
         }
         if let (Some(known), Some(given)) = (unit_of(key), self.unit.as_deref())
             && spelt(given) != known
@@ -196,7 +197,15 @@ impl Key {
             }
             (false, None, None) => self.same_kind(),
             (true, Some(from), Some(to)) => self.check_range(from, to, sampled),
-            _ => Err(Complaint::new("key", format!("`{key}` has no values"), "give `values`, or `from` and `to`, not both")),
+            (false, ..) => {
+                let remedy = "give `values`, or `from` and `to`, not both";
+                Err(Complaint::new("key", format!("`{key}` has `values` and a range"), remedy))
+            }
+            (true, None, None) => Err(Complaint::new("key", format!("`{key}` has no values"), "give `values`, or `from` and `to`")),
+            (true, from, _) => {
+                let (has, lacks) = if from.is_some() { ("from", "to") } else { ("to", "from") };
+                Err(Complaint::new("key", format!("`{key}` has `{has}` and no `{lacks}`"), "a range has both"))
+            }
         }
     }
 
@@ -205,25 +214,38 @@ impl Key {
         let kind = |value: &toml::Value| if value.is_integer() { "float" } else { value.type_str() };
         let first = kind(&self.values[0]);
         match self.values.iter().find(|value| kind(value) != first) {
-            Some(other) => Err(Complaint::new("values", format!("{other} and {} are not of one kind", self.values[0]), "")),
-            None if self.values.iter().any(|value| value.as_float().is_some_and(|number| !number.is_finite())) => {
-                Err(Complaint::new("values", "a value is not finite", ""))
+            Some(other) => {
+                let sentence = format!("`{}` is {} and {other}, which are not of one kind", self.key, self.values[0]);
+                Err(Complaint::new("values", sentence, "a column has numbers only, texts only, booleans only or lists only"))
             }
-            None => Ok(()),
+            None => match self.values.iter().find(|value| value.as_float().is_some_and(|number| !number.is_finite())) {
+                Some(value) => Err(Complaint::new("values", format!("`{}` is {value}", self.key), "its numbers must be finite")),
+                None => Ok(()),
+            },
         }
     }
 
     fn check_range(&self, from: f64, to: f64, sampled: bool) -> Result<(), Complaint> {
         if !(from.is_finite() && to.is_finite() && from < to) {
-            return Err(Complaint::new("to", format!("there is no range from {from} to {to}"), "`from` is below `to`"));
+            let sentence = format!("`{}` has no range from {from} to {to}", self.key);
+            return Err(Complaint::new("to", sentence, "both must be finite, and `from` below `to`"));
         }
         if self.scale == Scale::Log && from <= 0.0 {
-            return Err(Complaint::new("from", format!("{from} has no logarithm"), "`from` is positive, or the scale linear"));
+            let sentence = format!("`{}` begins at {from}, which has no logarithm", self.key);
+            return Err(Complaint::new("from", sentence, "`from` must be positive, or the scale linear"));
         }
         match self.steps {
-            None if !sampled => Err(Complaint::new("key", "a grid needs `steps`", "give steps, values, or a [sample]")),
-            Some(_) if sampled => Err(Complaint::new("steps", "a sample is drawn from the whole range", "leave `steps` out")),
-            Some(steps) if steps < 2 => Err(Complaint::new("steps", format!("{steps} steps"), "2 or more; for one value, `values`")),
+            None if !sampled => {
+                Err(Complaint::new("key", format!("`{}` has no `steps`", self.key), "a grid needs `steps`, `values`, or a [sample]"))
+            }
+            Some(_) if sampled => {
+                let sentence = format!("`{}` has `steps`, and a sample is drawn from the whole range", self.key);
+                Err(Complaint::new("steps", sentence, "leave `steps` out"))
+            }
+            Some(steps) if steps < 2 => {
+                let sentence = format!("`{}` has {steps} `steps`", self.key);
+                Err(Complaint::new("steps", sentence, "a range has 2 or more; for one value give `values`"))
+            }
             _ => Ok(()),
         }
     }
@@ -234,7 +256,8 @@ impl Spec {
     pub(super) fn check(&self) -> Result<(), Complaint> {
         if self.name.is_empty() || !self.name.chars().all(|c| c.is_ascii_alphanumeric() || "-_.".contains(c)) || self.name.starts_with('.')
         {
-            return Err(Complaint::new("name", format!("`{}` cannot be a name", self.name), "letters, digits, `-`, `_` and `.`"));
+            let remedy = "it names a folder: ASCII letters, digits, `-`, `_` and `.`, which is not the first";
+            return Err(Complaint::new("name", format!("`{}` cannot be a name", self.name), remedy));
         }
         if self.key.is_empty() {
             return Err(Complaint::new("key", "the grid is empty: no key differs between runs", "add a [[key]]"));
@@ -250,13 +273,21 @@ impl Spec {
             }
         }
         match self.runs() {
-            Some(0) => Err(Complaint::new("sample.runs", "the sample is empty", "1 run or more")),
+            Some(0) => Err(Complaint::new("sample.runs", "the sample is empty: `runs` is 0", format!("1 to {MOST_RUNS}"))),
             Some(runs) if runs <= MOST_RUNS => Ok(()),
-            _ => Err(Complaint::new("key", format!("more than {MOST_RUNS} runs"), "fewer values, or a [sample]")),
+            runs if self.sample.is_some() => {
+                let sentence = format!("the sample has {} `runs`", runs.unwrap_or_default());
+                Err(Complaint::new("sample.runs", sentence, format!("1 to {MOST_RUNS}")))
+            }
+            runs => {
+                let runs = runs.map_or_else(|| "more than 2⁶⁴".to_owned(), |runs| runs.to_string());
+                let remedy = format!("at most {MOST_RUNS}: give fewer values, or a [sample]");
+                Err(Complaint::new("key", format!("the product of all keys has {runs} runs"), remedy))
+            }
         }?;
         match self.partition {
             Some(runs) if !(1..=MOST_PARTITION).contains(&runs) => {
-                Err(Complaint::new("partition", format!("{runs} runs in a partition"), format!("1 to {MOST_PARTITION}")))
+                Err(Complaint::new("partition", format!("`partition` is {runs} runs"), format!("1 to {MOST_PARTITION}")))
             }
             _ => Ok(()),
         }
@@ -312,9 +343,25 @@ mod tests {
             (key("values = []"), "sweep.toml:4: `start.q_deg.4` has no values"),
             (key("values = [1.0]\nunit = \"rad\""), "sweep.toml:6: `start.q_deg.4` is in °, not in rad"),
             (key("values = [1.0, \"a\"]"), "not of one kind"),
-            (key("from = 1.0\nto = 0.0\nsteps = 3"), "no range from 1 to 0"),
+            (
+                key("from = 1.0\nto = 0.0\nsteps = 3"),
+                "`start.q_deg.4` has no range from 1 to 0 (both must be finite, and `from` below `to`)",
+            ),
+            (key("from = 1.0"), "`start.q_deg.4` has `from` and no `to`"),
+            (key("values = [nan]"), "`start.q_deg.4` is nan (its numbers must be finite)"),
+            (
+                key("from = 0.0\nto = 1.0\nsteps = 1000000000000"),
+                "`key.0.steps`: the whole number `1000000000000` does not fit here (it must be a whole number from 0 to 4294967295)",
+            ),
+            (key("from = 0.0\nto = 1.0\nsteps = 4000000000"), "the product of all keys has 4000000000 runs (at most 10000000"),
+            (key("values = [1.0]\n[sample]\nruns = 99999999999"), "the sample has 99999999999 `runs` (1 to 10000000)"),
+            (key("values = [1.0]\npartition = 0.5"), "unknown field `partition`"),
+            (
+                key("values = [1.0]").replace("[[key]]", "sample = 5\n[[key]]"),
+                "`sample`: the whole number `5` does not fit here (it must be a table)",
+            ),
             (key("from = 0.0\nto = 1.0\nsteps = 3\nscale = \"log\""), "no logarithm"),
-            (key("from = 0.0\nto = 1.0"), "a grid needs `steps`"),
+            (key("from = 0.0\nto = 1.0"), "has no `steps` (a grid needs"),
             (key("from = 0.0\nto = 1.0\nsteps = 3\nvalues = [1.0]"), "not both"),
             (key("values = [1.0]\n[[key]]\nkey = \"start.q_deg\"\nvalues = [[1.0]]"), "given twice"),
             (key("values = [1.0]\n[sample]\nruns = 0"), "the sample is empty"),

@@ -6,13 +6,29 @@ use session::table::{number, table};
 use viz::plot::digits;
 
 use super::merge::Merged;
+use super::outcomes::Outcomes;
 use super::report::Report;
 use super::work::Done;
+
+/// The runs that have no result; nothing where all have one.
+impl fmt::Display for Outcomes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { computed, refused, failed, reason, .. } = self;
+        let runs = computed + refused + failed;
+        match (refused, failed) {
+            (0, 0) => Ok(()),
+            (refused, 0) => writeln!(f, "refused    {refused} of {runs} runs, for example: {reason}"),
+            (refused, failed) => {
+                writeln!(f, "refused    {refused} of {runs} runs; {failed} ended in a defect of this program; for example: {reason}")
+            }
+        }
+    }
+}
 
 /// Runs and their rate.
 impl fmt::Display for Done {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { name, shard, runs, found, simulated_s, wall_s, cores, .. } = self;
+        let Self { name, shard, runs, found, simulated_s, wall_s, cores, outcomes, .. } = self;
         let of_shard = shard.map(|shard| format!(", shard {shard}")).unwrap_or_default();
         let before = if *found > 0 { format!(", {found} of them before") } else { String::new() };
         writeln!(f, "{name}{of_shard}: {runs} runs{before}")?;
@@ -21,13 +37,14 @@ impl fmt::Display for Done {
             let (rate, speed) = (computed as f64 / wall_s, simulated_s / wall_s);
             writeln!(f, "time       {computed} runs in {wall_s:.1} s on {cores} cores: {rate:.1} runs/s, {speed:.0} × real time")?;
         }
-        Ok(())
+        outcomes.fmt(f)
     }
 }
 
 impl fmt::Display for Merged {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{}: {} runs, whole", self.name, self.runs)
+        writeln!(f, "{}: {} runs, whole", self.name, self.runs)?;
+        self.outcomes.fmt(f)
     }
 }
 

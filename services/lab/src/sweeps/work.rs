@@ -13,6 +13,7 @@ use session::{Failure, Observer, Progress, RUNS, Results};
 use super::cell::Cell;
 use super::journal::{Finished, Journal};
 use super::manifest::{Shard, Sweep, journal_file, journals_folder, open, rows_file, rows_folder};
+use super::outcomes::Outcomes;
 use super::{row, table};
 
 /// How often a signal is looked for.
@@ -49,6 +50,17 @@ pub struct Done {
     pub wall_s: f64,
     /// Cores that worked.
     pub cores: usize,
+    /// What came of the runs in the folder.
+    #[serde(flatten)]
+    pub outcomes: Outcomes,
+}
+
+impl Done {
+    /// What of the file's runs came to nothing, where that is for this folder to say: a shard is judged when all of them are put together.
+    #[must_use]
+    pub fn lack(&self) -> Option<String> {
+        self.outcomes.lack().filter(|_| self.shard.is_none()).map(|lack| format!("{}: {lack}", self.folder.display()))
+    }
 }
 
 /// As in `--shard`: `3/16`.
@@ -103,8 +115,9 @@ pub fn run(request: &Request<'_>, observer: Observer<'_>) -> Result<Done, Failur
     let simulated_s = work.simulated_ns.load(Ordering::Relaxed) as f64 * 1e-9;
     work.failure.into_inner().unwrap_or_else(PoisonError::into_inner).map_or(Ok(()), Err)?;
     std::fs::remove_dir(journals_folder(&folder)).map_err(cannot)?;
-    let name = manifest.name.clone();
-    Ok(Done { name, shard: request.shard, folder, runs, found: runs - pending, simulated_s, wall_s: began.elapsed().as_secs_f64(), cores })
+    let (name, wall_s) = (manifest.name.clone(), began.elapsed().as_secs_f64());
+    let outcomes = Outcomes::of(&folder, manifest)?;
+    Ok(Done { name, shard: request.shard, folder, runs, found: runs - pending, simulated_s, wall_s, cores, outcomes })
 }
 
 /// The runs to compute, and those that are finished in partitions that are not.

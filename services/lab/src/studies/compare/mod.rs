@@ -17,6 +17,6 @@ pub use law::{laws, name_of};
 pub use race::{Race, Racer, race};
 pub use scenarios::{Compared, Request, compare};
 pub use score::Score;
-pub(crate) use score::{scored, scored_under_faults};
+pub(crate) use score::scored;
 pub use sweep::{SWEEP, Sweep, SweepSize, missed};
 pub use tune::{Point, Ranked, tune, worth};

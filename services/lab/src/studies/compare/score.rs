@@ -8,7 +8,7 @@ use serde::Serialize;
 use shared_types::bounds::{larger, within};
 use shared_types::codes::DRIVE_ACTIVE;
 use shared_types::scenario::{Goal, Scenario};
-use shared_types::topics::{STEERED, Topic};
+use shared_types::topics::{self, ByTopic, Each, Lent, STEERED, Topic};
 
 /// Change of torque in one tick, as a share of the limit, from which on it is a jump.
 const JUMP: f64 = 0.1;
@@ -115,75 +115,95 @@ impl Score {
 /// # Errors
 /// [`Refused`] where a cycle does not accept the robot or the scenario.
 pub(super) fn score(robot: &Robot, scenario: &Scenario) -> Result<Score, Refused> {
-    scored(robot, scenario, &mut |_| ()).map(|(score, _)| score)
+    struct Unheard;
+    impl Sink for Unheard {
+        fn take<M: Topic>(&mut self, _: &M) {}
+    }
+    scored(robot, scenario, &mut Unheard).map(|(score, _)| score)
 }
 
-/// Runs a scenario on one thread, scores and judges it, and hands each tick to `each`.
-///
-/// # Errors
-/// As [`score`].
-pub(crate) fn scored(robot: &Robot, scenario: &Scenario, each: &mut dyn FnMut(&chain::Tick)) -> Result<(Score, Verdict), Refused> {
-    with_dof!(robot.dof(), N => sized::<N>(robot, scenario, each)).unwrap_or_else(|| Err(Refused::size(robot)))
-}
-
-fn sized<const N: usize>(robot: &Robot, scenario: &Scenario, each: &mut dyn FnMut(&chain::Tick)) -> Result<(Score, Verdict), Refused> {
-    let planned = scenario.planned_ticks() as f64;
-    let mut judge = Judge::new(limits(robot), scenario.goal.clone(), planned);
-    let mut meter = Meter::<N>::new(robot, scenario)?;
-    chain::run(robot, scenario, |tick| {
-        each(tick);
-        let Some(tick) = recorder::Tick::of(&tick.lent()) else { return };
-        judge.tick(tick);
-        meter.tick(&tick);
-    })?;
-    let verdict = judge.verdict();
-    Ok((meter.score(&verdict, scenario), verdict))
-}
-
-/// The same for a scenario that plans faults of processes or messages: hands each message that counts to `sink`, and judges the ticks that are whole.
+/// Runs a scenario on one thread, scores and judges the ticks that are whole, and hands each message that counts to `sink`.
 ///
 /// # Errors
 /// As [`score`], and where one thread cannot have a fault.
-pub(crate) fn scored_under_faults<O: Sink>(robot: &Robot, scenario: &Scenario, sink: &mut O) -> Result<(Score, Verdict), Refused> {
-    with_dof!(robot.dof(), N => assembled::<N, O>(robot, scenario, sink)).unwrap_or_else(|| Err(Refused::size(robot)))
+pub(crate) fn scored<O: Sink>(robot: &Robot, scenario: &Scenario, sink: &mut O) -> Result<(Score, Verdict), Refused> {
+    with_dof!(robot.dof(), N => sized::<N, O>(robot, scenario, sink)).unwrap_or_else(|| Err(Refused::size(robot)))
 }
 
-fn assembled<const N: usize, O: Sink>(robot: &Robot, scenario: &Scenario, sink: &mut O) -> Result<(Score, Verdict), Refused> {
-    let planned = scenario.planned_ticks() as f64;
-    let judge = Judge::new(limits(robot), scenario.goal.clone(), planned);
-    let assembler = Assembler::new(Set::of(|topic| scenario.servo.is_some() || !STEERED.contains(&topic)), PATIENCE, HORIZON);
-    let mut judged = Judged { sink, assembler, newest: 0, judge, meter: Meter::<N>::new(robot, scenario)? };
-    let ended = chain::run_under_faults(robot, scenario, &mut judged)?;
-    judged.take_rows(true);
-    let mut verdict = judged.judge.verdict();
+fn sized<const N: usize, O: Sink>(robot: &Robot, scenario: &Scenario, sink: &mut O) -> Result<(Score, Verdict), Refused> {
+    let judge = Judge::new(limits(robot), scenario.goal.clone(), scenario.planned_ticks() as f64);
+    let mut bench = Bench { judge, meter: Meter::<N>::new(robot, scenario)? };
+    let is_sent = |topic: &str| scenario.servo.is_some() || !STEERED.contains(&topic);
+    let mut ended = None;
+    if chain::plans_faults_of_processes(scenario) {
+        let assembler = Assembler::new(Set::of(is_sent), PATIENCE, HORIZON);
+        let mut assembled = Assembled { sink, assembler, newest: 0, bench: &mut bench };
+        ended = chain::run_under_faults(robot, scenario, &mut assembled)?;
+        assembled.take_rows(true);
+    } else {
+        // Each tick is whole: nothing is to be assembled.
+        chain::run(robot, scenario, |tick| {
+            topics::each(&mut Pass { sink: &mut *sink, tick, is_sent });
+            bench.tick(&tick.lent());
+        })?;
+    }
+    let mut verdict = bench.judge.verdict();
     if let Some(sentence) = ended {
         (verdict.completed, verdict.outcome) = (false, "failed".to_owned());
         verdict.reason = format!("{sentence}; {}", verdict.reason);
     }
-    Ok((judged.meter.score(&verdict, scenario), verdict))
+    Ok((bench.meter.score(&verdict, scenario), verdict))
 }
 
-/// Judges the ticks that messages make, as the recorder does.
-struct Judged<'a, O, const N: usize> {
-    sink: &'a mut O,
-    assembler: Assembler,
-    /// The newest tick of which a message has come.
-    newest: u64,
+/// The judgement of whole ticks.
+struct Bench<const N: usize> {
     judge: Judge,
     meter: Meter<N>,
 }
 
-impl<O, const N: usize> Judged<'_, O, N> {
-    fn take_rows(&mut self, flush: bool) {
-        while let Some(row) = self.assembler.pop(self.newest, flush) {
-            let Some(tick) = recorder::Tick::of(&row.messages().lent()) else { continue };
+impl<const N: usize> Bench<N> {
+    fn tick(&mut self, messages: &ByTopic<Lent<'_>>) {
+        if let Some(tick) = recorder::Tick::of(messages) {
             self.judge.tick(tick);
             self.meter.tick(&tick);
         }
     }
 }
 
-impl<O: Sink, const N: usize> Sink for Judged<'_, O, N> {
+/// Hands the messages of a tick on, those of the topics that the run has.
+struct Pass<'a, O, S> {
+    sink: &'a mut O,
+    tick: &'a chain::Tick,
+    is_sent: S,
+}
+
+impl<O: Sink, S: Fn(&str) -> bool> Each for Pass<'_, O, S> {
+    type Output = ();
+    fn each<M: Topic>(&mut self) {
+        if (self.is_sent)(M::TOPIC) {
+            self.sink.take(M::of(self.tick));
+        }
+    }
+}
+
+/// Judges the ticks that messages make, as the recorder does.
+struct Assembled<'a, O, const N: usize> {
+    sink: &'a mut O,
+    assembler: Assembler,
+    /// The newest tick of which a message has come.
+    newest: u64,
+    bench: &'a mut Bench<N>,
+}
+
+impl<O, const N: usize> Assembled<'_, O, N> {
+    fn take_rows(&mut self, flush: bool) {
+        while let Some(row) = self.assembler.pop(self.newest, flush) {
+            self.bench.tick(&row.messages().lent());
+        }
+    }
+}
+
+impl<O: Sink, const N: usize> Sink for Assembled<'_, O, N> {
     fn take<M: Topic>(&mut self, message: &M) {
         self.sink.take(message);
         let tick = message.header().tick;
