@@ -29,6 +29,8 @@ fn ctrl_c_stops_cleanly_and_keeps_the_recording() {
     assert_eq!(said.code, 1, "{}", said.err);
     let summary: Value = serde_json::from_str(&said.out).unwrap();
     assert_eq!((&summary["outcome"], &summary["completed"]), (&"interrupted".into(), &false.into()), "{summary}");
+    let sentence: Value = serde_json::from_str(&said.err).unwrap_or_else(|error| panic!("{error}: {}", said.err));
+    assert!(sentence["error"]["message"].as_str().unwrap().contains(": the run was stopped by SIGINT after "), "{sentence}");
     assert!(summary["recorder"]["bytes"].as_u64().unwrap() > 2_000_000 && summary["recorder"]["lost"] == 0, "{}", summary["recorder"]);
     assert_nothing_left(said.launcher);
 }

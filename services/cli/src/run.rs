@@ -115,5 +115,9 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
         return Err(Failure::Work(failure.to_string()));
     }
     finished.saved?;
+    // For people the outcome is the first line of all; a program that keeps the summary may not look into it.
+    if as_json && matches!(finished.end, End::Interrupted { .. }) {
+        return Err(Failure::Work(format!("{}: the run was {}", finished.folder.display(), finished.summary.reason)));
+    }
     Ok(if finished.summary.outcome == "goal reached" { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
