@@ -262,7 +262,11 @@ fn a_recording_that_lacks_something_is_said_to() {
 fn ticks_without_an_answer_of_a_dead_process_are_rows_of_the_recording() {
     let desk = Desk::new();
     let fault = "fault=[{process=\"estimator\", kind=\"kill\", at_tick=500}]";
-    let summary = desk.run(&[&SHORT[..], &["--set", fault, "--out", "run"]].concat());
+    let run = |fault: &str, out: &str| -> serde_json::Value {
+        let said = desk.armplane(&[&["run", "--json"], &SHORT[..], &["--set", fault, "--out", out]].concat());
+        serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err))
+    };
+    let summary = run(fault, "run");
     let (ticks, rows) = (summary["ticks"].as_u64().expect("a number"), summary["recorder"]["rows"].as_u64().expect("a number"));
     assert_eq!((rows, summary["topics"]["sensor"]["count"].as_u64()), (ticks + 100, Some(rows)), "the estimator is away for 100 ticks");
     let path = desk.path().join("run/run.rrd");
@@ -275,8 +279,7 @@ fn ticks_without_an_answer_of_a_dead_process_are_rows_of_the_recording() {
     // A recorder that is killed counts on, and one whose volume is full.
     for (name, kind) in [("killed", "kill"), ("full", "disk-full")] {
         let more = fault.replace(']', &format!(", {{process=\"recorder\", kind=\"{kind}\", at_tick=900}}]"));
-        let said = desk.armplane(&[&["run", "--json"], &SHORT[..], &["--set", &more, "--out", name]].concat());
-        let summary: serde_json::Value = serde_json::from_str(&said.out).expect("a summary");
+        let summary = run(&more, name);
         assert_eq!(summary["recorder"]["rows"].as_u64(), Some(rows), "{name}: {}", summary["recorder"]);
     }
 }

@@ -112,10 +112,13 @@ fn targets_that_have_changed_are_not_those_of_the_sweep() {
     let said = sweep(&["s.toml", "--shard", "1/2", "--out", "one", "--json"]);
     assert!(said.code == 0 && said.out.contains("\"found\":1"), "{}{}", said.out, said.err);
     // Files that a key lists are read, too.
-    desk.file("other.csv", "time, kind\n");
     desk.file("s.toml", &file.replace("\"seed\"\nvalues = [1, 2]", "\"servo.input\"\nvalues = [\"targets.csv\", \"nowhere.csv\"]"));
     let said = sweep(&["s.toml", "--out", "three"]);
-    assert!(said.code == 2 && said.err.contains("s.toml:6: there is no file nowhere.csv"), "{}", said.err);
+    assert!(
+        said.code == 2 && said.err.contains("s.toml:6: there is no file ") && said.err.contains("nowhere.csv: give the path"),
+        "{}",
+        said.err
+    );
 }
 
 #[test]
@@ -141,8 +144,8 @@ fn runs_that_come_to_nothing_are_in_the_exit_code() {
     assert!(said.code == 1 && said.err.contains("no run of 2 has a result: "), "{}", said.err);
     assert!(said.err.lines().last().unwrap().contains("runs/none"), "{} {}", said.err, folder("none"));
     // Values of faults that the graph has no process for.
-    let fault = "set = [\"fault=[{process='controller', kind='kill', at_tick=100}]\"]\n";
-    file("fault", &format!("{fault}[[key]]\nkey = \"fault.0.process\"\nvalues = [\"estimator\", \"nobody\"]\n"));
+    desk.file("short.toml", &[SCENARIO, "[[fault]]\nprocess = \"controller\"\nkind = \"kill\"\nat_tick = 100\n"].concat());
+    file("fault", "[[key]]\nkey = \"fault.0.process\"\nvalues = [\"estimator\", \"nobody\"]\n");
     let said = desk.armplane(&["sweep", "fault.toml"]);
     assert!(said.code == 1 && said.err.contains("no run with fault.0.process = nobody has a result: "), "{}", said.err);
     // A shard is judged when all of them are put together.

@@ -12,6 +12,8 @@ use shared_types::{SensorSample, StateEstimate, TorqueCommand};
 
 use crate::{Child, End, Event, Exit, Failure, LaunchError, Launcher, Limits, Outcome, Plan, Restart};
 
+mod clearing;
+
 const ROLE: &str = "ARMPLANE_TEST_ROLE";
 const RUN: &str = "ARMPLANE_TEST_RUN";
 const TICKS: &str = "ARMPLANE_TEST_TICKS";
@@ -373,38 +375,6 @@ fn a_process_that_cannot_start_stops_everything_before_the_first_tick() {
     let error = launcher.run(&missing, &mut |_| {}).unwrap_err();
     assert!(error.to_string().contains("/does/not/exist"), "{error}");
     assert!(!is_left_behind(&name) && pid_of(&name, "plant").is_none());
-}
-
-/// The folder of a process's node.
-fn node_of(run: &str, process: &str) -> PathBuf {
-    let entries = |folder: &Path| std::fs::read_dir(folder).unwrap().flatten().map(|entry| entry.path());
-    let is_it = |file: PathBuf| {
-        let text = std::fs::read(&file).unwrap_or_default();
-        file.extension().is_some_and(|extension| extension == "details")
-            && text.windows(process.len()).any(|part| part == process.as_bytes())
-    };
-    entries(&Path::new(SHM).join(run).join("nodes")).find(|node| entries(node).any(is_it)).unwrap()
-}
-
-#[test]
-fn a_process_that_dies_while_it_makes_a_tag_is_cleared_away() {
-    let back_off = Duration::from_millis(1);
-    let launcher = Launcher::prepare(plan(Mode::Lockstep, Restart::Budget { times: 1, back_off })).unwrap();
-    let name = launcher.run_dir().file_name().unwrap().to_str().unwrap().to_owned();
-    let (mut node, mut is_cleared) = (None, None);
-    let mut report = |event: Event<'_>| match event {
-        Event::Progress { ticks } if ticks > 50 && node.is_none() => {
-            let folder = node_of(&name, "controller");
-            std::fs::write(folder.join("unfinished.service_tag"), "").unwrap();
-            node = Some(folder);
-            kill_process(pid_of(&name, "controller").unwrap(), Signal::KILL).unwrap();
-        }
-        Event::Restarted { .. } => is_cleared = node.as_ref().map(|folder| !folder.exists()),
-        _ => {}
-    };
-    let outcome = launcher.run(&command("controller", 20_000), &mut report).unwrap();
-    assert_eq!((outcome.end, is_cleared), (End::Completed, Some(true)), "of {node:?}");
-    assert!(!is_left_behind(&name));
 }
 
 #[test]
