@@ -7,7 +7,7 @@ import numpy as np
 
 from . import wire
 
-_MARK = b"armkept\x04"
+_MARK = b"armkept\x05"
 
 
 def _lz4(packed):
@@ -71,7 +71,8 @@ def read(path, topic):
             raise ValueError(f"{path} is damaged: the block at byte {at} is of another run or another log")
         if first != messages:
             raise ValueError(f"{path} is damaged: the block at byte {at} begins with message {first}, message {messages} is missing")
-        begin, end = at + head, at + head + length + n * plain
+        steps = max(n - 1, 0)
+        begin, end = at + head, at + head + length + steps * plain
         if end > len(raw):
             break  # what a killed writer began
         if zlib.crc32(raw[begin:end]) != body:
@@ -82,8 +83,8 @@ def read(path, topic):
             continue  # the end that its writer gave it
         unpacked = np.frombuffer(bytes(_lz4(raw[begin : begin + length])), np.uint8)
         present, as_they_are, twins = unpacked[:words], unpacked[words : 2 * words], unpacked[2 * words : 4 * words].view("<u2")
-        packed, noise = unpacked[4 * words :], np.frombuffer(raw[begin + length : end], np.uint8)
-        at, rows, used, taken = end, np.zeros((n, words), np.uint64), 0, 0
+        packed, noise = unpacked[12 * words :], np.frombuffer(raw[begin + length : end], np.uint8)
+        at, rows, used, taken = end, np.zeros((steps, words), np.uint64), 0, 0
         for word in range(words):
             if twins[word]:
                 rows[:, word] = rows[:, twins[word] - 1]
@@ -91,12 +92,13 @@ def read(path, topic):
                 if not present[word] & 1 << byte:
                     continue
                 if as_they_are[word] & 1 << byte:
-                    plane, taken = noise[taken : taken + n], taken + n
+                    plane, taken = noise[taken : taken + steps], taken + steps
                 else:
-                    plane, used = packed[used : used + n], used + n
+                    plane, used = packed[used : used + steps], used + steps
                 rows[:, word] |= plane.astype(np.uint64) << np.uint64(8 * byte)
         # Zig-zag and differences, undone.
-        one = np.uint64(1)
-        blocks.append(np.cumsum((rows >> one) ^ (np.uint64(0) - (rows & one)), axis=0, dtype=np.uint64))
+        one, first = np.uint64(1), unpacked[4 * words : 12 * words].view("<u8")
+        changes = (rows >> one) ^ (np.uint64(0) - (rows & one))
+        blocks.append(np.cumsum(np.vstack([first, changes]), axis=0, dtype=np.uint64))
     whole = np.concatenate(blocks) if blocks else np.zeros((0, words), np.uint64)
     return np.ascontiguousarray(whole).view(dtype).reshape(-1)

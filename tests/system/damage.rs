@@ -86,7 +86,7 @@ fn blocks(log: &Path) -> (Vec<u8>, Vec<Vec<u8>>) {
     while rest.len() >= 52 {
         let number = |at: usize| u32::from_le_bytes(rest[at..at + 4].try_into().unwrap()) as usize;
         // Messages, bytes packed, plain planes; and in the upper half of a word how many logs the run has.
-        let (block, behind) = rest.split_at(52 + 8 * (number(28) >> 16) + number(4) + number(0) * number(8));
+        let (block, behind) = rest.split_at(52 + 8 * (number(28) >> 16) + number(4) + number(0).saturating_sub(1) * number(8));
         blocks.push(block.to_vec());
         rest = behind;
     }

@@ -1,7 +1,7 @@
 //! The heads of a message log and of its blocks: which run, which log of it, and which of its messages.
 //!
 //! ```text
-//! file   "armkept\x04" · layout hash u64 · bytes of a message u32 · place of the log u16 · logs u16 · run u64 · CRC-32 u32 of all these · 0 u32
+//! file   "armkept\x05" · layout hash u64 · bytes of a message u32 · place of the log u16 · logs u16 · run u64 · CRC-32 u32 of all these · 0 u32
 //! block  messages u32 · bytes of the LZ4 block u32 · plain planes u32 · CRC-32 u32 of what follows the head · run u64 · low half of the layout hash u32
 //!        · place of the log u16 · logs u16 · messages in the log before it u64 · tick of its first message u64 · CRC-32 u32 of the rest of the head
 //!        · messages in each log of the run when it was written u64 …
@@ -14,7 +14,7 @@ use crate::error::LogError;
 use crate::logs::Logs;
 use crate::shape::Shape;
 
-pub(crate) const MAGIC: [u8; 8] = *b"armkept\x04";
+pub(crate) const MAGIC: [u8; 8] = *b"armkept\x05";
 /// Bytes of a file before its first block.
 pub(crate) const FILE_HEAD: usize = 40;
 /// Those of them that its checksum covers.
@@ -167,7 +167,7 @@ impl BlockHead {
 
     /// Bytes of the block behind the head.
     pub(crate) fn rest(&self) -> usize {
-        self.packed + self.messages * self.plain
+        self.packed + self.messages.saturating_sub(1) * self.plain
     }
 
     /// Bytes of the whole block.
@@ -206,7 +206,7 @@ pub fn seal(file: &mut [u8]) {
     let mut first = 0_u64;
     while rest.len() >= identity.block_head() {
         let (messages, packed, plain) = (u32_at(rest, 0) as usize, u32_at(rest, 4) as usize, u32_at(rest, 8) as usize);
-        let end = messages.saturating_mul(plain).saturating_add(packed).saturating_add(identity.block_head());
+        let end = messages.saturating_sub(1).saturating_mul(plain).saturating_add(packed).saturating_add(identity.block_head());
         let tick = u64_at(rest, 40);
         let Some((block, behind)) = std::mem::take(&mut rest).split_at_mut_checked(end) else { return };
         let logs = Logs::new(identity.run, (0..identity.logs).map(|log| log.to_string()));
