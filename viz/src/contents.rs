@@ -2,7 +2,7 @@
 //!
 //! The same as Rerun's builder makes, which parses every batch for what the chunk says itself, and fills up every column after each chunk.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 use re_chunk::external::arrow::array::{Array, ArrayRef, BooleanArray, RecordBatch, StringArray, UInt64Array};
@@ -21,8 +21,8 @@ pub(crate) struct Contents {
     chunks: Vec<Entry>,
     /// The part of each component, over the time lines.
     components: BTreeMap<ComponentDescriptor, Component>,
-    /// The columns of a table of the whole recording, by entity and component.
-    columns: BTreeMap<(EntityPath, ComponentDescriptor), Column>,
+    /// The columns of a table of the whole recording, by entity: it orders them at its end, for to compare two paths costs more than all else here.
+    columns: HashMap<EntityPath, BTreeMap<ComponentDescriptor, Column>>,
 }
 
 /// A chunk.
@@ -65,13 +65,17 @@ impl Contents {
                 on.entry(*column.timeline()).or_default().push((number, bounds(range), rows as u64));
             }
         }
+        let columns = self.columns.entry(chunk.entity_path().clone()).or_default();
         for one in chunk.components().values() {
             if chunk.is_static() {
                 self.components.entry(one.descriptor.clone()).or_default().in_static.push(number);
             }
             let is_empty = one.list_array.values().is_empty();
-            let column = self.columns.entry((chunk.entity_path().clone(), one.descriptor.clone()));
-            let column = column.or_insert_with(|| Column { datatype: one.list_array.data_type().clone(), is_static: false, is_empty });
+            let column = columns.entry(one.descriptor.clone()).or_insert_with(|| Column {
+                datatype: one.list_array.data_type().clone(),
+                is_static: false,
+                is_empty,
+            });
             column.is_static |= chunk.is_static();
             column.is_empty &= is_empty;
         }
@@ -102,7 +106,7 @@ impl Contents {
         timelines.dedup();
         let index = |timeline| IndexColumnDescriptor::from_timeline(timeline, false).to_arrow_field();
         let clears = Clear::all_components();
-        let component = |((path, descriptor), column): (&(EntityPath, ComponentDescriptor), &Column)| {
+        let component = |path: &EntityPath, descriptor: &ComponentDescriptor, column: &Column| {
             let ComponentDescriptor { archetype, component, component_type } = *descriptor;
             let described = ComponentColumnDescriptor {
                 store_datatype: column.datatype.clone(),
@@ -116,9 +120,15 @@ impl Contents {
             };
             described.to_arrow_field(BatchType::Dataframe)
         };
+        let mut columns: Vec<_> = self.columns.iter().collect();
+        columns.sort_unstable_by_key(|(path, _)| *path);
+        let columns =
+            columns.into_iter().flat_map(|(path, columns)| columns.iter().map(move |(descriptor, column)| (path, descriptor, column)));
         let rows = RowIdColumnDescriptor { is_sorted: false }.to_arrow_field();
         let own = (!self.chunks.is_empty()).then_some(rows).into_iter();
-        own.chain(timelines.into_iter().map(index)).chain(self.columns.iter().map(component)).collect()
+        own.chain(timelines.into_iter().map(index))
+            .chain(columns.map(|(path, descriptor, column)| component(path, descriptor, column)))
+            .collect()
     }
 
     /// The table's columns.

@@ -1,5 +1,6 @@
 //! A recording in the making.
 
+mod arrays;
 mod columns;
 mod ending;
 mod file;

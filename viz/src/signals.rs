@@ -12,6 +12,7 @@ use shared_types::messages::{ControlState, PlantState, SingularityState};
 use shared_types::process::Program;
 use shared_types::topics::{ByTopic, CHAIN, Lent};
 use shared_types::wire::Stamps;
+use shared_types::{MAX_DOF, MAX_SINGULARITIES};
 
 /// The messages of one tick, as a recorder has them; in real time some may be missing.
 #[derive(Clone, Copy, Debug, Default)]
@@ -86,7 +87,15 @@ pub(crate) const LEAST: f64 = 1e-6;
 
 /// The logarithm that a [`Width::Log`] records: in steps of 1 / [`SHARES`], a tenth of a percent of the value.
 pub(crate) fn logarithm(value: f64) -> f32 {
-    ((value.max(LEAST).log10() * SHARES).round() / SHARES) as f32
+    // In 32 bits, as it is written: their seven digits are finer than the steps by a factor of a thousand.
+    share(f64::from((value.max(LEAST) as f32).log10()))
+}
+
+/// A number in steps of 1 / [`SHARES`].
+pub(crate) fn share(value: f64) -> f32 {
+    // A number of this size has no digits behind the point, so what is added to it is rounded: without a call for each of the numbers of a tick.
+    const WHOLE: f64 = 1.5 * (1_u64 << 52) as f64;
+    ((value * SHARES + WHOLE - WHOLE) / SHARES) as f32
 }
 
 /// The value of a recorded logarithm.
@@ -345,57 +354,70 @@ impl Drawn {
 }
 
 /// Gives what is drawn of a tick to `put`; `gravity` are the torques that carry the arm, N·m.
-pub(crate) fn draw(row: &TickRow, limits: &Limits, gravity: &[f64], mut put: impl FnMut(Drawn, &mut dyn Iterator<Item = f64>)) {
+pub(crate) fn draw(row: &TickRow, limits: &Limits, gravity: &[f64], mut put: impl FnMut(Drawn, &[f64])) {
     let n = limits.dof();
     // One unit for all joints: shares of limits only where each has one.
-    let over = |limits: &[f64], i: usize| if limits.iter().all(|limit| limit.is_finite()) { limits[i] } else { 1.0 };
-    put(Drawn::Nearness, &mut row.singularities().iter().map(|one| (one.s.abs() / one.eta_in.max(1e-9)).max(1e-9).log10().max(NEAREST)));
+    let units = |limits: &[f64]| -> [f64; MAX_DOF] {
+        let is_limited = limits.iter().all(|limit| limit.is_finite());
+        std::array::from_fn(|i| limits.get(i).copied().filter(|_| is_limited).unwrap_or(1.0))
+    };
+    let joints = |value: &dyn Fn(usize) -> f64| -> [f64; MAX_DOF] { std::array::from_fn(|i| if i < n { value(i) } else { 0.0 }) };
+    let near = |one: &SingularityState| (one.s.abs() / one.eta_in.max(1e-9)).max(1e-9).log10().max(NEAREST);
+    put(Drawn::Nearness, &of_each(row.singularities(), near)[..row.singularities().len()]);
     if let Some(q) = row.q() {
-        put(Drawn::InRange, &mut (0..n).map(|i| (q[i] - limits.centre[i]) / limits.half_range[i]));
+        put(Drawn::InRange, &joints(&|i| (q[i] - limits.centre[i]) / limits.half_range[i])[..n]);
     }
     if let Some(qdot) = row.qdot() {
-        put(Drawn::Speed, &mut (0..n).map(|i| qdot[i] / over(&limits.speed, i)));
+        let units = units(&limits.speed);
+        put(Drawn::Speed, &joints(&|i| qdot[i] / units[i])[..n]);
     }
     if let Some(command) = row.control_state {
-        put(Drawn::Hand, &mut (0..n).map(|i| (command.tau_task[i] - gravity[i]) / over(&limits.torque, i)));
-        put(Drawn::Gravity, &mut (0..n).map(|i| gravity[i] / over(&limits.torque, i)));
-        put(Drawn::Null, &mut (0..n).map(|i| command.tau_null[i] / over(&limits.torque, i)));
+        let units = units(&limits.torque);
+        put(Drawn::Hand, &joints(&|i| (command.tau_task[i] - gravity[i]) / units[i])[..n]);
+        put(Drawn::Gravity, &joints(&|i| gravity[i] / units[i])[..n]);
+        put(Drawn::Null, &joints(&|i| command.tau_null[i] / units[i])[..n]);
     }
 }
 
 /// Gives each signal's values at a tick to `put`; a signal whose messages are missing is not given.
-pub(crate) fn sample(row: &TickRow, limits: &Limits, hops: Option<ChainHops>, mut put: impl FnMut(Signal, &mut dyn Iterator<Item = f64>)) {
+pub(crate) fn sample(row: &TickRow, limits: &Limits, hops: Option<ChainHops>, mut put: impl FnMut(Signal, &[f64])) {
     let n = limits.dof();
     if let Some(q) = row.q() {
-        put(Signal::Position, &mut q[..n].iter().copied());
+        put(Signal::Position, &q[..n]);
     }
     if let Some(qdot) = row.qdot() {
-        put(Signal::Speed, &mut qdot[..n].iter().copied());
+        put(Signal::Speed, &qdot[..n]);
     }
     if let Some(command) = row.control_state {
-        put(Signal::TorqueTask, &mut command.tau_task[..n].iter().copied());
-        put(Signal::TorqueNull, &mut command.tau_null[..n].iter().copied());
-        put(Signal::Scale, &mut [command.time_scale, command.task_scale, command.null_scale].into_iter());
+        put(Signal::TorqueTask, &command.tau_task[..n]);
+        put(Signal::TorqueNull, &command.tau_null[..n]);
+        put(Signal::Scale, &[command.time_scale, command.task_scale, command.null_scale]);
         let count = row.singularities().len();
-        put(Signal::AuxiliaryReference, &mut command.aux_d[..count].iter().copied());
-        put(Signal::Beta, &mut command.beta[..count].iter().copied());
+        put(Signal::AuxiliaryReference, &command.aux_d[..count]);
+        put(Signal::Beta, &command.beta[..count]);
     }
     if let Some(report) = row.singularity {
-        put(Signal::Measure, &mut row.singularities().iter().map(|singularity| singularity.s));
-        put(Signal::Auxiliary, &mut row.singularities().iter().map(|singularity| singularity.aux));
-        put(Signal::SingularValues, &mut report.sigma[..n.min(6)].iter().copied());
+        let (count, all) = (row.singularities().len(), row.singularities());
+        put(Signal::Measure, &of_each(all, |one| one.s)[..count]);
+        put(Signal::Auxiliary, &of_each(all, |one| one.aux)[..count]);
+        put(Signal::SingularValues, &report.sigma[..n.min(6)]);
     }
     if let Some(state) = row.plant_state {
-        put(Signal::Contact, &mut std::iter::once(Vector3::from(state.contact_force_n).norm()));
+        put(Signal::Contact, &[Vector3::from(state.contact_force_n).norm()]);
         if let Some(command) = row.control_state {
             let error = TaskError::new(state, command, row.singularities());
-            put(Signal::PositionError, &mut error.position_m.into_iter().map(|e| 1e3 * e));
-            put(Signal::OrientationError, &mut error.orientation_rad.into_iter().map(f64::to_degrees));
+            put(Signal::PositionError, &error.position_m.map(|e| 1e3 * e));
+            put(Signal::OrientationError, &error.orientation_rad.map(f64::to_degrees));
         }
     }
     if let Some(hops) = row.stamps().zip(hops).and_then(|(stamps, hops)| hops_us(&stamps, hops)) {
-        put(Signal::Latency, &mut hops.into_iter());
+        put(Signal::Latency, &hops);
     }
+}
+
+/// A number of each singularity, and zeros behind them.
+fn of_each(singularities: &[SingularityState], value: impl Fn(&SingularityState) -> f64) -> [f64; MAX_SINGULARITIES] {
+    std::array::from_fn(|i| singularities.get(i).map_or(0.0, &value))
 }
 
 /// Task error, desired against true pose, split at the singular directions the arm is inside of: `[orthogonal, along]`.
@@ -509,7 +531,7 @@ mod tests {
         let mut seen = Vec::new();
         let estimate = StateEstimate::default();
         sample(&TickRow::new(0, ByTopic { estimate: Some(&estimate), ..ByTopic::default() }), &limits, None, |signal, values| {
-            seen.push((signal, values.count()))
+            seen.push((signal, values.len()))
         });
         assert_eq!(seen, [(Signal::Position, 6), (Signal::Speed, 6)]);
     }
@@ -536,7 +558,11 @@ mod tests {
     fn a_logarithm_reads_back_as_its_value() {
         for value in [2e-6, 0.034, 1.0, 8.5, 741.25] {
             assert!((from_logarithm(logarithm(value)) / value - 1.0).abs() < 6e-4, "{value}");
+            for value in [value, -value, 1e9 * value] {
+                assert_eq!(share(value), ((value * SHARES).round() / SHARES) as f32, "{value}");
+            }
         }
+        assert!(share(f64::NAN).is_nan() && share(f64::INFINITY) == f32::INFINITY);
         assert_eq!(from_logarithm(logarithm(0.0)), 0.0);
     }
 
@@ -548,7 +574,7 @@ mod tests {
             (one.s, one.eta_in) = (s, 0.1);
         }
         let row = TickRow::new(0, ByTopic { singularity: Some(&report), ..ByTopic::default() });
-        let mut nearness = Vec::new();
+        let mut nearness: Vec<f64> = Vec::new();
         draw(&row, &limits, &[0.0; 6], |drawn, values| {
             assert_eq!(drawn, Drawn::Nearness);
             nearness.extend(values);

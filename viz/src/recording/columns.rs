@@ -6,11 +6,11 @@ use re_chunk::external::arrow::buffer::{OffsetBuffer, ScalarBuffer};
 use re_chunk::external::arrow::datatypes::Field;
 use re_sdk_types::SerializedComponentColumn;
 use re_sdk_types::archetypes::Transform3D;
-use re_sdk_types::datatypes::Quaternion;
 
+use super::arrays::numbers;
 use super::pieces::custom;
 use crate::scene::{Mark, Presence, rotation};
-use crate::signals::{Drawn, SHARES, Signal, Width, logarithm};
+use crate::signals::{Drawn, Signal, Width, logarithm, share};
 use crate::solid::Placement;
 
 /// The form in which a column's values are written.
@@ -72,16 +72,16 @@ impl Table {
     }
 
     /// Adds a row; `fill` gives the values of a column by its place.
-    pub(super) fn push(&mut self, tick: u64, fill: impl FnOnce(&mut dyn FnMut(usize, &mut dyn Iterator<Item = f64>))) {
+    pub(super) fn push(&mut self, tick: u64, fill: impl FnOnce(&mut dyn FnMut(usize, &[f64]))) {
         self.ticks.push(tick);
         let columns = &mut self.columns;
         fill(&mut |place, values| {
             let Some(column) = &mut columns[place] else { return };
             match column.encoding {
-                Encoding::F64 => column.wide.extend(values),
-                Encoding::F32 => column.narrow.extend(values.map(|value| value as f32)),
-                Encoding::Log => column.narrow.extend(values.map(logarithm)),
-                Encoding::Share => column.narrow.extend(values.map(|value| (value * SHARES).round() as f32 / SHARES as f32)),
+                Encoding::F64 => column.wide.extend_from_slice(values),
+                Encoding::F32 => column.narrow.extend(values.iter().map(|value| *value as f32)),
+                Encoding::Log => column.narrow.extend(values.iter().copied().map(logarithm)),
+                Encoding::Share => column.narrow.extend(values.iter().copied().map(share)),
             }
         });
         for column in columns.iter_mut().flatten() {
@@ -152,11 +152,11 @@ impl Track {
     pub(super) fn columns(self) -> Vec<SerializedComponentColumn> {
         let mut transform = Transform3D::update_fields();
         if !self.translations.is_empty() {
-            let quaternions = self.quaternions.into_iter().map(Quaternion::from_xyzw);
-            transform = transform.with_many_translation(self.translations).with_many_quaternion(quaternions);
+            transform.translation = Some(numbers(self.translations, Transform3D::descriptor_translation()));
+            transform.quaternion = Some(numbers(self.quaternions, Transform3D::descriptor_quaternion()));
         }
         if !self.sizes.is_empty() {
-            transform = transform.with_many_scale(self.sizes);
+            transform.scale = Some(numbers(self.sizes, Transform3D::descriptor_scale()));
         }
         transform.columns_of_unit_batches().map(Iterator::collect).unwrap_or_default()
     }

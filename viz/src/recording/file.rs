@@ -262,7 +262,7 @@ impl Recording {
                 self.drawn_table.push(row.tick, |put| {
                     draw(row, limits, gravity.as_slice(), |drawn, values| put(drawn as usize, values));
                     if is_faulty {
-                        put(Drawn::Fault as usize, &mut std::iter::once(0.0));
+                        put(Drawn::Fault as usize, &[0.0]);
                     }
                     sample(row, limits, hops, |signal, values| put(Drawn::ALL.len() + signal as usize, values));
                 });

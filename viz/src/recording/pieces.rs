@@ -8,6 +8,7 @@ use re_sdk_types::archetypes::{LineStrips3D, Mesh3D};
 use re_sdk_types::components::{AlbedoFactor, Color};
 use re_sdk_types::datatypes::Quaternion;
 
+use super::arrays;
 use crate::blueprint::{Eye, Subject};
 use crate::scene::rotation;
 use crate::solid::{Mesh, Placement, Rgba};
@@ -34,14 +35,21 @@ pub(super) fn quaternion(at: &Placement) -> Quaternion {
 }
 
 pub(super) fn mesh3d(mesh: &Mesh, tint: Option<Rgba>) -> Mesh3D {
-    let colours = mesh.colours.iter().map(|[r, g, b, a]| Color::from_unmultiplied_rgba(*r, *g, *b, *a));
-    let made = Mesh3D::new(mesh.positions.iter().copied())
-        .with_vertex_normals(mesh.normals.iter().copied())
-        .with_vertex_colors(colours)
-        .with_triangle_indices(mesh.triangles.iter().copied());
+    let colours = arrays::colours(&mesh.colours, Mesh3D::descriptor_vertex_colors());
+    let made = Mesh3D { vertex_colors: Some(colours), ..shape3d(mesh) };
     match tint {
         Some(tint) => made.with_albedo_factor(albedo(tint)),
         None => made,
+    }
+}
+
+/// A mesh without its colours.
+fn shape3d(mesh: &Mesh) -> Mesh3D {
+    Mesh3D {
+        vertex_positions: Some(arrays::numbers(mesh.positions.clone(), Mesh3D::descriptor_vertex_positions())),
+        vertex_normals: Some(arrays::numbers(mesh.normals.clone(), Mesh3D::descriptor_vertex_normals())),
+        triangle_indices: Some(arrays::corners(mesh.triangles.clone(), Mesh3D::descriptor_triangle_indices())),
+        ..Mesh3D::update_fields()
     }
 }
 
@@ -62,10 +70,7 @@ pub(super) fn lettered(mut strips: Vec<Vec<[f32; 3]>>, mut colours: Vec<Rgba>, w
 
 /// A mesh of one colour that lets through what is behind it.
 pub(super) fn ghost3d(mesh: &Mesh, tint: Rgba) -> Mesh3D {
-    Mesh3D::new(mesh.positions.iter().copied())
-        .with_vertex_normals(mesh.normals.iter().copied())
-        .with_triangle_indices(mesh.triangles.iter().copied())
-        .with_albedo_factor(albedo(tint))
+    shape3d(mesh).with_albedo_factor(albedo(tint))
 }
 
 /// Another tint for a mesh that has been written.

@@ -485,7 +485,7 @@ fn every_signal_names_its_elements() {
     let mut seen = 0;
     sample(&row(0, &m), &limits, Some([0, 1, 2, 3]), |signal, values| {
         seen += 1;
-        assert_eq!(values.count(), signal.elements(6, &names).len(), "{}", signal.name());
+        assert_eq!(values.len(), signal.elements(6, &names).len(), "{}", signal.name());
     });
     assert_eq!(seen, Signal::ALL.iter().filter(|signal| limits.derive(**signal).is_none()).count());
 }
