@@ -1,24 +1,28 @@
 //! Comparisons that decide an outcome. A NaN fails every one of them: it is within no bound, and it is the largest and the smallest value.
 
 /// Whether `value` is at most `bound`; false if either is NaN.
+#[inline]
 #[must_use]
 pub fn within(value: f64, bound: f64) -> bool {
     value <= bound
 }
 
 /// The larger of two values; NaN if either is NaN (`f64::max` drops it).
+#[inline]
 #[must_use]
 pub fn larger(a: f64, b: f64) -> f64 {
     if a.is_nan() || a > b { a } else { b }
 }
 
 /// The smaller of two values; NaN if either is NaN (`f64::min` drops it).
+#[inline]
 #[must_use]
 pub fn smaller(a: f64, b: f64) -> f64 {
     if a.is_nan() || a < b { a } else { b }
 }
 
 /// |value| as a share of `limit`; 0 of an infinite limit, NaN for a value that is not finite there.
+#[inline]
 #[must_use]
 pub fn share(value: f64, limit: f64) -> f64 {
     if limit.is_infinite() && value.is_finite() { 0.0 } else { value.abs() / limit }

@@ -87,6 +87,16 @@ impl Judge {
     /// A judge for an arm with these limits and a task planned to take `planned_ticks`, at 1000 ticks per second.
     #[must_use]
     pub fn new(limits: Limits, goal: Goal, planned_ticks: f64) -> Self {
+        Self::of_chain(Chain::default(), limits, goal, planned_ticks)
+    }
+
+    /// The same for a run in the processes of a graph, by which its latencies are named.
+    #[must_use]
+    pub fn in_processes(graph: &Graph, limits: Limits, goal: Goal, planned_ticks: f64) -> Self {
+        Self::of_chain(Chain::of(graph), limits, goal, planned_ticks)
+    }
+
+    fn of_chain(chain: Chain, limits: Limits, goal: Goal, planned_ticks: f64) -> Self {
         Self {
             goal,
             planned_ticks,
@@ -97,18 +107,12 @@ impl Judge {
             singularities: SingularityMeter::default(),
             turns: TurnMeter::default(),
             steered: SteeredMeter::default(),
-            latency: LatencyMeter::new(Chain::default()),
+            latency: LatencyMeter::new(chain),
             events: Vec::new(),
             clipped: false,
             phase: 0,
             refusal: 0,
         }
-    }
-
-    /// The same for a run in the processes of a graph, by which its latencies are named; before its first tick.
-    #[must_use]
-    pub fn in_processes(self, graph: &Graph) -> Self {
-        Self { latency: LatencyMeter::new(Chain::of(graph)), ..self }
     }
 
     /// The same at another control rate, 1/s.

@@ -109,8 +109,9 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
     let mut memory = Memory::open(run_dir).map_err(unusable)?;
     let past = if shell.incarnation() > 1 { memory.last() } else { None };
     let mut assembler = Assembler::new(Set::of(|topic| shell.reads(topic)), PATIENCE, HORIZON);
-    let mut judge = Judge::new(limits(robot), job.scenario.goal.clone(), job.scenario.duration_s() * f64::from(job.scenario.rate_hz));
-    judge = judge.in_processes(&job.graph).at_rate(job.scenario.rate_hz);
+    let planned_ticks = job.scenario.duration_s() * f64::from(job.scenario.rate_hz);
+    let judge = Judge::in_processes(&job.graph, limits(robot), job.scenario.goal.clone(), planned_ticks);
+    let mut judge = judge.at_rate(job.scenario.rate_hz);
     if shell.mode() == Mode::Realtime {
         judge = judge.on_grid(shell.manifest().period_ns());
     }

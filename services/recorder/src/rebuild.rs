@@ -18,8 +18,9 @@ use crate::{MESSAGES, limits, summary, take};
 /// [`ProcessError`] where the messages cannot be read, or the recording cannot be written.
 pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
     let mut rows = MessageRows::open_left(&job.out.join(MESSAGES), job).map_err(ProcessError::setup)?;
-    let mut judge = Judge::new(limits(robot), job.scenario.goal.clone(), job.scenario.duration_s() * f64::from(job.scenario.rate_hz));
-    judge = judge.in_processes(&job.graph).at_rate(job.scenario.rate_hz);
+    let planned_ticks = job.scenario.duration_s() * f64::from(job.scenario.rate_hz);
+    let judge = Judge::in_processes(&job.graph, limits(robot), job.scenario.goal.clone(), planned_ticks);
+    let mut judge = judge.at_rate(job.scenario.rate_hz);
     if job.mode == Mode::Realtime {
         judge = judge.on_grid(1_000_000_000 / u64::from(job.scenario.rate_hz));
     }

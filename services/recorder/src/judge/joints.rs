@@ -138,6 +138,11 @@ impl JointMeter {
 
     fn watch_limits(&mut self, tick: &Tick<'_>, i: usize, events: &mut impl FnMut(String)) {
         let bit = 1u32 << i;
+        let is_fast = !within(share(tick.truth.qdot[i], self.limits.velocity[i]), 1.0);
+        // At almost every tick.
+        if !is_fast && (tick.truth.limit_mask | tick.truth.saturation_mask | tick.torque.saturation_mask) & bit == 0 {
+            return;
+        }
         let middle = 0.5 * (self.limits.lower[i] + self.limits.upper[i]);
         let stop = if tick.truth.q[i] > middle { "upper stop" } else { "lower stop" };
         let cut = tick.truth.saturation_mask & bit != 0;
@@ -145,7 +150,7 @@ impl JointMeter {
         let is_at_effort = !within(share(tick.truth.tau[i], self.limits.effort[i]), 1.0 - 1e-9) || !(by_speed || by_rate);
         for (is_reached, limit) in [
             (tick.truth.limit_mask & bit != 0, stop),
-            (!within(share(tick.truth.qdot[i], self.limits.velocity[i]), 1.0), "speed"),
+            (is_fast, "speed"),
             (tick.torque.saturation_mask & bit != 0 || cut && is_at_effort, "torque"),
             (cut && !is_at_effort && by_speed, "drive speed"),
             (cut && !is_at_effort && !by_speed, "drive rate"),
