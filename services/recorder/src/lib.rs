@@ -50,7 +50,7 @@ pub const MESSAGES: &str = "messages";
 /// watches sees as motion.
 const fn pause(mode: Mode, is_watched: bool) -> Duration {
     match mode {
-        Mode::Lockstep => Duration::from_millis(2),
+        Mode::Lockstep => Duration::from_millis(5),
         Mode::Realtime if is_watched => Duration::from_millis(100),
         Mode::Realtime => Duration::from_millis(250),
     }
