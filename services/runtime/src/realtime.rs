@@ -55,8 +55,19 @@ pub fn pin(core: usize) -> Result<(), Missing> {
 /// Locks memory, touches the stack and takes a `SCHED_FIFO` priority; what is not allowed is returned, not fatal.
 #[must_use]
 pub fn enter(priority: Option<u8>) -> Vec<Missing> {
+    enter_with(priority, MlockAllFlags::CURRENT | MlockAllFlags::FUTURE)
+}
+
+/// The same for a process that no other waits for: its memory is locked as it is touched. To have all of it at once, the program and the buffers of all
+/// topics, takes a tenth of a short run's processor time.
+#[must_use]
+pub fn enter_unawaited(priority: Option<u8>) -> Vec<Missing> {
+    enter_with(priority, MlockAllFlags::CURRENT | MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT)
+}
+
+fn enter_with(priority: Option<u8>, memory: MlockAllFlags) -> Vec<Missing> {
     let mut missing = Vec::new();
-    if let Err(errno) = mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE) {
+    if let Err(errno) = mlockall(memory) {
         missing.push(Missing::LockedMemory { reason: errno.to_string() });
     }
     touch_stack();

@@ -487,7 +487,8 @@ fn settle(manifest: &Manifest, me: usize) {
     let mut missing = Vec::new();
     missing.extend(process.core.and_then(|core| realtime::pin(core).err()));
     if !manifest.is_lockstep() {
-        missing.extend(realtime::enter(process.priority));
+        let is_awaited = !process.writes.is_empty();
+        missing.extend(if is_awaited { realtime::enter(process.priority) } else { realtime::enter_unawaited(process.priority) });
     }
     if !missing.is_empty() {
         let missing = missing.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
