@@ -5,7 +5,7 @@ use crate::error::PlantError;
 use crate::smooth::{Smooth, State};
 use crate::solids::reach;
 use crate::world::{PREDICTION, World};
-use model::Robot;
+use model::{ArmMotion, Robot};
 use nalgebra::{SVector, Vector3};
 
 /// rapier3d is asked about contact where solids may be nearer than this; m. Above [`PREDICTION`], so that it makes no
@@ -105,10 +105,10 @@ impl<const N: usize> Hybrid<N> {
         })
     }
 
-    /// The state a tick after `x`, and what constraints did meanwhile. A motion that leaves the finite numbers ends there.
-    pub(crate) fn tick(&mut self, smooth: &Smooth<N>, x: &State<N>, tau: &SVector<f64, N>) -> (State<N>, Touch) {
+    /// The state a tick after `x`, whose motion is `now`, and what constraints did meanwhile. A motion that leaves the finite numbers ends there.
+    pub(crate) fn tick(&mut self, smooth: &Smooth<N>, x: &State<N>, now: &ArmMotion<N>, tau: &SVector<f64, N>) -> (State<N>, Touch) {
         let mut touch = Touch::default();
-        if let Some(next) = self.free_tick(smooth, x, tau) {
+        if let Some(next) = self.free_tick(smooth, x, now, tau) {
             return (next, touch);
         }
         let mut state = *x;
@@ -123,11 +123,11 @@ impl<const N: usize> Hybrid<N> {
     }
 
     /// The state a tick after `x`; `None` where a constraint may act meanwhile.
-    fn free_tick(&mut self, smooth: &Smooth<N>, x: &State<N>, tau: &SVector<f64, N>) -> Option<State<N>> {
+    fn free_tick(&mut self, smooth: &Smooth<N>, x: &State<N>, now: &ArmMotion<N>, tau: &SVector<f64, N>) -> Option<State<N>> {
         if self.dry_friction.is_some() || self.may_touch(smooth, x) {
             return None;
         }
-        let next = smooth.advance(x, tau, self.tick_s);
+        let next = smooth.advance(x, now, tau, self.tick_s);
         let spare = (next.qdot - x.qdot).abs() * self.tick_s;
         let moved = self.reach.dot(&((next.q - x.q).abs() + spare));
         if self.clearance - moved <= NEAR {

@@ -14,7 +14,7 @@ use crate::syntax::{is, is_path_separator, paths, tokens_of, use_leaves, walk};
 pub(crate) const CONTROL_PATH: [&str; 5] = ["model", "control", "estimator", "analyzer", "controller"];
 
 /// Crates that pure code may depend on: pure ones, processes (their step only), and libraries that compute or read text.
-const PURE_DEPENDENCIES: [&str; 21] = [
+const PURE_DEPENDENCIES: [&str; 22] = [
     "analyzer",
     "bytemuck",
     "control",
@@ -36,6 +36,7 @@ const PURE_DEPENDENCIES: [&str; 21] = [
     "thiserror",
     "toml",
     "urdf-rs",
+    "wide",
 ];
 /// The pure parts of other crates.
 const PURE_PARTS: [&str; 2] = ["plotters::style", "viz::plot::digits"];

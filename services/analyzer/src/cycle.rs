@@ -12,8 +12,9 @@ use shared_types::{AnalyzerCheckpoint, SingularityReport, StateEstimate};
 pub trait Step {
     /// The report for an estimate, at its tick. No allocation.
     fn step(&mut self, estimate: &StateEstimate, out: &mut SingularityReport);
-    /// The [`Terms`] of the last step's estimate, for another step in this address space.
-    fn terms(&self) -> &dyn Any;
+    /// The same with the [`Terms`] of this estimate, where another step in this address space has computed them for the same arm and frame; terms of
+    /// another size are not used.
+    fn step_knowing(&mut self, terms: &dyn Any, estimate: &StateEstimate, out: &mut SingularityReport);
     /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its input.
     fn save(&self, out: &mut AnalyzerCheckpoint);
     /// Takes up what [`save`](Self::save) has written: the next step continues bit for bit.
@@ -25,7 +26,7 @@ pub trait Step {
 pub struct Cycle<const N: usize> {
     model: Model<N>,
     analyzer: Analyzer<N>,
-    /// Of the last step's estimate.
+    /// Of the last estimate that came without its own.
     terms: Terms<N>,
 }
 
@@ -42,10 +43,6 @@ impl<const N: usize> Cycle<N> {
 }
 
 impl<const N: usize> Step for Cycle<N> {
-    fn terms(&self) -> &dyn Any {
-        &self.terms
-    }
-
     fn save(&self, out: &mut AnalyzerCheckpoint) {
         self.analyzer.save(out);
     }
@@ -58,6 +55,12 @@ impl<const N: usize> Step for Cycle<N> {
         let (q, qdot) = (joints(&estimate.q), joints(&estimate.qdot));
         self.model.evaluate_into(&q, &qdot, &mut self.terms);
         let report = self.analyzer.step(&q, &qdot, &self.terms);
+        wire::report_message(estimate.header.tick, &report, out);
+    }
+
+    fn step_knowing(&mut self, terms: &dyn Any, estimate: &StateEstimate, out: &mut SingularityReport) {
+        let Some(terms) = terms.downcast_ref() else { return self.step(estimate, out) };
+        let report = self.analyzer.step(&joints(&estimate.q), &joints(&estimate.qdot), terms);
         wire::report_message(estimate.header.tick, &report, out);
     }
 }

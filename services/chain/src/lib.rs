@@ -43,13 +43,13 @@ impl Chain {
         let Tick { sensor, plant_state, estimate, singularity, target, servo_state, control_state, torque, .. } = tick;
         plant.sample(self.tick, sensor, plant_state);
         estimator.step(sensor, estimate);
-        analyzer.step(estimate, singularity);
+        analyzer.step_knowing(estimator.terms(), estimate, singularity);
         match operator {
             Some(operator) => {
                 operator.step(sensor, target);
                 controller.steer((estimate, singularity), Some(target), servo_state, control_state, torque);
             }
-            None => controller.step_knowing(analyzer.terms(), (estimate, singularity), control_state, torque),
+            None => controller.step_knowing(estimator.terms(), (estimate, singularity), control_state, torque),
         }
         topics::each(&mut First(tick));
         plant.step(Some(&tick.torque));

@@ -9,7 +9,7 @@ use crate::centre::AtCentre;
 use crate::linear::{Lu, singular_values};
 use crate::paper::neighborhood::Neighborhood;
 use crate::types::Report;
-use model::{Robot, Terms};
+use model::{Factors, Robot, Terms};
 use nalgebra::{SMatrix, SVector};
 use shared_types::scenario::Analysis;
 use shared_types::{AnalyzerCheckpoint, MAX_SINGULARITIES};
@@ -22,6 +22,7 @@ pub const RANK_TOLERANCE: f64 = 1e-3;
 pub struct Analyzer<const N: usize> {
     family: Family<N>,
     analysis: Analysis,
+    factors: Factors,
     length_m: f64,
     task: [bool; 6],
     inside: [bool; MAX_SINGULARITIES],
@@ -34,6 +35,7 @@ impl<const N: usize> Analyzer<N> {
         Self {
             family: Family::of(robot, analysis),
             analysis: analysis.clone(),
+            factors: robot.factors,
             length_m: robot.length_m,
             task: robot.task.0,
             inside: [false; MAX_SINGULARITIES],
@@ -52,7 +54,7 @@ impl<const N: usize> Analyzer<N> {
     /// Requires finite `q`, `qdot` and `terms` of this very posture. Cost about 2 µs for six joints, no allocation.
     pub fn step(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, terms: &Terms<N>) -> Report<N> {
         let (mut report, at) = self.listed(q, qdot, terms);
-        conditioning(&mut report, &at.J, &terms.J, &self.task);
+        conditioning(&mut report, &at.J, &terms.J, self.factors.determinant(q.as_slice()), &self.task);
         report
     }
 
@@ -94,8 +96,14 @@ impl<const N: usize> Analyzer<N> {
 /// s(q) = det J for a square J, √det JJᵀ for a redundant arm     [CK95 Eq. 1]
 ///
 /// Fills these fields of a report. The singular values are of J at C with its linear rows divided by the report's `length_m`; the determinant is of
-/// J at E, unscaled.
-fn conditioning<const N: usize>(report: &mut Report<N>, J_C: &SMatrix<f64, 6, N>, J_E: &SMatrix<f64, 6, N>, task: &[bool; 6]) {
+/// J at E, unscaled: `closed_form` where the arm has one.
+fn conditioning<const N: usize>(
+    report: &mut Report<N>,
+    J_C: &SMatrix<f64, 6, N>,
+    J_E: &SMatrix<f64, 6, N>,
+    closed_form: Option<f64>,
+    task: &[bool; 6],
+) {
     let mut scaled = *J_C;
     let mut unscaled = *J_E;
     let mut rows = 0;
@@ -114,8 +122,10 @@ fn conditioning<const N: usize>(report: &mut Report<N>, J_C: &SMatrix<f64, 6, N>
     let (sigma, _) = singular_values(&scaled);
     let product = |values: &[f64; 6]| values[..count].iter().product::<f64>();
     report.det = if N == 6 && count == 6 {
-        let square = SMatrix::<f64, 6, 6>::from_fn(|i, j| unscaled[(i, j)]);
-        Lu::new(square).map_or(0.0, |lu| lu.determinant())
+        closed_form.unwrap_or_else(|| {
+            let square = SMatrix::<f64, 6, 6>::from_fn(|i, j| unscaled[(i, j)]);
+            Lu::new(square).map_or(0.0, |lu| lu.determinant())
+        })
     } else {
         product(&singular_values(&unscaled).0)
     };

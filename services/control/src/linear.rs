@@ -34,6 +34,8 @@ pub struct Lu<const N: usize> {
     order: [usize; N],
 }
 
+// One row's index runs through several columns at once.
+#[allow(clippy::needless_range_loop)]
 impl<const N: usize> Lu<N> {
     /// Factors `M`, P·M = L·U.
     ///
@@ -42,16 +44,28 @@ impl<const N: usize> Lu<N> {
     /// # Errors
     /// [`SolveError`] if an entry is not finite, or a pivot is below 1e-12 of the largest entry.
     pub fn new(mut M: SMatrix<f64, N, N>) -> Result<Self, SolveError> {
-        let largest = M.iter().fold(0.0_f64, |max, x| max.max(x.abs()));
-        if !M.iter().all(|x| x.is_finite()) {
+        let columns = &mut M.data.0;
+        // Row by row, so that the processor looks at several at once; zero times what is not finite is a NaN.
+        let (mut most, mut zero) = ([0.0; N], [0.0; N]);
+        for column in &*columns {
+            for i in 0..N {
+                most[i] = if column[i].abs() > most[i] { column[i].abs() } else { most[i] };
+                zero[i] += 0.0 * column[i];
+            }
+        }
+        if zero.iter().any(|zero| *zero != 0.0) {
             return Err(SolveError::NotFinite);
         }
+        let largest = most.iter().fold(0.0_f64, |largest, most| largest.max(*most));
         let mut order: [usize; N] = std::array::from_fn(|i| i);
-        // Column by column: each is whole in memory, and its bounds are checked once.
-        let columns = &mut M.data.0;
         for k in 0..N {
             let column = &columns[k];
-            let best = (k + 1..N).fold(k, |best, i| if column[i].abs() > column[best].abs() { i } else { best });
+            let (mut best, mut size) = (k, column[k].abs());
+            for i in k + 1..N {
+                if column[i].abs() > size {
+                    (best, size) = (i, column[i].abs());
+                }
+            }
             let pivot = column[best];
             if pivot.abs() <= PIVOT_FLOOR * largest {
                 return Err(SolveError::RankDeficient { size: N, pivot: pivot.abs(), largest });
@@ -60,14 +74,13 @@ impl<const N: usize> Lu<N> {
                 columns.iter_mut().for_each(|column| column.swap(best, k));
                 order.swap(best, k);
             }
-            let (left, right) = columns.split_at_mut(k + 1);
-            let first = &mut left[k];
-            for l in &mut first[k + 1..] {
-                *l /= pivot;
-            }
-            for column in right {
+            // Multipliers of all rows, zero for those that are done: whole columns are quicker than parts of them.
+            let first = columns[k];
+            let l: [f64; N] = std::array::from_fn(|i| if i > k { first[i] / pivot } else { 0.0 });
+            columns[k] = std::array::from_fn(|i| if i > k { l[i] } else { first[i] });
+            for column in &mut columns[k + 1..] {
                 let u = column[k];
-                for (m, l) in column[k + 1..].iter_mut().zip(&first[k + 1..]) {
+                for (m, l) in column.iter_mut().zip(&l) {
                     *m -= l * u;
                 }
             }
@@ -135,12 +148,15 @@ pub fn singular_values<const R: usize, const C: usize>(M: &SMatrix<f64, R, C>) -
     (sigma, R.min(C).min(6))
 }
 
+/// Most rows of [`one_sided_jacobi`].
+const MOST_ROWS: usize = 8;
+
 /// Makes `rows` orthogonal by one-sided Jacobi rotations, each at most a quarter turn; at most [`SWEEPS`] sweeps.
 ///
 /// Rows i and j of squared lengths a and b are left alone where their product is at most `negligible(a, b)`. Each rotation is passed to `follow`.
 ///
-/// Shapes any number of rows of length C · Requires finite rows: any other stay so, and are rotated in every sweep · Ensures products at most
-/// `negligible` for up to 8 rows of length up to 8, whatever their lengths and angles (`sweeps_suffice`) · Errors none · Cost at most [`SWEEPS`] rotations
+/// Shapes up to 8 rows of length C · Requires finite rows: any other stay so, and are rotated in every sweep · Ensures products at most
+/// `negligible` for rows of length up to 8, whatever their lengths and angles (`sweeps_suffice`) · Errors none · Cost at most [`SWEEPS`] rotations
 /// per pair, one or two near orthogonal rows; no allocation
 ///
 /// A sweep takes the pairs by i + j: pairs of one sum have no row in common, so that the processor computes up to three rotations at once, each of
@@ -153,16 +169,25 @@ pub fn one_sided_jacobi<const C: usize>(
 ) {
     for _ in 0..SWEEPS {
         let mut rotated = false;
+        // Squared lengths, kept up to date within a sweep.
+        let mut squares = [0.0; MOST_ROWS];
+        for (square, row) in squares.iter_mut().zip(&*rows) {
+            *square = row.norm_squared();
+        }
         for sum in 1..(2 * rows.len()).saturating_sub(2) {
             for i in (sum + 1).saturating_sub(rows.len())..sum.div_ceil(2) {
                 let j = sum - i;
-                let (a, b, c) = (rows[i].norm_squared(), rows[j].norm_squared(), rows[i].dot(&rows[j]));
+                let (x, y) = (rows[i].data.0[0], rows[j].data.0[0]);
+                let (a, b, c) = (squares[i], squares[j], x.iter().zip(&y).fold(0.0, |sum, (x, y)| sum + x * y));
                 if c.abs() <= negligible(a, b) {
                     continue;
                 }
                 rotated = true;
                 let rotation = Rotation::diagonalising(a, b, c);
-                (rows[i], rows[j]) = rotation.of(rows[i], rows[j]);
+                (squares[i], squares[j]) = (a - rotation.tan * c, b + rotation.tan * c);
+                for k in 0..C {
+                    (rows[i][k], rows[j][k]) = rotation.of(x[k], y[k]);
+                }
                 follow(i, j, rotation);
             }
         }
@@ -177,6 +202,7 @@ pub fn one_sided_jacobi<const C: usize>(
 pub struct Rotation {
     cos: f64,
     sin: f64,
+    tan: f64,
 }
 
 impl Rotation {
@@ -186,10 +212,11 @@ impl Rotation {
         let tau = (b - a) / (2.0 * c);
         let t = if tau < 0.0 { -1.0 } else { 1.0 } / (tau.abs() + (1.0 + tau * tau).sqrt());
         let cos = 1.0 / (1.0 + t * t).sqrt();
-        Self { cos, sin: cos * t }
+        Self { cos, sin: cos * t, tan: t }
     }
 
     /// The pair (x, y), rotated.
+    #[inline]
     pub fn of<T: Copy + std::ops::Mul<f64, Output = T> + std::ops::Add<Output = T> + std::ops::Sub<Output = T>>(
         &self,
         x: T,

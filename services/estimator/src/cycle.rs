@@ -1,7 +1,9 @@
 //! The estimator's pure step: encoder samples to positions, velocities and unexplained torque.
 
+use std::any::Any;
+
 use crate::disturbance::{Disturbance, Unexplained};
-use model::{Model, ModelError, Robot, padded};
+use model::{Model, ModelError, Robot, Terms, padded};
 use nalgebra::SVector;
 use shared_types::codes::DRIVE_BRAKED;
 use shared_types::scenario::Scenario;
@@ -11,6 +13,8 @@ use shared_types::{EstimatorCheckpoint, Header, SensorSample, StateEstimate};
 pub trait Step {
     /// The estimate at the sample's tick.
     fn step(&mut self, sample: &SensorSample, out: &mut StateEstimate);
+    /// The [`Terms`] of the last estimate at the scenario's frame, for other steps in this address space.
+    fn terms(&self) -> &dyn Any;
     /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its input.
     fn save(&self, out: &mut EstimatorCheckpoint);
     /// Takes up what [`save`](Self::save) has written: the next step continues bit for bit.
@@ -44,6 +48,8 @@ pub struct Cycle<const N: usize> {
     /// The largest innovation accepted per tick; rad.
     gate: SVector<f64, N>,
     state: Option<State<N>>,
+    /// Of the state: the next prediction begins with them.
+    terms: Terms<N>,
 }
 
 /// Missing samples that the model predicts over.
@@ -104,8 +110,9 @@ impl<const N: usize> Cycle<N> {
     /// [`ModelError`] where the robot does not have `N` joints.
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, ModelError> {
         let T = scenario.dt_s();
-        let model = Model::<N>::new(robot, None)?;
+        let model = Model::<N>::new(robot, scenario.frame())?;
         Ok(Self {
+            terms: model.evaluate(&SVector::zeros(), &SVector::zeros()),
             gate: model.velocity().map(|limit| (GATE * limit * T).max(ACCEPTED)),
             model,
             T,
@@ -147,6 +154,13 @@ impl<const N: usize> Step for Cycle<N> {
                 presence: take(&from.disturbance_presence),
             },
         });
+        if let Some(state) = &self.state {
+            self.model.evaluate_into(&state.q, &state.qdot, &mut self.terms);
+        }
+    }
+
+    fn terms(&self) -> &dyn Any {
+        &self.terms
     }
 
     fn rejects(&self) -> bool {
@@ -178,11 +192,10 @@ impl<const N: usize> Step for Cycle<N> {
             ),
             ..predicted
         };
-        let disturbance = |state: &State<N>| {
-            let d = state.unexplained.explained();
-            if d.amax() == 0.0 { SVector::zeros() } else { self.model.mass_matrix(&state.q) * d }
-        };
-        let (mut state, mut innovation, mut tau_disturbance) = (state, innovation, disturbance(&state));
+        self.model.evaluate_into(&state.q, &state.qdot, &mut self.terms);
+        let d = state.unexplained.explained();
+        let tau_disturbance = if d.amax() == 0.0 { SVector::zeros() } else { self.terms.A * d };
+        let (mut state, mut innovation, mut tau_disturbance) = (state, innovation, tau_disturbance);
         let is_finite = |values: &SVector<f64, N>| values.iter().all(|x| x.is_finite());
         let is_an_arms = state.qdot.iter().all(|x| x.abs() <= ABSURD)
             && state.unexplained.is_finite()
@@ -191,6 +204,7 @@ impl<const N: usize> Step for Cycle<N> {
             let reading = SVector::from_column_slice(&sample.q_encoder[..N]);
             (state, innovation, tau_disturbance) =
                 (State { samples: 1, ..State::begin(tick, reading) }, SVector::zeros(), SVector::zeros());
+            self.model.evaluate_into(&state.q, &state.qdot, &mut self.terms);
         }
         self.state = Some(state);
         *out = StateEstimate {
@@ -242,14 +256,16 @@ impl<const N: usize> Cycle<N> {
         if state.samples == 1 && gap == 1 && state.tick > 0 {
             return State { q: *measured, qdot: (measured - state.q) / self.T, ..*state };
         }
-        (0..gap).fold(*state, |state, _| self.predict(&state, tau))
+        let first = self.predict(state, self.terms.qddot(tau), tau);
+        (1..gap).fold(first, |state, _| self.predict(&state, self.model.forward_dynamics(&state.q, &state.qdot, tau), tau))
     }
 
-    /// One tick ahead under constant torque: the midpoint rule, second order in T like the truth's own variation within a tick.
-    fn predict(&self, state: &State<N>, tau: &SVector<f64, N>) -> State<N> {
+    /// One tick ahead under constant torque, from a state whose acceleration is `qddot` by the model: the midpoint rule, second order in T like the
+    /// truth's own variation within a tick.
+    fn predict(&self, state: &State<N>, qddot: SVector<f64, N>, tau: &SVector<f64, N>) -> State<N> {
         let T = self.T;
         let d = state.unexplained.explained();
-        let half = self.model.forward_dynamics(&state.q, &state.qdot, tau) + d;
+        let half = qddot + d;
         let q_mid = state.q + state.qdot * (T / 2.0);
         let qdot_mid = state.qdot + half * (T / 2.0);
         let qddot = self.model.forward_dynamics(&q_mid, &qdot_mid, tau) + d;

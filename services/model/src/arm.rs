@@ -1,11 +1,10 @@
 //! An arm with its number of joints in the type.
 
-use crate::body::{Body, Moves, body_axes};
-use crate::joint::{Joint, JointKind};
+use crate::body::Bodies;
+use crate::joint::Joint;
 use crate::pose::Pose;
 use crate::robot::Robot;
-use crate::spatial::LinkInertia;
-use nalgebra::{Matrix3, SVector, Vector3};
+use nalgebra::{SVector, Vector3};
 
 /// Why a robot has no model of this size or at this frame.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -42,7 +41,7 @@ pub enum ModelError {
 /// give finite results; q may be any real posture, inside the limits or not.
 #[derive(Clone, Debug)]
 pub struct Model<const N: usize> {
-    pub(crate) bodies: [Body; N],
+    pub(crate) bodies: Bodies<N>,
     /// The link that carries E; `None` is the base.
     pub(crate) ee_body: Option<usize>,
     /// E in that link's axes (in the base, for the base).
@@ -67,27 +66,10 @@ impl<const N: usize> Model<N> {
         if robot.dof() > N || robot.dof() == 0 {
             return Err(ModelError::Dof { robot: robot.name.clone(), expected: N, actual: robot.dof() });
         }
-        // An absent joint carries the last link's frame.
-        let last = robot.dof() - 1;
-        let R_urdf: [Matrix3<f64>; N] = std::array::from_fn(|i| body_axes(&robot.joints[i.min(last)]).transpose());
-        let bodies = std::array::from_fn(|i| {
-            let Some(joint) = robot.joints.get(i) else { return Body::absent(R_urdf[last]) };
-            let to_parent = if i == 0 { Matrix3::identity() } else { R_urdf[i - 1] };
-            let to_link = R_urdf[i];
-            Body {
-                R_0: to_parent * joint.X_PJ.R * to_link.transpose(),
-                p_0: to_parent * joint.X_PJ.p,
-                moves: if joint.kind == JointKind::Prismatic { Moves::Slides } else { Moves::Turns },
-                mass: joint.mass,
-                com: to_link * joint.com,
-                inertia: LinkInertia::new(&(to_link * joint.inertia * to_link.transpose())),
-                R_urdf: to_link,
-            }
-        });
         let column = |f: fn(&Joint) -> f64, absent: f64| SVector::from_fn(|i, _| robot.joints.get(i).map_or(absent, f));
         const NONE: f64 = f64::INFINITY;
         let base = Self {
-            bodies,
+            bodies: Bodies::new(robot),
             ee_body: None,
             X_LE: Pose::identity(),
             gravity: robot.gravity,
@@ -114,7 +96,7 @@ impl<const N: usize> Model<N> {
         })?;
         self.ee_body = found.joint;
         self.X_LE = match found.joint {
-            Some(i) => Pose::rotation(self.bodies[i].R_urdf) * found.X_LF,
+            Some(i) => Pose::rotation(self.bodies.R_urdf[i]) * found.X_LF,
             None => found.X_LF,
         };
         Ok(self)

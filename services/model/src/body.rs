@@ -1,73 +1,149 @@
-//! A moving link in axes that make the recursions short.
+//! The moving links, in axes that make the recursions short.
 
-use crate::joint::Joint;
+use crate::joint::{Joint, JointKind};
+use crate::lanes::{Pair, PerJoint, Vectors, pairs, sincos};
 use crate::pose::Pose;
-use crate::spatial::{LinkInertia, Motion, RigidInertia, times};
-use nalgebra::{Matrix3, Vector3};
+use crate::robot::Robot;
+use crate::spatial::{Axes, LinkInertias};
+use nalgebra::{Matrix3, SVector, Vector3};
+use shared_types::MAX_DOF;
 
-/// The motion of a joint.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Moves {
-    /// Turns about its axis.
-    Turns,
-    /// Slides along its axis.
-    Slides,
-    /// No motion: the place of a joint that the arm does not have.
-    Absent,
-}
-
-/// A moving link and its joint, in [axes](body_axes) chosen to make the work short.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Body {
-    /// This link's axes in the parent link's, at q = 0.
-    pub(crate) R_0: Matrix3<f64>,
-    /// This link's origin in the parent link's axes, at q = 0, m.
-    pub(crate) p_0: Vector3<f64>,
-    pub(crate) moves: Moves,
-    pub(crate) mass: f64,
+/// An arm's moving links and their joints. Places beyond the arm's own joints have links without mass that do not move.
+///
+/// A link's z axis is its joint's, its x axis is orthogonal to the next joint's, and its origin is the URDF's. From the parent's axes to a link's it takes a
+/// constant turn about x, which makes z the joint's axis, and one about z by θ_0 + q: the rotations of Denavit and Hartenberg. Origins need not lie on
+/// common normals, so that axes which are nearly parallel are no special case.
+#[derive(Clone, Debug)]
+pub(crate) struct Bodies<const N: usize> {
+    /// The first joint's axes in the base, before it moves.
+    base: Matrix3<f64>,
+    /// Cosine and sine of the turn about the parent's x.
+    twist: [(f64, f64); N],
+    /// A link's origin in the parent's x, and in y and z after the turn about x; at q = 0; m.
+    p_0: Vectors,
+    cos_0: PerJoint,
+    sin_0: PerJoint,
+    /// 1 where a joint turns, 0 where it does not.
+    turns: PerJoint,
+    /// 1 where a joint slides, 0 where it does not.
+    slides: PerJoint,
+    pub(crate) mass: PerJoint,
     /// Centre of mass, link axes, m.
-    pub(crate) com: Vector3<f64>,
+    pub(crate) com: Vectors,
     /// Inertia about the centre of mass, link axes, kg·m².
-    pub(crate) inertia: LinkInertia,
+    pub(crate) inertia: LinkInertias,
     /// The URDF's link axes in these.
-    pub(crate) R_urdf: Matrix3<f64>,
+    pub(crate) R_urdf: [Matrix3<f64>; N],
 }
 
-impl Body {
-    /// The place of a joint that the arm does not have, beyond a link with the URDF axes `R_urdf`.
-    pub(crate) fn absent(R_urdf: Matrix3<f64>) -> Self {
-        let (zero, none) = (Vector3::zeros(), Matrix3::zeros());
-        let inertia = LinkInertia::new(&none);
-        Self { R_0: Matrix3::identity(), p_0: zero, moves: Moves::Absent, mass: 0.0, com: zero, inertia, R_urdf }
+/// The links' axes and origins in one posture, in the base.
+pub(crate) struct Frames {
+    x: Vectors,
+    y: Vectors,
+    pub(crate) z: Vectors,
+    pub(crate) p: Vectors,
+    /// Of a link's origin, from the parent's.
+    pub(crate) r: Vectors,
+}
+
+impl Frames {
+    /// A link's pose in the base.
+    #[inline(always)]
+    pub(crate) fn pose(&self, i: usize) -> Pose {
+        Pose { R: Matrix3::from_columns(&[self.x.get(i), self.y.get(i), self.z.get(i)]), p: self.p.get(i) }
     }
 
-    /// From the parent link's pose in the base to this link's, and the joint's motion axis there.
     #[inline(always)]
-    pub(crate) fn step(&self, X: &mut Pose, q: f64) -> Motion {
-        if self.moves == Moves::Absent {
-            return Motion::ZERO;
+    pub(crate) fn axes(&self, k: usize) -> Axes {
+        Axes { x: self.x.pair(k), y: self.y.pair(k), z: self.z.pair(k) }
+    }
+}
+
+/// −1, 0 and 1 where rounding keeps a cosine or a sine from them.
+fn exact(x: f64) -> f64 {
+    if (x - x.round()).abs() < 1e-15 { x.round() } else { x }
+}
+
+impl<const N: usize> Bodies<N> {
+    /// Requires 1 to `N` joints.
+    pub(crate) fn new(robot: &Robot) -> Self {
+        let joints = &robot.joints;
+        // Our axes in the URDF's, link by link; an absent joint carries the last link's.
+        let own: Vec<Matrix3<f64>> = (0..joints.len()).map(|i| link_axes(&joints[i], joints.get(i + 1))).collect();
+        let first = joints[0].X_PJ.R * own[0];
+        let mut bodies = Self {
+            base: first,
+            twist: [(1.0, 0.0); N],
+            p_0: Vectors::ZERO,
+            cos_0: PerJoint([1.0; MAX_DOF]),
+            sin_0: PerJoint::ZERO,
+            turns: PerJoint::ZERO,
+            slides: PerJoint::ZERO,
+            mass: PerJoint::ZERO,
+            com: Vectors::ZERO,
+            inertia: LinkInertias::ZERO,
+            R_urdf: std::array::from_fn(|i| own[i.min(own.len() - 1)].transpose()),
+        };
+        let mut parent = first;
+        for (i, joint) in joints.iter().enumerate() {
+            let to_parent = parent.transpose();
+            let R = to_parent * joint.X_PJ.R * own[i];
+            let (cos, sin) = (exact(R.m33), exact(-R.m23));
+            bodies.twist[i] = (cos, sin);
+            (bodies.cos_0.0[i], bodies.sin_0.0[i]) = (exact(R.m11), exact(-R.m12));
+            let p = to_parent * joint.X_PJ.p;
+            bodies.p_0.set(i, &Vector3::new(p.x, cos * p.y + sin * p.z, cos * p.z - sin * p.y));
+            let slides = joint.kind == JointKind::Prismatic;
+            (bodies.turns.0[i], bodies.slides.0[i]) = if slides { (0.0, 1.0) } else { (1.0, 0.0) };
+            bodies.mass.0[i] = joint.mass;
+            bodies.com.set(i, &(own[i].transpose() * joint.com));
+            bodies.inertia.set(i, &(own[i].transpose() * joint.inertia * own[i]));
+            parent = own[i];
         }
-        X.p += times(&X.R, &self.p_0);
-        let x = times(&X.R, &column(&self.R_0, 0));
-        let y = times(&X.R, &column(&self.R_0, 1));
-        let z = times(&X.R, &column(&self.R_0, 2));
-        if self.moves == Moves::Slides {
-            X.p += z * q;
-            X.R = Matrix3::from_columns(&[x, y, z]);
-            Motion::along(z)
-        } else {
-            let (s, c) = libm::sincos(q);
-            X.R = Matrix3::from_columns(&[x * c + y * s, y * c - x * s, z]);
-            Motion::about(z, &X.p)
-        }
+        bodies
     }
 
-    /// Inertia about the base origin, with the link at `X`.
+    /// Whether the joints of pair `k` turn, as 1 or 0, and whether they slide.
     #[inline(always)]
-    pub(crate) fn inertia_at(&self, X: &Pose) -> RigidInertia {
-        let c = X.transform_point(&self.com);
-        let I = self.inertia.rotated(&X.R).shifted(self.mass, &c);
-        RigidInertia { m: self.mass, h: self.mass * c, I }
+    pub(crate) fn kinds(&self, k: usize) -> (Pair, Pair) {
+        (self.turns.pair(k), self.slides.pair(k))
+    }
+
+    /// The links' frames at `q`, from the base outwards.
+    #[inline(always)]
+    pub(crate) fn outwards(&self, q: &SVector<f64, N>) -> Frames {
+        let q = PerJoint::of(q);
+        let (mut sin, mut cos, mut along) = (PerJoint::ZERO, PerJoint::ZERO, PerJoint::ZERO);
+        for k in pairs::<N>() {
+            let (s, c) = sincos(q.pair(k) * self.turns.pair(k));
+            let (s_0, c_0) = (self.sin_0.pair(k), self.cos_0.pair(k));
+            sin.put(k, s * c_0 + c * s_0);
+            cos.put(k, c * c_0 - s * s_0);
+            along.put(k, self.p_0.z.pair(k) + q.pair(k) * self.slides.pair(k));
+        }
+        let mut frames = Frames { x: Vectors::ZERO, y: Vectors::ZERO, z: Vectors::ZERO, p: Vectors::ZERO, r: Vectors::ZERO };
+        let (mut x, mut y, mut z, mut p) = (column(&self.base, 0), column(&self.base, 1), column(&self.base, 2), Vector3::zeros());
+        let mut step = |i: usize| {
+            let (cos_twist, sin_twist) = self.twist[i];
+            let y_0 = y * cos_twist + z * sin_twist;
+            z = z * cos_twist - y * sin_twist;
+            let r = x * self.p_0.x.0[i] + y_0 * self.p_0.y.0[i] + z * along.0[i];
+            p += r;
+            let (s, c) = (sin.0[i], cos.0[i]);
+            y = y_0 * c - x * s;
+            x = x * c + y_0 * s;
+            [x, y, z, p, r]
+        };
+        for k in pairs::<N>() {
+            let first = step(2 * k);
+            let second = if 2 * k + 1 < N { step(2 * k + 1) } else { [Vector3::zeros(); 5] };
+            frames.x.put_each(k, [&first[0], &second[0]]);
+            frames.y.put_each(k, [&first[1], &second[1]]);
+            frames.z.put_each(k, [&first[2], &second[2]]);
+            frames.p.put_each(k, [&first[3], &second[3]]);
+            frames.r.put_each(k, [&first[4], &second[4]]);
+        }
+        frames
     }
 }
 
@@ -76,25 +152,19 @@ pub(crate) fn column(A: &Matrix3<f64>, k: usize) -> Vector3<f64> {
     Vector3::new(A[(0, k)], A[(1, k)], A[(2, k)])
 }
 
-/// Our axes for a link, in the URDF's: z along the joint's axis, and x, y such that I_xy = 0.
-pub(crate) fn body_axes(joint: &Joint) -> Matrix3<f64> {
-    let R = z_to(&joint.axis);
-    let I = R.transpose() * joint.inertia * R;
-    if I.m12 == 0.0 {
-        return R;
-    }
-    let (s, c) = libm::sincos(0.5 * libm::atan2(2.0 * I.m12, I.m11 - I.m22));
-    R * Matrix3::new(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
+/// Our axes for a link, in the URDF's: z along its joint's axis, x orthogonal to the next joint's too.
+fn link_axes(joint: &Joint, next: Option<&Joint>) -> Matrix3<f64> {
+    let z = joint.axis;
+    let across = next.map_or_else(Vector3::zeros, |next| z.cross(&(next.X_PJ.R * next.axis)));
+    // Parallel to rounding: any x will do, and the coordinate axis farthest from z is taken.
+    let across = if across.norm() < 1e-15 { coordinate_axis_across(&z) } else { across };
+    let x = across.normalize();
+    let x = (x - z * z.dot(&x)).normalize();
+    Matrix3::from_columns(&[x, z.cross(&x), z])
 }
 
-/// A rotation whose z axis is the unit vector `axis`; exact for the coordinate axes.
-fn z_to(axis: &Vector3<f64>) -> Matrix3<f64> {
-    if axis.x == 0.0 && axis.y == 0.0 && axis.z > 0.0 {
-        return Matrix3::identity();
-    }
-    // x: the coordinate axis farthest from `axis`, made orthogonal to it.
+fn coordinate_axis_across(z: &Vector3<f64>) -> Vector3<f64> {
     let mut e = Vector3::zeros();
-    e[axis.iamin()] = 1.0;
-    let x = (e - axis * axis.dot(&e)).normalize();
-    Matrix3::from_columns(&[x, axis.cross(&x), *axis])
+    e[z.iamin()] = 1.0;
+    e - z * z.dot(&e)
 }

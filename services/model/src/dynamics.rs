@@ -1,73 +1,59 @@
 //! The rigid-body algorithms of a serial chain.
 
-// One joint's index runs through several arrays at once.
-#![allow(clippy::needless_range_loop)]
-
 use crate::arm::Model;
-use crate::body::{Moves, column};
+use crate::body::Frames;
 use crate::kinematics::stack;
+use crate::lanes::{Pair, PerJoint, Vectors, pairs, widest};
 use crate::pose::Pose;
-use crate::spatial::{Force, Motion, ORIGIN, RigidInertia, times};
+use crate::spatial::{Force, Forces, Motions, ORIGIN, RigidInertias, Sym3, dot};
 use crate::terms::Terms;
 use nalgebra::{SMatrix, SVector, Vector3, Vector6};
 
-/// The end-effector's motion and the arm's energy in one state.
+/// The end-effector's motion, the arm's energy, and what its acceleration follows from, in one state.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ArmMotion {
+pub struct ArmMotion<const N: usize> {
     /// Pose of E in the base.
     pub X_BE: Pose,
     /// Twist of E, [v; ω], base axes; m/s, rad/s.
     pub V_BE: Vector6<f64>,
     /// Kinetic and potential energy; J.
     pub energy: f64,
+    /// Mass matrix, armature included.
+    pub A: SMatrix<f64, N, N>,
+    /// Bias torques C·q̇ + g.
+    pub bias: SVector<f64, N>,
 }
 
-/// The links in one state, base axes: joint axes, inertias, and the forces that their motion takes.
-struct Links<const N: usize> {
-    S: [Motion; N],
-    I: [RigidInertia; N],
-    f: [Force; N],
+impl<const N: usize> ArmMotion<N> {
+    /// q̈ under the joint torques `tau`: that of [`Model::forward_dynamics`] in this state, to the last bit.
+    pub fn qddot(&self, tau: &SVector<f64, N>) -> SVector<f64, N> {
+        solve(self.A, tau - self.bias)
+    }
 }
 
-impl<const N: usize> Links<N> {
-    const ZERO: Self = Self { S: [Motion::ZERO; N], I: [RigidInertia::ZERO; N], f: [Force::ZERO; N] };
+impl<const N: usize> Terms<N> {
+    /// q̈ under the joint torques `tau`: A⁻¹(τ − C·q̇ − g). Requires A positive definite.
+    pub fn qddot(&self, tau: &SVector<f64, N>) -> SVector<f64, N> {
+        solve(self.A, tau - self.bias())
+    }
 }
 
-/// A link's angular velocity and acceleration, and velocity and acceleration of its origin, all at q̈ = 0.
+/// The links in one state, base axes: joint axes, motion, inertias, and the forces that their motion takes.
+struct Links {
+    X_BE: Pose,
+    frames: Frames,
+    S: Motions,
+    rates: Rates,
+    I: RigidInertias,
+    f: Forces,
+}
+
+/// The links' angular velocities and accelerations, and velocities and accelerations of their origins.
 struct Rates {
-    w: Vector3<f64>,
-    alpha: Vector3<f64>,
-    v: Vector3<f64>,
-    a: Vector3<f64>,
-}
-
-impl Rates {
-    const REST: Self = Self { w: ORIGIN, alpha: ORIGIN, v: ORIGIN, a: ORIGIN };
-
-    /// From the parent link's to this one's: origins `r` apart, the joint at the rate `rate`.
-    #[inline(always)]
-    fn step(&mut self, r: &Vector3<f64>, moves: Moves, rate: &Vector3<f64>) {
-        let w_r = self.w.cross(r);
-        self.v += w_r;
-        self.a += self.alpha.cross(r) + self.w.cross(&w_r);
-        match moves {
-            Moves::Turns => {
-                self.alpha += self.w.cross(rate);
-                self.w += rate;
-            }
-            Moves::Slides => {
-                self.v += rate;
-                self.a += 2.0 * self.w.cross(rate);
-            }
-            Moves::Absent => {}
-        }
-    }
-
-    /// Acceleration of the link's point at `r` from its origin.
-    #[inline(always)]
-    fn acceleration(&self, r: &Vector3<f64>) -> Vector3<f64> {
-        self.a + self.alpha.cross(r) + self.w.cross(&self.w.cross(r))
-    }
+    w: Vectors,
+    alpha: Vectors,
+    v: Vectors,
+    a: Vectors,
 }
 
 impl<const N: usize> Model<N> {
@@ -85,182 +71,224 @@ impl<const N: usize> Model<N> {
 
     /// [`evaluate`](Self::evaluate) into place: `t` is overwritten whole.
     pub fn evaluate_into(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, t: &mut Terms<N>) {
-        let mut links = Links::ZERO;
-        self.links(q, qdot, Vector3::zeros(), &mut links, |i, X, rates| {
-            t.z[i] = column(&X.R, 2);
-            t.p[i] = X.p;
-            t.omega[i] = rates.w;
-            t.alpha_bias[i] = rates.alpha;
-            t.pdot[i] = rates.v;
-            t.pddot_bias[i] = rates.a;
-            if self.ee_body == Some(i) {
-                t.X_BE = *X * self.X_LE;
-                t.Jdot_qdot = stack(&rates.acceleration(&(t.X_BE.p - X.p)), &rates.alpha);
-            }
-        });
-        if self.ee_body.is_none() {
-            t.X_BE = self.X_LE;
-            t.Jdot_qdot = Vector6::zeros();
-        }
-
-        // Inwards. I, f: composite inertia of, and force on, all links from i on.
-        let Links { S, I, f } = &links;
-        let (mut I_c, mut f_c) = (RigidInertia::ZERO, Force::ZERO);
-        for i in (0..N).rev() {
-            I_c += I[i];
-            f_c += f[i];
-            let F = I_c.times(&S[i]);
-            for j in 0..=i {
-                let A_ji = S[j].dot(&F);
-                t.A[(j, i)] = A_ji;
-                t.A[(i, j)] = A_ji;
-            }
-            t.A[(i, i)] += self.armature[i];
-            t.coriolis[i] = S[i].dot(&f_c);
-            t.gravity[i] = -F.f.dot(&self.gravity);
-        }
-        t.J = self.jacobian_at(S, &t.X_BE.p);
+        let arm = self;
+        widest!(evaluate_anywhere(arm: &Model<N>, q: &SVector<f64, N>, qdot: &SVector<f64, N>, t: &mut Terms<N>) -> ())
     }
 
-    /// Outwards [RBDA Ch. 5]: each link's joint axis, its inertia, and the force that its motion at q̈ = 0 takes, with the base accelerated by `a_B`.
     #[inline(always)]
-    fn links(
-        &self,
-        q: &SVector<f64, N>,
-        qdot: &SVector<f64, N>,
-        a_B: Vector3<f64>,
-        links: &mut Links<N>,
-        mut visit: impl FnMut(usize, &Pose, &Rates),
-    ) {
-        let mut X = Pose::identity();
-        let mut rates = Rates { a: a_B, ..Rates::REST };
+    pub(crate) fn evaluate_anywhere(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, t: &mut Terms<N>) {
+        let mut links = self.links(q, qdot, None, Vector3::zeros());
+        let rates = &links.rates;
         for i in 0..N {
-            let body = &self.bodies[i];
-            let p_parent = X.p;
-            links.S[i] = body.step(&mut X, q[i]);
-            rates.step(&(X.p - p_parent), body.moves, &(column(&X.R, 2) * qdot[i]));
-            visit(i, &X, &rates);
+            (t.z[i], t.p[i]) = (links.frames.z.get(i), links.frames.p.get(i));
+            (t.omega[i], t.alpha_bias[i]) = (rates.w.get(i), rates.alpha.get(i));
+            (t.pdot[i], t.pddot_bias[i]) = (rates.v.get(i), rates.a.get(i));
+        }
+        t.X_BE = links.X_BE;
+        t.J = self.jacobian_at(&links.S, &t.X_BE.p);
+        t.Jdot_qdot = self.ee_body.map_or_else(Vector6::zeros, |i| {
+            let (w, alpha, r) = (t.omega[i], t.alpha_bias[i], t.X_BE.p - t.p[i]);
+            stack(&(t.pddot_bias[i] + alpha.cross(&r) + w.cross(&w.cross(&r))), &alpha)
+        });
 
+        links.I.summed_inwards::<N>();
+        links.f.summed_inwards::<N>();
+        let (mut coriolis, mut gravity) = (PerJoint::ZERO, PerJoint::ZERO);
+        let g = self.gravity.map(Pair::splat);
+        t.A = self.composite(&links.S, &links.I, |k, F| {
+            coriolis.put(k, links.S.pair(k).dot(&links.f.pair(k)));
+            gravity.put(k, -dot(&F.f, &g));
+        });
+        t.coriolis = SVector::from_fn(|i, _| coriolis.0[i]);
+        t.gravity = SVector::from_fn(|i, _| gravity.0[i]);
+    }
+
+    /// Outwards [RBDA Ch. 5]: each link's joint axis, motion and inertia, and the force that its motion takes at the joint accelerations `qddot` (zero
+    /// for `None`), with the base accelerated by `a_B`.
+    #[inline(always)]
+    fn links(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, qddot: Option<&SVector<f64, N>>, a_B: Vector3<f64>) -> Links {
+        let (frames, X_BE) = self.outwards(q);
+        let rates = self.rates(&frames, &PerJoint::of(qdot), qddot.map(PerJoint::of), &a_B);
+        let (mut I, mut f) = (RigidInertias::ZERO, Forces::ZERO);
+        self.inertias(&frames, &mut I, |k, m, c_L, c, inertia| {
             // Newton and Euler at the centre of mass c; the moment is then taken about the base origin.
-            let c_L = times(&X.R, &body.com);
-            let c = X.p + c_L;
-            let inertia = body.inertia.rotated(&X.R);
-            let force = body.mass * rates.acceleration(&c_L);
-            let moment = inertia * rates.alpha + rates.w.cross(&(inertia * rates.w));
-            links.f[i] = Force { n: moment + c.cross(&force), f: force };
-            links.I[i] = RigidInertia { m: body.mass, h: body.mass * c, I: inertia.shifted(body.mass, &c) };
+            let (w, alpha) = (rates.w.pair(k), rates.alpha.pair(k));
+            let force = (rates.a.pair(k) + alpha.cross(c_L) + w.cross(&w.cross(c_L))) * m;
+            let moment = inertia.times(&alpha) + w.cross(&inertia.times(&w));
+            f.put(k, &Force { n: moment + c.cross(&force), f: force });
+        });
+        Links { X_BE, S: self.axes(&frames), frames, rates, I, f }
+    }
+
+    /// The links' motion: what each joint adds to its parent's, then the sums from the base on.
+    #[inline(always)]
+    fn rates(&self, frames: &Frames, qdot: &PerJoint, qddot: Option<PerJoint>, a_B: &Vector3<f64>) -> Rates {
+        let mut added = Rates { w: Vectors::ZERO, alpha: Vectors::ZERO, v: Vectors::ZERO, a: Vectors::ZERO };
+        let along = |k: usize, values: &PerJoint| {
+            let ((turns, slides), z, values) = (self.bodies.kinds(k), frames.z.pair(k), values.pair(k));
+            (z * (turns * values), z * (slides * values))
+        };
+        for k in pairs::<N>() {
+            added.w.put(k, &along(k, qdot).0);
+        }
+        let w_parent = added.w.summed_outwards::<N>(&ORIGIN);
+        for k in pairs::<N>() {
+            let mut alpha = w_parent.pair(k).cross(&added.w.pair(k));
+            if let Some(qddot) = &qddot {
+                alpha += along(k, qddot).0;
+            }
+            added.alpha.put(k, &alpha);
+        }
+        let alpha_parent = added.alpha.summed_outwards::<N>(&ORIGIN);
+        for k in pairs::<N>() {
+            let (w, r, sliding) = (w_parent.pair(k), frames.r.pair(k), along(k, qdot).1);
+            let v = w.cross(&r) + sliding;
+            let mut a = alpha_parent.pair(k).cross(&r) + w.cross(&(v + sliding));
+            if let Some(qddot) = &qddot {
+                a += along(k, qddot).1;
+            }
+            added.v.put(k, &v);
+            added.a.put(k, &a);
+        }
+        let (v_parent, a_parent) = (added.v.summed_outwards::<N>(&ORIGIN), added.a.summed_outwards::<N>(a_B));
+        for k in pairs::<N>() {
+            added.w.put(k, &(w_parent.pair(k) + added.w.pair(k)));
+            added.alpha.put(k, &(alpha_parent.pair(k) + added.alpha.pair(k)));
+            added.v.put(k, &(v_parent.pair(k) + added.v.pair(k)));
+            added.a.put(k, &(a_parent.pair(k) + added.a.pair(k)));
+        }
+        added
+    }
+
+    /// The links' inertias about the base origin. Passed to `visit`, pair by pair: mass, centre of mass from the link's origin and from the base's, and
+    /// inertia about it.
+    #[inline(always)]
+    fn inertias(&self, frames: &Frames, I: &mut RigidInertias, mut visit: impl FnMut(usize, Pair, &Vector3<Pair>, &Vector3<Pair>, &Sym3)) {
+        for k in pairs::<N>() {
+            let (R, m) = (frames.axes(k), self.bodies.mass.pair(k));
+            let c_L = R.turn(&self.bodies.com.pair(k));
+            let c = frames.p.pair(k) + c_L;
+            let inertia = self.bodies.inertia.rotated(k, &R);
+            let h = c * m;
+            I.put(k, m, &h, &inertia.shifted(&h, &c));
+            visit(k, m, &c_L, &c, &inertia);
         }
     }
 
     /// Mass matrix A(q), armature included: composite-rigid-body algorithm [RBDA Ch. 6].
     pub fn mass_matrix(&self, q: &SVector<f64, N>) -> SMatrix<f64, N, N> {
-        let mut S = [Motion::ZERO; N];
-        let mut I = [RigidInertia::ZERO; N];
-        self.outwards(q, |i, body, X, S_i| {
-            S[i] = S_i;
-            I[i] = body.inertia_at(X);
-        });
-        self.composite(&S, &I)
+        let (frames, _) = self.outwards(q);
+        self.composite(&self.axes(&frames), &self.composites(&frames), |_, _| {})
     }
 
-    /// A(q) of links with the joint axes `S` and the inertias `I`.
+    /// Of each link the inertia of the rigid body of it and all beyond it.
     #[inline(always)]
-    fn composite(&self, S: &[Motion; N], I: &[RigidInertia; N]) -> SMatrix<f64, N, N> {
+    fn composites(&self, frames: &Frames) -> RigidInertias {
+        let mut I = RigidInertias::ZERO;
+        self.inertias(frames, &mut I, |_, _, _, _, _| {});
+        I.summed_inwards::<N>();
+        I
+    }
+
+    /// A(q) of links with the joint axes `S`, each link's inertia in `I` with all beyond it. The momenta at unit speed of each joint are passed to `visit`.
+    #[inline(always)]
+    fn composite(&self, S: &Motions, I: &RigidInertias, mut visit: impl FnMut(usize, &Force)) -> SMatrix<f64, N, N> {
         let mut A = SMatrix::<f64, N, N>::zeros();
-        let mut I_c = RigidInertia::ZERO;
-        for i in (0..N).rev() {
-            I_c += I[i];
-            let F = I_c.times(&S[i]);
-            for j in 0..=i {
-                let A_ji = S[j].dot(&F);
-                A[(j, i)] = A_ji;
-                A[(i, j)] = A_ji;
+        let mut set = |i: usize, j: usize, A_ij: f64| {
+            if i < N && j < N {
+                A[(i, j)] = A_ij;
+                A[(j, i)] = A_ij;
             }
+        };
+        for k in pairs::<N>() {
+            let F = I.times(k, &S.pair(k));
+            visit(k, &F);
+            let (first, second) = (2 * k, 2 * k + 1);
+            for l in 0..k {
+                let [same, other] = [S.pair(l).dot(&F).to_array(), S.swapped(l).dot(&F).to_array()];
+                set(2 * l, first, same[0]);
+                set(2 * l + 1, second, same[1]);
+                set(2 * l + 1, first, other[0]);
+                set(2 * l, second, other[1]);
+            }
+            let [same, other] = [S.pair(k).dot(&F).to_array(), S.swapped(k).dot(&F).to_array()];
+            set(first, first, same[0]);
+            set(second, second, same[1]);
+            set(first, second, other[1]);
+        }
+        for i in 0..N {
             A[(i, i)] += self.armature[i];
         }
         A
     }
 
-    /// Pose and twist of the end-effector and mechanical energy, in one pass: those of [`forward_kinematics`](Self::forward_kinematics),
+    /// Pose and twist of the end-effector, mechanical energy, A and bias torques in one pass: those of [`forward_kinematics`](Self::forward_kinematics),
     /// [`jacobian`](Self::jacobian), [`kinetic_energy`](Self::kinetic_energy) and [`potential_energy`](Self::potential_energy), to the last bit.
-    pub fn motion(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> ArmMotion {
-        let mut S = [Motion::ZERO; N];
-        let mut I = [RigidInertia::ZERO; N];
-        let (mut X_BE, mut V) = (self.X_LE, 0.0);
-        self.outwards(q, |i, body, X, S_i| {
-            S[i] = S_i;
-            I[i] = body.inertia_at(X);
-            V -= body.mass * self.gravity.dot(&X.transform_point(&body.com));
-            if self.ee_body == Some(i) {
-                X_BE = *X * self.X_LE;
-            }
-        });
-        let kinetic = 0.5 * qdot.dot(&(self.composite(&S, &I) * qdot));
-        ArmMotion { X_BE, V_BE: self.jacobian_at(&S, &X_BE.p) * qdot, energy: kinetic + V }
+    pub fn motion(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> ArmMotion<N> {
+        let arm = self;
+        widest!(motion_anywhere(arm: &Model<N>, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> ArmMotion<N>)
+    }
+
+    #[inline(always)]
+    pub(crate) fn motion_anywhere(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> ArmMotion<N> {
+        let mut links = self.links(q, qdot, None, -self.gravity);
+        links.I.summed_inwards::<N>();
+        let A = self.composite(&links.S, &links.I, |_, _| {});
+        let bias = self.carried(&links.S, &mut links.f);
+        let energy = 0.5 * qdot.dot(&(A * qdot)) + self.potential(&links.I);
+        ArmMotion { X_BE: links.X_BE, V_BE: self.jacobian_at(&links.S, &links.X_BE.p) * qdot, energy, A, bias }
     }
 
     /// Inverse dynamics τ = A·q̈ + C·q̇ + g, armature included: recursive Newton–Euler algorithm [RBDA Ch. 5].
     pub fn inverse_dynamics(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, qddot: &SVector<f64, N>) -> SVector<f64, N> {
-        let mut S = [Motion::ZERO; N];
-        let mut f = [Force::ZERO; N];
         // Gravity as an upward acceleration of the base.
-        let (mut v, mut a) = (Motion::ZERO, Motion::along(-self.gravity));
-        self.outwards(q, |i, body, X, S_i| {
-            let s = S_i * qdot[i];
-            v = v + s;
-            a = a + v.cross(&s) + S_i * qddot[i];
-            let I = body.inertia_at(X);
-            f[i] = I.times(&a) + v.cross_force(&I.times(&v));
-            S[i] = S_i;
-        });
-        let mut tau = SVector::<f64, N>::zeros();
-        let mut f_c = Force::ZERO;
-        for i in (0..N).rev() {
-            f_c += f[i];
-            tau[i] = S[i].dot(&f_c) + self.armature[i] * qddot[i];
+        let mut links = self.links(q, qdot, Some(qddot), -self.gravity);
+        self.carried(&links.S, &mut links.f) + self.armature.component_mul(qddot)
+    }
+
+    /// The joint torques of forces `f` on the links; each link's is then that with all beyond it.
+    #[inline(always)]
+    fn carried(&self, S: &Motions, f: &mut Forces) -> SVector<f64, N> {
+        f.summed_inwards::<N>();
+        let mut tau = PerJoint::ZERO;
+        for k in pairs::<N>() {
+            tau.put(k, S.pair(k).dot(&f.pair(k)));
         }
-        tau
+        SVector::from_fn(|i, _| tau.0[i])
     }
 
     /// Gravity torques g(q): the torques that hold the arm still, N·m (N for a sliding joint).
     pub fn gravity(&self, q: &SVector<f64, N>) -> SVector<f64, N> {
-        let mut S = [Motion::ZERO; N];
-        let mut weight = [Force::ZERO; N];
-        self.outwards(q, |i, body, X, S_i| {
-            let force = body.mass * self.gravity;
-            weight[i] = Force { n: X.transform_point(&body.com).cross(&force), f: force };
-            S[i] = S_i;
-        });
-        let mut tau = SVector::<f64, N>::zeros();
-        let mut f_c = Force::ZERO;
-        for i in (0..N).rev() {
-            f_c += weight[i];
-            tau[i] = -S[i].dot(&f_c);
+        let (frames, _) = self.outwards(q);
+        let (S, I, g) = (self.axes(&frames), self.composites(&frames), self.gravity.map(Pair::splat));
+        let mut tau = PerJoint::ZERO;
+        for k in pairs::<N>() {
+            tau.put(k, -dot(&I.times(k, &S.pair(k)).f, &g));
         }
-        tau
+        SVector::from_fn(|i, _| tau.0[i])
     }
 
     /// Bias torques C(q, q̇)·q̇ + g(q).
     pub fn bias(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> SVector<f64, N> {
-        self.inverse_dynamics(q, qdot, &SVector::zeros())
+        let mut links = self.links(q, qdot, None, -self.gravity);
+        self.carried(&links.S, &mut links.f)
     }
 
     /// Forward dynamics q̈ = A⁻¹(τ − C·q̇ − g), armature included: A by composite inertias, bias torques by Newton and Euler, A = L·D·Lᵀ [RBDA §6.2, 6.5].
     ///
     /// For six or seven joints this takes fewer operations than the articulated-body algorithm. Requires A positive definite.
     pub fn forward_dynamics(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, tau: &SVector<f64, N>) -> SVector<f64, N> {
-        let mut links = Links::ZERO;
+        let arm = self;
+        widest!(qddot_anywhere(arm: &Model<N>, q: &SVector<f64, N>, qdot: &SVector<f64, N>, tau: &SVector<f64, N>) -> SVector<f64, N>)
+    }
+
+    #[inline(always)]
+    pub(crate) fn qddot_anywhere(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, tau: &SVector<f64, N>) -> SVector<f64, N> {
         // Gravity as an upward acceleration of the base.
-        self.links(q, qdot, -self.gravity, &mut links, |_, _, _| {});
-        let Links { S, I, f } = &links;
-        let A = self.composite(S, I);
-        let mut x = *tau;
-        let mut f_c = Force::ZERO;
-        for i in (0..N).rev() {
-            f_c += f[i];
-            x[i] -= S[i].dot(&f_c);
-        }
-        solve(A, x)
+        let Links { S, mut I, mut f, .. } = self.links(q, qdot, None, -self.gravity);
+        I.summed_inwards::<N>();
+        let A = self.composite(&S, &I, |_, _| {});
+        solve(A, tau - self.carried(&S, &mut f))
     }
 
     /// Kinetic energy ½·q̇ᵀ·A·q̇, the rotors' included, J.
@@ -270,13 +298,20 @@ impl<const N: usize> Model<N> {
 
     /// Potential energy −Σ m·gᵀ·c, zero with every centre of mass at the base origin, J.
     pub fn potential_energy(&self, q: &SVector<f64, N>) -> f64 {
-        let mut V = 0.0;
-        self.outwards(q, |_, body, X, _| V -= body.mass * self.gravity.dot(&X.transform_point(&body.com)));
-        V
+        let (frames, _) = self.outwards(q);
+        self.potential(&self.composites(&frames))
+    }
+
+    /// The potential energy of links with the composite inertias `I`: all masses are in the first.
+    #[inline(always)]
+    fn potential(&self, I: &RigidInertias) -> f64 {
+        -self.gravity.dot(&I.h.get(0))
     }
 }
 
 /// Solves A·x = b for a positive definite A: A = L·D·Lᵀ, in place.
+// One joint's index runs through several arrays at once.
+#[allow(clippy::needless_range_loop)]
 #[inline(always)]
 fn solve<const N: usize>(mut A: SMatrix<f64, N, N>, mut b: SVector<f64, N>) -> SVector<f64, N> {
     let mut reciprocal = [0.0; N];

@@ -1,64 +1,63 @@
 //! Kinematics of the links and of the end-effector frame.
 
 use crate::arm::Model;
-use crate::body::Body;
+use crate::body::Frames;
+use crate::lanes::{Pair, PerJoint, Vectors, pairs};
 use crate::pose::Pose;
-use crate::spatial::Motion;
+use crate::spatial::{Motion, Motions};
 use nalgebra::{SMatrix, SVector, Vector3, Vector6};
 
 impl<const N: usize> Model<N> {
-    /// Visits the links from the base outwards: index, body, pose in the base, joint motion axis.
+    /// The links' frames, and the pose of the end-effector frame.
     #[inline(always)]
-    pub(crate) fn outwards(&self, q: &SVector<f64, N>, mut visit: impl FnMut(usize, &Body, &Pose, Motion)) {
-        let mut X = Pose::identity();
-        for i in 0..N {
-            let body = &self.bodies[i];
-            let S = body.step(&mut X, q[i]);
-            visit(i, body, &X, S);
+    pub(crate) fn outwards(&self, q: &SVector<f64, N>) -> (Frames, Pose) {
+        let frames = self.bodies.outwards(q);
+        let X_BE = self.ee_body.map_or(self.X_LE, |i| frames.pose(i) * self.X_LE);
+        (frames, X_BE)
+    }
+
+    /// The joints' motion axes: a turn about z through the link's origin, or a slide along z.
+    #[inline(always)]
+    pub(crate) fn axes(&self, frames: &Frames) -> Motions {
+        let mut S = Motions::ZERO;
+        for k in pairs::<N>() {
+            let (z, p) = (frames.z.pair(k), frames.p.pair(k));
+            let (turns, slides) = self.bodies.kinds(k);
+            let w = z * turns;
+            S.w.put(k, &w);
+            S.v.put(k, &(p.cross(&w) + z * slides));
         }
+        S
     }
 
     /// Pose of the end-effector frame in the base, `X_BE`.
     pub fn forward_kinematics(&self, q: &SVector<f64, N>) -> Pose {
-        let mut X_BE = self.X_LE;
-        self.outwards(q, |i, _, X, _| {
-            if self.ee_body == Some(i) {
-                X_BE = *X * self.X_LE;
-            }
-        });
-        X_BE
+        self.outwards(q).1
     }
 
     /// Poses of the links' URDF frames in the base, `X_BL`.
     pub fn link_poses(&self, q: &SVector<f64, N>) -> [Pose; N] {
-        let mut poses = [Pose::identity(); N];
-        self.outwards(q, |i, body, X, _| poses[i] = *X * Pose::rotation(body.R_urdf));
-        poses
+        let frames = self.bodies.outwards(q);
+        std::array::from_fn(|i| frames.pose(i) * Pose::rotation(self.bodies.R_urdf[i]))
     }
 
     /// Geometric Jacobian: [v; ω] = J·q̇ of the end-effector frame's origin, base axes, 6×N.
     pub fn jacobian(&self, q: &SVector<f64, N>) -> SMatrix<f64, 6, N> {
-        let mut S = [Motion::ZERO; N];
-        let mut p_E = self.X_LE.p;
-        self.outwards(q, |i, _, X, S_i| {
-            S[i] = S_i;
-            if self.ee_body == Some(i) {
-                p_E = X.transform_point(&self.X_LE.p);
-            }
-        });
-        self.jacobian_at(&S, &p_E)
+        let (frames, X_BE) = self.outwards(q);
+        self.jacobian_at(&self.axes(&frames), &X_BE.p)
     }
 
     #[inline(always)]
-    pub(crate) fn jacobian_at(&self, S: &[Motion; N], p_E: &Vector3<f64>) -> SMatrix<f64, 6, N> {
-        let moving = self.ee_body.map_or(0, |i| i + 1);
-        let mut J = SMatrix::<f64, 6, N>::zeros();
-        for (j, S_j) in S.iter().enumerate() {
-            if j < moving {
-                J.set_column(j, &stack(&S_j.at(p_E), &S_j.w));
-            }
+    pub(crate) fn jacobian_at(&self, S: &Motions, p_E: &Vector3<f64>) -> SMatrix<f64, 6, N> {
+        let p_E = p_E.map(Pair::splat);
+        let mut linear = Vectors::ZERO;
+        for k in pairs::<N>() {
+            let S: Motion = S.pair(k);
+            linear.put(k, &S.at(&p_E));
         }
-        J
+        let moving = self.ee_body.map_or(0, |i| i + 1);
+        let rows: [&PerJoint; 6] = [&linear.x, &linear.y, &linear.z, &S.w.x, &S.w.y, &S.w.z];
+        SMatrix::from_fn(|row, joint| if joint < moving { rows[row].0[joint] } else { 0.0 })
     }
 }
 

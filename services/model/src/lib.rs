@@ -37,6 +37,7 @@ mod foreign;
 mod geometry;
 mod joint;
 mod kinematics;
+mod lanes;
 mod load;
 mod pose;
 mod robot;

@@ -77,7 +77,7 @@ impl Cycle {
             drive: applied.drive,
             stale_ticks: applied.stale_ticks,
         };
-        let ArmMotion { X_BE, V_BE, energy } = self.model.motion(&now.q, &now.qdot);
+        let ArmMotion { X_BE, V_BE, energy, .. } = self.model.motion(&now.q, &now.qdot);
         let mut R_BE = [0.0; 9];
         R_BE.copy_from_slice(X_BE.R.as_slice());
         *truth = PlantState {

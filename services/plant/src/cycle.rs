@@ -101,7 +101,7 @@ impl<const N: usize> Step for Cycle<N> {
             drive: applied.drive,
             stale_ticks: applied.stale_ticks,
         };
-        let ArmMotion { X_BE, V_BE, energy } = self.plant.motion();
+        let ArmMotion { X_BE, V_BE, energy, .. } = *self.plant.motion();
         let mut R_BE = [0.0; 9];
         R_BE.copy_from_slice(X_BE.R.as_slice());
         *truth = PlantState {

@@ -100,6 +100,16 @@ fn identities<const N: usize>(robot: &Robot, frame: Option<&str>, state: &[f64])
     prop_assert_eq!(motion.X_BE, model.forward_kinematics(&q));
     prop_assert_eq!(motion.V_BE, model.jacobian(&q) * qdot);
     prop_assert_eq!(motion.energy, kinetic + model.potential_energy(&q));
+    prop_assert_eq!((motion.A, motion.bias), (model.mass_matrix(&q), model.bias(&q, &qdot)));
+    prop_assert_eq!(motion.qddot(&tau), qddot);
+    close("q̈ of the terms", 1e-10, terms.qddot(&tau), qddot)?;
+
+    // Wide instructions or those that every processor has: the same bits.
+    let mut anywhere = model.evaluate(&zero, &zero);
+    model.evaluate_anywhere(&q, &qdot, &mut anywhere);
+    prop_assert_eq!(&anywhere, &terms);
+    prop_assert_eq!(model.motion_anywhere(&q, &qdot), motion);
+    prop_assert_eq!(model.qddot_anywhere(&q, &qdot, &tau), qddot);
 
     // Kinematics of the end-effector frame.
     let X = model.forward_kinematics(&q);
