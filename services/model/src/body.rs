@@ -4,7 +4,7 @@ use crate::joint::{Joint, JointKind};
 use crate::lanes::{Pair, PerJoint, Vectors, pairs, sincos};
 use crate::pose::Pose;
 use crate::robot::Robot;
-use crate::spatial::{Axes, LinkInertias};
+use crate::spatial::{Axes, LinkInertias, ORIGIN};
 use nalgebra::{Matrix3, SVector, Vector3};
 use shared_types::MAX_DOF;
 
@@ -47,6 +47,8 @@ pub(crate) struct Frames {
 }
 
 impl Frames {
+    pub(crate) const ZERO: Self = Self { x: Vectors::ZERO, y: Vectors::ZERO, z: Vectors::ZERO, p: Vectors::ZERO, r: Vectors::ZERO };
+
     /// A link's pose in the base.
     #[inline(always)]
     pub(crate) fn pose(&self, i: usize) -> Pose {
@@ -56,6 +58,29 @@ impl Frames {
     #[inline(always)]
     pub(crate) fn axes(&self, k: usize) -> Axes {
         Axes { x: self.x.pair(k), y: self.y.pair(k), z: self.z.pair(k) }
+    }
+}
+
+/// One link's axes and origin in the base, and its origin from the parent's.
+#[derive(Clone, Copy)]
+struct Link {
+    x: Vector3<f64>,
+    y: Vector3<f64>,
+    z: Vector3<f64>,
+    p: Vector3<f64>,
+    r: Vector3<f64>,
+}
+
+impl Link {
+    const NONE: Self = Self { x: ORIGIN, y: ORIGIN, z: ORIGIN, p: ORIGIN, r: ORIGIN };
+
+    /// The next link: turned about x, moved by `offset` along x and the new y and z, then turned about z. Turns are cosine and sine, and sine and cosine.
+    #[inline(always)]
+    fn next(&self, (cos_twist, sin_twist): (f64, f64), offset: [f64; 3], (s, c): (f64, f64)) -> Self {
+        let Self { x, y, z, p, .. } = self;
+        let (y, z) = (y * cos_twist + z * sin_twist, z * cos_twist - y * sin_twist);
+        let r = x * offset[0] + y * offset[1] + z * offset[2];
+        Self { x: x * c + y * s, y: y * c - x * s, z, p: p + r, r }
     }
 }
 
@@ -109,41 +134,35 @@ impl<const N: usize> Bodies<N> {
         (self.turns.pair(k), self.slides.pair(k))
     }
 
+    /// Link i, from the one before it, with the joints turned (sine and cosine) and origins moved along z.
+    #[inline(always)]
+    fn beyond(&self, link: &Link, i: usize, (sin, cos): &(PerJoint, PerJoint), along: &PerJoint) -> Link {
+        link.next(self.twist[i], [self.p_0.x.0[i], self.p_0.y.0[i], along.0[i]], (sin.0[i], cos.0[i]))
+    }
+
     /// The links' frames at `q`, from the base outwards.
     #[inline(always)]
-    pub(crate) fn outwards(&self, q: &SVector<f64, N>) -> Frames {
+    pub(crate) fn outwards(&self, q: &SVector<f64, N>, frames: &mut Frames) {
         let q = PerJoint::of(q);
-        let (mut sin, mut cos, mut along) = (PerJoint::ZERO, PerJoint::ZERO, PerJoint::ZERO);
+        let (mut turned, mut along) = ((PerJoint::ZERO, PerJoint::ZERO), PerJoint::ZERO);
         for k in pairs::<N>() {
             let (s, c) = sincos(q.pair(k) * self.turns.pair(k));
             let (s_0, c_0) = (self.sin_0.pair(k), self.cos_0.pair(k));
-            sin.put(k, s * c_0 + c * s_0);
-            cos.put(k, c * c_0 - s * s_0);
+            turned.0.put(k, s * c_0 + c * s_0);
+            turned.1.put(k, c * c_0 - s * s_0);
             along.put(k, self.p_0.z.pair(k) + q.pair(k) * self.slides.pair(k));
         }
-        let mut frames = Frames { x: Vectors::ZERO, y: Vectors::ZERO, z: Vectors::ZERO, p: Vectors::ZERO, r: Vectors::ZERO };
-        let (mut x, mut y, mut z, mut p) = (column(&self.base, 0), column(&self.base, 1), column(&self.base, 2), Vector3::zeros());
-        let mut step = |i: usize| {
-            let (cos_twist, sin_twist) = self.twist[i];
-            let y_0 = y * cos_twist + z * sin_twist;
-            z = z * cos_twist - y * sin_twist;
-            let r = x * self.p_0.x.0[i] + y_0 * self.p_0.y.0[i] + z * along.0[i];
-            p += r;
-            let (s, c) = (sin.0[i], cos.0[i]);
-            y = y_0 * c - x * s;
-            x = x * c + y_0 * s;
-            [x, y, z, p, r]
-        };
+        let mut link = Link { x: column(&self.base, 0), y: column(&self.base, 1), z: column(&self.base, 2), p: ORIGIN, r: ORIGIN };
         for k in pairs::<N>() {
-            let first = step(2 * k);
-            let second = if 2 * k + 1 < N { step(2 * k + 1) } else { [Vector3::zeros(); 5] };
-            frames.x.put_each(k, [&first[0], &second[0]]);
-            frames.y.put_each(k, [&first[1], &second[1]]);
-            frames.z.put_each(k, [&first[2], &second[2]]);
-            frames.p.put_each(k, [&first[3], &second[3]]);
-            frames.r.put_each(k, [&first[4], &second[4]]);
+            let first = self.beyond(&link, 2 * k, &turned, &along);
+            let second = if 2 * k + 1 < N { self.beyond(&first, 2 * k + 1, &turned, &along) } else { Link::NONE };
+            frames.x.put_each(k, [&first.x, &second.x]);
+            frames.y.put_each(k, [&first.y, &second.y]);
+            frames.z.put_each(k, [&first.z, &second.z]);
+            frames.p.put_each(k, [&first.p, &second.p]);
+            frames.r.put_each(k, [&first.r, &second.r]);
+            link = second;
         }
-        frames
     }
 }
 

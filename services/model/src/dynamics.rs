@@ -40,12 +40,15 @@ impl<const N: usize> Terms<N> {
 
 /// The links in one state, base axes: joint axes, motion, inertias, and the forces that their motion takes.
 struct Links {
-    X_BE: Pose,
     frames: Frames,
     S: Motions,
     rates: Rates,
     I: RigidInertias,
     f: Forces,
+}
+
+impl Links {
+    const ZERO: Self = Self { frames: Frames::ZERO, S: Motions::ZERO, rates: Rates::ZERO, I: RigidInertias::ZERO, f: Forces::ZERO };
 }
 
 /// The links' angular velocities and accelerations, and velocities and accelerations of their origins.
@@ -54,6 +57,10 @@ struct Rates {
     alpha: Vectors,
     v: Vectors,
     a: Vectors,
+}
+
+impl Rates {
+    const ZERO: Self = Self { w: Vectors::ZERO, alpha: Vectors::ZERO, v: Vectors::ZERO, a: Vectors::ZERO };
 }
 
 impl<const N: usize> Model<N> {
@@ -77,14 +84,15 @@ impl<const N: usize> Model<N> {
 
     #[inline(always)]
     pub(crate) fn evaluate_anywhere(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, t: &mut Terms<N>) {
-        let mut links = self.links(q, qdot, None, Vector3::zeros());
+        let mut links = Links::ZERO;
+        self.links(q, qdot, None, Vector3::zeros(), &mut links);
         let rates = &links.rates;
         for i in 0..N {
             (t.z[i], t.p[i]) = (links.frames.z.get(i), links.frames.p.get(i));
             (t.omega[i], t.alpha_bias[i]) = (rates.w.get(i), rates.alpha.get(i));
             (t.pdot[i], t.pddot_bias[i]) = (rates.v.get(i), rates.a.get(i));
         }
-        t.X_BE = links.X_BE;
+        t.X_BE = self.end(&links.frames);
         t.J = self.jacobian_at(&links.S, &t.X_BE.p);
         t.Jdot_qdot = self.ee_body.map_or_else(Vector6::zeros, |i| {
             let (w, alpha, r) = (t.omega[i], t.alpha_bias[i], t.X_BE.p - t.p[i]);
@@ -106,24 +114,23 @@ impl<const N: usize> Model<N> {
     /// Outwards [RBDA Ch. 5]: each link's joint axis, motion and inertia, and the force that its motion takes at the joint accelerations `qddot` (zero
     /// for `None`), with the base accelerated by `a_B`.
     #[inline(always)]
-    fn links(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, qddot: Option<&SVector<f64, N>>, a_B: Vector3<f64>) -> Links {
-        let (frames, X_BE) = self.outwards(q);
-        let rates = self.rates(&frames, &PerJoint::of(qdot), qddot.map(PerJoint::of), &a_B);
-        let (mut I, mut f) = (RigidInertias::ZERO, Forces::ZERO);
-        self.inertias(&frames, &mut I, |k, m, c_L, c, inertia| {
+    fn links(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, qddot: Option<&SVector<f64, N>>, a_B: Vector3<f64>, links: &mut Links) {
+        let Links { frames, S, rates, I, f } = links;
+        self.bodies.outwards(q, frames);
+        self.axes(frames, S);
+        self.rates(frames, &PerJoint::of(qdot), qddot.map(PerJoint::of), &a_B, rates);
+        self.inertias(frames, I, |k, m, c_L, c, inertia| {
             // Newton and Euler at the centre of mass c; the moment is then taken about the base origin.
             let (w, alpha) = (rates.w.pair(k), rates.alpha.pair(k));
             let force = (rates.a.pair(k) + alpha.cross(c_L) + w.cross(&w.cross(c_L))) * m;
             let moment = inertia.times(&alpha) + w.cross(&inertia.times(&w));
             f.put(k, &Force { n: moment + c.cross(&force), f: force });
         });
-        Links { X_BE, S: self.axes(&frames), frames, rates, I, f }
     }
 
     /// The links' motion: what each joint adds to its parent's, then the sums from the base on.
     #[inline(always)]
-    fn rates(&self, frames: &Frames, qdot: &PerJoint, qddot: Option<PerJoint>, a_B: &Vector3<f64>) -> Rates {
-        let mut added = Rates { w: Vectors::ZERO, alpha: Vectors::ZERO, v: Vectors::ZERO, a: Vectors::ZERO };
+    fn rates(&self, frames: &Frames, qdot: &PerJoint, qddot: Option<PerJoint>, a_B: &Vector3<f64>, added: &mut Rates) {
         let along = |k: usize, values: &PerJoint| {
             let ((turns, slides), z, values) = (self.bodies.kinds(k), frames.z.pair(k), values.pair(k));
             (z * (turns * values), z * (slides * values))
@@ -157,7 +164,6 @@ impl<const N: usize> Model<N> {
             added.v.put(k, &(v_parent.pair(k) + added.v.pair(k)));
             added.a.put(k, &(a_parent.pair(k) + added.a.pair(k)));
         }
-        added
     }
 
     /// The links' inertias about the base origin. Passed to `visit`, pair by pair: mass, centre of mass from the link's origin and from the base's, and
@@ -177,8 +183,9 @@ impl<const N: usize> Model<N> {
 
     /// Mass matrix A(q), armature included: composite-rigid-body algorithm [RBDA Ch. 6].
     pub fn mass_matrix(&self, q: &SVector<f64, N>) -> SMatrix<f64, N, N> {
-        let (frames, _) = self.outwards(q);
-        self.composite(&self.axes(&frames), &self.composites(&frames), |_, _| {})
+        let (frames, mut S) = (self.frames(q), Motions::ZERO);
+        self.axes(&frames, &mut S);
+        self.composite(&S, &self.composites(&frames), |_, _| {})
     }
 
     /// Of each link the inertia of the rigid body of it and all beyond it.
@@ -231,18 +238,21 @@ impl<const N: usize> Model<N> {
 
     #[inline(always)]
     pub(crate) fn motion_anywhere(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> ArmMotion<N> {
-        let mut links = self.links(q, qdot, None, -self.gravity);
+        let mut links = Links::ZERO;
+        self.links(q, qdot, None, -self.gravity, &mut links);
         links.I.summed_inwards::<N>();
         let A = self.composite(&links.S, &links.I, |_, _| {});
         let bias = self.carried(&links.S, &mut links.f);
         let energy = 0.5 * qdot.dot(&(A * qdot)) + self.potential(&links.I);
-        ArmMotion { X_BE: links.X_BE, V_BE: self.jacobian_at(&links.S, &links.X_BE.p) * qdot, energy, A, bias }
+        let X_BE = self.end(&links.frames);
+        ArmMotion { X_BE, V_BE: self.jacobian_at(&links.S, &X_BE.p) * qdot, energy, A, bias }
     }
 
     /// Inverse dynamics τ = A·q̈ + C·q̇ + g, armature included: recursive Newton–Euler algorithm [RBDA Ch. 5].
     pub fn inverse_dynamics(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, qddot: &SVector<f64, N>) -> SVector<f64, N> {
         // Gravity as an upward acceleration of the base.
-        let mut links = self.links(q, qdot, Some(qddot), -self.gravity);
+        let mut links = Links::ZERO;
+        self.links(q, qdot, Some(qddot), -self.gravity, &mut links);
         self.carried(&links.S, &mut links.f) + self.armature.component_mul(qddot)
     }
 
@@ -259,8 +269,9 @@ impl<const N: usize> Model<N> {
 
     /// Gravity torques g(q): the torques that hold the arm still, N·m (N for a sliding joint).
     pub fn gravity(&self, q: &SVector<f64, N>) -> SVector<f64, N> {
-        let (frames, _) = self.outwards(q);
-        let (S, I, g) = (self.axes(&frames), self.composites(&frames), self.gravity.map(Pair::splat));
+        let (frames, mut S) = (self.frames(q), Motions::ZERO);
+        self.axes(&frames, &mut S);
+        let (I, g) = (self.composites(&frames), self.gravity.map(Pair::splat));
         let mut tau = PerJoint::ZERO;
         for k in pairs::<N>() {
             tau.put(k, -dot(&I.times(k, &S.pair(k)).f, &g));
@@ -270,7 +281,8 @@ impl<const N: usize> Model<N> {
 
     /// Bias torques C(q, q̇)·q̇ + g(q).
     pub fn bias(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> SVector<f64, N> {
-        let mut links = self.links(q, qdot, None, -self.gravity);
+        let mut links = Links::ZERO;
+        self.links(q, qdot, None, -self.gravity, &mut links);
         self.carried(&links.S, &mut links.f)
     }
 
@@ -285,10 +297,11 @@ impl<const N: usize> Model<N> {
     #[inline(always)]
     pub(crate) fn qddot_anywhere(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, tau: &SVector<f64, N>) -> SVector<f64, N> {
         // Gravity as an upward acceleration of the base.
-        let Links { S, mut I, mut f, .. } = self.links(q, qdot, None, -self.gravity);
-        I.summed_inwards::<N>();
-        let A = self.composite(&S, &I, |_, _| {});
-        solve(A, tau - self.carried(&S, &mut f))
+        let mut links = Links::ZERO;
+        self.links(q, qdot, None, -self.gravity, &mut links);
+        links.I.summed_inwards::<N>();
+        let A = self.composite(&links.S, &links.I, |_, _| {});
+        solve(A, tau - self.carried(&links.S, &mut links.f))
     }
 
     /// Kinetic energy ½·q̇ᵀ·A·q̇, the rotors' included, J.
@@ -298,8 +311,7 @@ impl<const N: usize> Model<N> {
 
     /// Potential energy −Σ m·gᵀ·c, zero with every centre of mass at the base origin, J.
     pub fn potential_energy(&self, q: &SVector<f64, N>) -> f64 {
-        let (frames, _) = self.outwards(q);
-        self.potential(&self.composites(&frames))
+        self.potential(&self.composites(&self.frames(q)))
     }
 
     /// The potential energy of links with the composite inertias `I`: all masses are in the first.

@@ -8,18 +8,26 @@ use crate::spatial::{Motion, Motions};
 use nalgebra::{SMatrix, SVector, Vector3, Vector6};
 
 impl<const N: usize> Model<N> {
-    /// The links' frames, and the pose of the end-effector frame.
+    /// The links' frames.
     #[inline(always)]
-    pub(crate) fn outwards(&self, q: &SVector<f64, N>) -> (Frames, Pose) {
-        let frames = self.bodies.outwards(q);
-        let X_BE = self.ee_body.map_or(self.X_LE, |i| frames.pose(i) * self.X_LE);
-        (frames, X_BE)
+    pub(crate) fn frames(&self, q: &SVector<f64, N>) -> Frames {
+        let mut frames = Frames::ZERO;
+        self.bodies.outwards(q, &mut frames);
+        frames
+    }
+
+    /// The pose of the end-effector frame.
+    #[inline(always)]
+    pub(crate) fn end(&self, frames: &Frames) -> Pose {
+        match self.ee_body {
+            Some(i) => frames.pose(i) * self.X_LE,
+            None => self.X_LE,
+        }
     }
 
     /// The joints' motion axes: a turn about z through the link's origin, or a slide along z.
     #[inline(always)]
-    pub(crate) fn axes(&self, frames: &Frames) -> Motions {
-        let mut S = Motions::ZERO;
+    pub(crate) fn axes(&self, frames: &Frames, S: &mut Motions) {
         for k in pairs::<N>() {
             let (z, p) = (frames.z.pair(k), frames.p.pair(k));
             let (turns, slides) = self.bodies.kinds(k);
@@ -27,24 +35,24 @@ impl<const N: usize> Model<N> {
             S.w.put(k, &w);
             S.v.put(k, &(p.cross(&w) + z * slides));
         }
-        S
     }
 
     /// Pose of the end-effector frame in the base, `X_BE`.
     pub fn forward_kinematics(&self, q: &SVector<f64, N>) -> Pose {
-        self.outwards(q).1
+        self.end(&self.frames(q))
     }
 
     /// Poses of the links' URDF frames in the base, `X_BL`.
     pub fn link_poses(&self, q: &SVector<f64, N>) -> [Pose; N] {
-        let frames = self.bodies.outwards(q);
+        let frames = self.frames(q);
         std::array::from_fn(|i| frames.pose(i) * Pose::rotation(self.bodies.R_urdf[i]))
     }
 
     /// Geometric Jacobian: [v; ω] = J·q̇ of the end-effector frame's origin, base axes, 6×N.
     pub fn jacobian(&self, q: &SVector<f64, N>) -> SMatrix<f64, 6, N> {
-        let (frames, X_BE) = self.outwards(q);
-        self.jacobian_at(&self.axes(&frames), &X_BE.p)
+        let (frames, mut S) = (self.frames(q), Motions::ZERO);
+        self.axes(&frames, &mut S);
+        self.jacobian_at(&S, &self.end(&frames).p)
     }
 
     #[inline(always)]
