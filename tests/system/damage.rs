@@ -29,6 +29,29 @@ fn names(folder: &Path) -> Vec<String> {
 }
 
 #[test]
+fn recover_keeps_a_recording_that_holds_more_than_the_messages() {
+    let desk = Desk::new();
+    desk.file("short.toml", SHORT);
+    let rows = desk.run(&["short.toml", "--out", "r"])["recorder"]["rows"].as_u64().unwrap();
+    let (run, rr) = (desk.path().join("r"), |name: &str| std::fs::read(desk.path().join("r").join(name)).unwrap());
+    let (recording, log) = (rr("run.rrd"), rr("messages/torque.log"));
+    // The second time after a recovery that has moved it already.
+    for _ in 0..2 {
+        std::fs::remove_file(run.join("summary.json")).unwrap();
+        let _ = std::fs::remove_file(run.join("messages/torque.log"));
+        let said = desk.armplane(&["recover", "r"]);
+        assert!(said.code == 1 && said.err.contains(&format!("has {rows} rows, and stays in earlier/")), "{}{}", said.out, said.err);
+        assert!(rr("earlier/run.rrd") == recording);
+    }
+    // Where the messages hold as much, it is made anew, and the other goes.
+    std::fs::remove_file(run.join("summary.json")).unwrap();
+    std::fs::write(run.join("messages/torque.log"), log).unwrap();
+    let said = desk.armplane(&["recover", "r", "--json"]);
+    assert_eq!((said.code, json(&said.out)["recorder"]["rows"].as_u64()), (0, Some(rows)), "{}", said.err);
+    assert!(!run.join("earlier").exists());
+}
+
+#[test]
 fn recover_says_which_log_is_damaged_and_what_that_costs() {
     let desk = Desk::new();
     desk.file("short.toml", SHORT);

@@ -47,7 +47,7 @@ pub use recording::{
     Level, MergeError, Options, Recording, RunInfo, Written, bytes_in, complete, merge, part_name, parts_in, save_blueprint,
 };
 pub use report::{Report, ReportError, report};
-pub use shortfall::{Reading, Shortfall, has_rows};
+pub use shortfall::{Reading, Shortfall, has_rows, rows_in};
 pub use signals::{ChainHops, Lives, Signal, TickRow, chain_hops, hop_names};
 pub use sink::FileInfo;
 pub use storage::{RecordError, Storage};

@@ -74,6 +74,20 @@ impl fmt::Display for Shortfall {
     }
 }
 
+/// How many rows of a recording can be read; those before the first thing that cannot.
+#[must_use]
+pub fn rows_in(parts: &[PathBuf]) -> u64 {
+    let mut rows = 0;
+    // What has been read before an error counts.
+    let _ = read(parts, |piece| {
+        if let Piece::Rows(more) = piece {
+            rows += more.ticks.len() as u64;
+        }
+        Ok::<(), ReadError>(())
+    });
+    rows
+}
+
 /// Whether a recording has a row that can be read.
 ///
 /// # Errors

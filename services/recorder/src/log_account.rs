@@ -106,6 +106,8 @@ impl LogAccount {
         let (first, places, log) = (flaws().map(Flaw::begin).min()?, flaws().count(), format!("{}.log", self.topic));
         let place = if places > 1 { format!("in {places} places, first at tick {first}") } else { format!("at tick {first}") };
         let lost = match flaws().map(|flaw| flaw.ticks(end)).fold(0, u64::saturating_add) {
+            // Nothing tells how many: no other log is of this run.
+            0 if matches!(kind, Kind::IsOtherRun | Kind::IsOtherLog) => "its own messages are lost".to_owned(),
             0 => "no message is lost".to_owned(),
             ticks => format!("its messages of {ticks} ticks are lost"),
         };

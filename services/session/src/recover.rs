@@ -1,6 +1,6 @@
 //! The results of a run whose launcher was killed, from what it left.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use runtime::{ControlPage, FaultRecord, MAX_PROCESSES, RunDir, SHM};
 use shared_types::job::JOB;
@@ -9,7 +9,7 @@ use shared_types::summary::{INTERRUPTED, Summary};
 use crate::failure::Failure;
 use crate::load;
 use crate::machine::machine;
-use crate::results::{Results, SUMMARY, keep};
+use crate::results::{EARLIER, Results, SUMMARY, keep};
 use crate::runs::Run;
 use crate::summary::fault_summary;
 
@@ -44,11 +44,20 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
     }
     job.out.clone_from(&folder);
     let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
-    let mut summary = recorder::rebuild(&robot, &job).map_err(Failure::work)?;
+    let earlier = Earlier::set_aside(&folder)?;
+    let mut summary = match recorder::rebuild(&robot, &job) {
+        Ok(summary) => summary,
+        Err(error) => return Err(earlier.put_back(&folder).map_or_else(|failure| failure, |()| Failure::work(error))),
+    };
+    if let Some(kept) = earlier.compare(summary.recorder.rows)? {
+        let before = std::mem::take(&mut summary.recorder.error);
+        summary.recorder.error = [before, kept].into_iter().filter(|clause| !clause.is_empty()).collect::<Vec<_>>().join("; ");
+    }
     let (lost, page) = (without_messages(&summary), left_in_shared_memory(&job.run));
     if !summary.completed {
         INTERRUPTED.clone_into(&mut summary.outcome);
         summary.reason = match (summary.ticks, &lost[..]) {
+            (0, []) if !summary.recorder.error.is_empty() => "no tick is whole in the message logs that are there".to_owned(),
             (0, []) => "the launcher was killed before the messages of a whole tick were kept".to_owned(),
             (0, lost) => format!("no tick is whole: the message log of {} is missing, empty or damaged", lost.join(", ")),
             // Of those that the run has done, where that is still known: the last of them were in no file.
@@ -65,6 +74,52 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
     summary.faults = faults.iter().map(|record| fault_summary(&job, record)).collect();
     keep(&folder, &job, &summary)?;
     Ok(summary)
+}
+
+/// The recording that a run left, out of the way of the one that is made from its messages: it may hold more than they do.
+struct Earlier {
+    folder: PathBuf,
+}
+
+impl Earlier {
+    fn set_aside(run: &Path) -> Result<Self, Failure> {
+        let folder = run.join(EARLIER);
+        // One that is there already is the run's own; the other was made by a recovery that was killed.
+        if viz::parts_in(&folder).is_empty() && !viz::parts_in(run).is_empty() {
+            std::fs::create_dir_all(&folder).map_err(|error| Failure::Work(format!("cannot make {}: {error}", folder.display())))?;
+            move_recording(run, &folder)?;
+        }
+        Ok(Self { folder })
+    }
+
+    fn put_back(&self, run: &Path) -> Result<(), Failure> {
+        move_recording(&self.folder, run)?;
+        let _ = std::fs::remove_dir(&self.folder);
+        Ok(())
+    }
+
+    /// Removes it where `rows`, those of the new recording, are as many; otherwise it stays, and this says so.
+    fn compare(&self, rows: u64) -> Result<Option<String>, Failure> {
+        let parts = viz::parts_in(&self.folder);
+        let before = viz::rows_in(&parts);
+        if before > rows {
+            return Ok(Some(format!("the recording that the run left has {before} rows, and stays in {EARLIER}/")));
+        }
+        for part in parts {
+            std::fs::remove_file(&part).map_err(|error| Failure::Work(format!("cannot remove {}: {error}", part.display())))?;
+        }
+        let _ = std::fs::remove_dir(&self.folder);
+        Ok(None)
+    }
+}
+
+fn move_recording(from: &Path, to: &Path) -> Result<(), Failure> {
+    for part in viz::parts_in(from) {
+        let place = part.file_name().map_or_else(|| to.to_owned(), |name| to.join(name));
+        std::fs::rename(&part, &place)
+            .map_err(|error| Failure::Work(format!("cannot move {} to {}: {error}", part.display(), place.display())))?;
+    }
+    Ok(())
 }
 
 /// The topics without a message, where others have so many that theirs must have been kept, too.

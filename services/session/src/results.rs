@@ -22,6 +22,8 @@ use crate::load;
 pub const RUNS: &str = "runs";
 /// Name of the summary in the results folder.
 pub const SUMMARY: &str = "summary.json";
+/// Folder of a recording that holds more rows than the messages from which the run was recovered.
+pub(crate) const EARLIER: &str = "earlier";
 pub(crate) const SCENARIO: &str = "scenario.toml";
 const GRAPH: &str = "graph.toml";
 /// The targets of a steered run.
@@ -166,6 +168,7 @@ impl Results {
     pub(crate) fn remove_old(&self, job: &Job) -> Result<(), Failure> {
         let at = |name: &str| self.folder.join(name);
         let mut old = viz::parts_in(&self.folder);
+        old.extend(viz::parts_in(&at(EARLIER)));
         if at(SUMMARY).exists() || at(JOB).exists() {
             let again = repeated(job, &Summary::default())?;
             let is_again = |name: &str| name == JOB || again.iter().any(|(again, _)| *again == name);
@@ -182,6 +185,7 @@ impl Results {
         old.iter().try_for_each(remove)?;
         // Fails, as it should, where there is something in it.
         let _ = std::fs::remove_dir(at(recorder::MESSAGES));
+        let _ = std::fs::remove_dir(at(EARLIER));
         Ok(())
     }
 
