@@ -288,7 +288,7 @@ fn a_run_without_its_job_or_its_summary_is_told_with_a_remedy_that_helps() {
     pipe("job.json");
     let defect = "r/job.json: it is a named pipe, not a regular file";
     ["report", "export", "replay"].iter().for_each(|command| said(command, &[1, 2], defect, again));
-    // What a killed launcher leaves: no scenario, and no summary.
+    // A killed launcher leaves this: no scenario, and no summary.
     std::fs::remove_file(run.join("summary.json")).unwrap();
     std::fs::remove_file(run.join("scenario.toml")).unwrap();
     said("recover", &[2], defect, "; run its scenario again");

@@ -78,7 +78,7 @@ impl fmt::Display for Shortfall {
 #[must_use]
 pub fn rows_in(parts: &[PathBuf]) -> u64 {
     let mut rows = 0;
-    // What has been read before an error counts.
+    // Rows that have been read before an error count.
     let _ = read(parts, |piece| {
         if let Piece::Rows(more) = piece {
             rows += more.ticks.len() as u64;

@@ -113,7 +113,7 @@ impl Packer {
     }
 }
 
-/// What a block is made from.
+/// The content that a block is made from.
 struct Block<'a> {
     words: usize,
     n: usize,

@@ -194,7 +194,7 @@ pub fn keep_memory() {
                 libc::madvise(begin, READY, advice);
             }
             libc::free(block);
-            // What lies before the first large page is never used and never freed: the allocator would begin with it, and the system clear it page by page.
+            // The memory before the first large page is never used and never freed: the allocator would begin with it, and the system clear it page by page.
             let _before = libc::malloc(begin.addr() - block.addr());
         }
     }

@@ -1,4 +1,4 @@
-//! What serde and the TOML reader say about a file, in the words of the file's writer: what was found, and what is allowed there.
+//! The complaints of serde and the TOML reader about a file, in the words of the file's writer: what was found, and what is allowed there.
 
 /// Lists and tables within each other that the TOML reader takes at most.
 const MOST_NESTED: usize = 80;

@@ -18,7 +18,7 @@ pub fn parts_in(folder: &Path) -> Vec<PathBuf> {
     parts.filter(|path| !is_blank(path)).collect()
 }
 
-/// What files of a recording take on the volume; bytes. One that is gone takes nothing.
+/// The room that files of a recording take on the volume; bytes. One that is gone takes nothing.
 #[must_use]
 pub fn bytes_in(parts: &[PathBuf]) -> u64 {
     parts.iter().filter_map(|part| std::fs::metadata(part).ok()).map(|file| file.len()).sum()

@@ -21,13 +21,13 @@ pub struct Merged {
     pub folder: PathBuf,
     /// Its runs.
     pub runs: u64,
-    /// What came of them.
+    /// Their outcomes.
     #[serde(flatten)]
     pub outcomes: Outcomes,
 }
 
 impl Merged {
-    /// What of the file's runs came to nothing.
+    /// The runs of the file that came to nothing.
     #[must_use]
     pub fn lack(&self) -> Option<String> {
         self.outcomes.lack().map(|lack| format!("{}: {lack}", self.folder.display()))

@@ -1,4 +1,4 @@
-//! What came of a sweep's runs, and whether anything that its file asks for came to nothing.
+//! The outcomes of a sweep's runs, and whether anything that its file asks for came to nothing.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -84,7 +84,7 @@ impl Outcomes {
         is_computed
     }
 
-    /// What a whole sweep lacks, in one sentence without an end; `None` where everything that its file lists has a result.
+    /// The lack of a whole sweep, in one sentence without an end; `None` where everything that its file lists has a result.
     pub(super) fn lack(&self) -> Option<String> {
         let Self { computed, refused, failed, reason, barren } = self;
         let mut clauses = Vec::new();

@@ -50,13 +50,13 @@ pub struct Done {
     pub wall_s: f64,
     /// Cores that worked.
     pub cores: usize,
-    /// What came of the runs in the folder.
+    /// The outcomes of the runs in the folder.
     #[serde(flatten)]
     pub outcomes: Outcomes,
 }
 
 impl Done {
-    /// What of the file's runs came to nothing, where that is for this folder to say: a shard is judged when all of them are put together.
+    /// The runs of the file that came to nothing, where that is for this folder to say: a shard is judged when all of them are put together.
     #[must_use]
     pub fn lack(&self) -> Option<String> {
         self.outcomes.lack().filter(|_| self.shard.is_none()).map(|lack| format!("{}: {lack}", self.folder.display()))
