@@ -52,6 +52,27 @@ fn recover_keeps_a_recording_that_holds_more_than_the_messages() {
 }
 
 #[test]
+fn what_a_killed_recorder_had_in_its_memory_is_said_and_is_no_defect() {
+    let desk = Desk::new();
+    desk.file("short.toml", SHORT);
+    let rows = desk.run(&["short.toml", "--out", "r"])["recorder"]["rows"].as_u64().unwrap();
+    let run = desk.path().join("r");
+    std::fs::remove_file(run.join("summary.json")).unwrap();
+    // The last block of each log, where the recording has its rows.
+    for log in names(&run.join("messages")) {
+        let log = std::fs::OpenOptions::new().write(true).open(run.join("messages").join(log)).unwrap();
+        log.set_len(log.metadata().unwrap().len() - 200).unwrap();
+    }
+    let said = desk.armplane(&["recover", "r", "--json"]);
+    let summary = json(&said.out);
+    let (ticks, reason) = (summary["ticks"].as_u64().unwrap(), summary["reason"].as_str().unwrap());
+    assert_eq!((said.code, &summary["recorder"]["error"]), (0, &"".into()), "{}", said.err);
+    assert!(ticks < rows && ticks % 128 == 0, "{ticks} of {rows}");
+    assert!(reason.ends_with(&format!("has {rows} rows, and stays in earlier/")), "{reason}");
+    assert!(run.join("earlier/run.rrd").exists());
+}
+
+#[test]
 fn recover_says_which_log_is_damaged_and_what_that_costs() {
     let desk = Desk::new();
     desk.file("short.toml", SHORT);

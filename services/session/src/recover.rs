@@ -49,9 +49,14 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
         Ok(summary) => summary,
         Err(error) => return Err(earlier.put_back(&folder).map_or_else(|failure| failure, |()| Failure::work(error))),
     };
-    if let Some(kept) = earlier.compare(summary.recorder.rows)? {
-        let before = std::mem::take(&mut summary.recorder.error);
-        summary.recorder.error = [before, kept].into_iter().filter(|clause| !clause.is_empty()).collect::<Vec<_>>().join("; ");
+    let kept = earlier.compare(summary.recorder.rows)?;
+    // A recorder that is killed has up to a block of each log in its memory, of ticks whose rows may be in the recording.
+    let ordinary = !summary.completed
+        && summary.recorder.error.is_empty()
+        && kept.is_some_and(|rows| rows <= summary.recorder.rows + message_log::BLOCK as u64);
+    let kept = kept.map(|rows| format!("the recording that the run left has {rows} rows, and stays in {EARLIER}/"));
+    if !ordinary {
+        summary.recorder.error = joined([&summary.recorder.error, kept.as_deref().unwrap_or_default()]);
     }
     let (lost, page) = (without_messages(&summary), left_in_shared_memory(&job.run));
     if !summary.completed {
@@ -68,6 +73,9 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
                 _ => format!("the launcher was killed; recovered from the messages of {ticks} ticks"),
             },
         };
+        if ordinary {
+            summary.reason = joined([&summary.reason, kept.as_deref().unwrap_or_default()]);
+        }
     }
     summary.machine = machine();
     let faults: Vec<FaultRecord> = page.map(|page| page.fault_table().records().map(|(_, record)| record).collect()).unwrap_or_default();
@@ -98,12 +106,12 @@ impl Earlier {
         Ok(())
     }
 
-    /// Removes it where `rows`, those of the new recording, are as many; otherwise it stays, and this says so.
-    fn compare(&self, rows: u64) -> Result<Option<String>, Failure> {
+    /// Removes it where `rows`, those of the new recording, are as many; otherwise it stays, and this is the number of its rows.
+    fn compare(&self, rows: u64) -> Result<Option<u64>, Failure> {
         let parts = viz::parts_in(&self.folder);
         let before = viz::rows_in(&parts);
         if before > rows {
-            return Ok(Some(format!("the recording that the run left has {before} rows, and stays in {EARLIER}/")));
+            return Ok(Some(before));
         }
         for part in parts {
             std::fs::remove_file(&part).map_err(|error| Failure::Work(format!("cannot remove {}: {error}", part.display())))?;
@@ -120,6 +128,11 @@ fn move_recording(from: &Path, to: &Path) -> Result<(), Failure> {
             .map_err(|error| Failure::Work(format!("cannot move {} to {}: {error}", part.display(), place.display())))?;
     }
     Ok(())
+}
+
+/// Clauses in one sentence, but for those that are empty.
+fn joined(clauses: [&str; 2]) -> String {
+    clauses.into_iter().filter(|clause| !clause.is_empty()).collect::<Vec<_>>().join("; ")
 }
 
 /// The topics without a message, where others have so many that theirs must have been kept, too.
