@@ -317,6 +317,9 @@ pub struct RecorderSummary {
     /// Files it is spread over: `run.rrd`, `run-001.rrd`, …
     #[serde(default)]
     pub parts: u32,
+    /// The checksum of each of these: XXH3 of 64 bits, in hexadecimal; none where they could not be read.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub checksums: Vec<String>,
     /// Size of the messages kept beside it, which `armplane replay` reads; bytes, 0 where none were kept.
     #[serde(default)]
     pub messages_bytes: u64,

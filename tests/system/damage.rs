@@ -73,6 +73,40 @@ fn what_a_killed_recorder_had_in_its_memory_is_said_and_is_no_defect() {
 }
 
 #[test]
+fn a_recording_with_one_other_bit_or_of_another_run_is_not_taken_for_the_runs() {
+    let desk = Desk::new();
+    desk.file("short.toml", SHORT);
+    for (run, seed) in [("r", "1"), ("other", "2")] {
+        desk.run(&["short.toml", "--seed", seed, "--out", run]);
+    }
+    let path = desk.path().join("r/run.rrd");
+    let (written, of_another) = (std::fs::read(&path).unwrap(), std::fs::read(desk.path().join("other/run.rrd")).unwrap());
+    let flipped = |at: usize| {
+        let mut bytes = written.clone();
+        bytes[at] ^= 1;
+        bytes
+    };
+    let longer = [&written[..], b"more"].concat();
+    let n = written.len();
+    for bytes in [of_another, longer, flipped(n / 5), flipped(n / 2), flipped(4 * n / 5)] {
+        std::fs::write(&path, &bytes).unwrap();
+        for command in [&["report", "r"][..], &["export", "r", "--format", "csv", "--out", "csv"]] {
+            let said = desk.armplane(command);
+            assert!(
+                said.code == 1 && said.err.contains("run.rrd") && said.err.contains("makes the run again"),
+                "{command:?}: {}",
+                said.err
+            );
+        }
+    }
+    std::fs::write(&path, &written).unwrap();
+    for command in [&["report", "r"][..], &["export", "r", "--format", "csv", "--out", "csv"]] {
+        let said = desk.armplane(command);
+        assert_eq!(said.code, 0, "{command:?}: {}", said.err);
+    }
+}
+
+#[test]
 fn recover_says_which_log_is_damaged_and_what_that_costs() {
     let desk = Desk::new();
     desk.file("short.toml", SHORT);

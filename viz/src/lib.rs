@@ -44,10 +44,10 @@ mod tint;
 pub use export::{ExportError, ExportFormat, Exported, Messages, export};
 pub use read::{About, Damage, Piece, ReadError, ReadNews, Rows, Solid, read};
 pub use recording::{
-    Level, MergeError, Options, Recording, RunInfo, Written, bytes_in, complete, merge, part_name, parts_in, save_blueprint,
+    Level, MergeError, Options, Recording, RunInfo, Written, bytes_in, checksums, complete, merge, part_name, parts_in, save_blueprint,
 };
 pub use report::{Report, ReportError, report};
-pub use shortfall::{Reading, Shortfall, has_rows, rows_in};
+pub use shortfall::{Reading, Shortfall, altered, has_rows, rows_in};
 pub use signals::{ChainHops, Lives, Signal, TickRow, chain_hops, hop_names};
 pub use sink::FileInfo;
 pub use storage::{RecordError, Storage};

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use shared_types::summary::Summary;
 
 use crate::read::{Piece, ReadError, ReadNews, read};
-use crate::recording::{bytes_in, is_complete, parts_in};
+use crate::recording::{bytes_in, checksums, is_complete, parts_in};
 
 /// The rows and damages found while a recording is read.
 #[derive(Clone, Debug, Default)]
@@ -37,6 +37,12 @@ impl Reading {
         let is_own = parts.first().is_none_or(|part| part.parent().is_some_and(|folder| parts_in(folder) == parts));
         let run = summary.filter(|summary| is_own && !summary.recorder.file.is_empty());
         let mut causes = self.damages;
+        // What else is wrong tells more.
+        if causes.is_empty()
+            && let Some(run) = run
+        {
+            causes.extend(altered(parts, &run.recorder.checksums));
+        }
         for part in parts.iter().filter(|part| !is_complete(part).unwrap_or(false)) {
             causes.push(format!("{} has no end", part.display()));
         }
@@ -55,6 +61,18 @@ impl Reading {
             }
         }
         (!causes.is_empty()).then(|| Shortfall { rows: self.rows, of: run.map(|run| run.recorder.rows), causes })
+    }
+}
+
+/// The first of a recording's files whose bytes are not those that its run's summary has the checksum of, in a clause; none where it has no checksums.
+#[must_use]
+pub fn altered(parts: &[PathBuf], of_run: &[String]) -> Option<String> {
+    match checksums(parts) {
+        Ok(found) => {
+            let (part, _) = parts.iter().zip(found.iter().zip(of_run)).find(|(_, (found, written))| found != written)?;
+            Some(format!("{} is not as it was written, or of another run: its checksum is not the one in summary.json", part.display()))
+        }
+        Err(error) => Some(format!("its files cannot be read: {error}")),
     }
 }
 

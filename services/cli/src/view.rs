@@ -32,7 +32,12 @@ pub(crate) fn view(args: &ViewArgs, as_json: bool) -> Result<ExitCode, Failure> 
     if as_json {
         say!("{}", serde_json::json!({"viewer": viewer_command(), "files": files.iter().chain(&layout).collect::<Vec<_>>()}));
     }
+    let altered = run.altered();
     let terminal = Terminal::default();
+    if let Some(sentence) = &altered {
+        terminal.show(session::Progress::Line(&format!("armplane: {sentence}")));
+    }
     show(files, layout.as_deref(), &|progress| terminal.show(progress))?;
-    Ok(ExitCode::SUCCESS)
+    // What the viewer shows may not be what the run did.
+    Ok(if altered.is_none() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

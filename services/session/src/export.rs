@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use model::JointKind;
 use recorder::{MESSAGES, MessageRows, Row};
 use shared_types::scenario::Layout;
-use shared_types::summary::Summary;
+use shared_types::summary::{RecorderSummary, Summary};
 use viz::{Exported, Messages, ReadNews, Reading, TickRow};
 
 use crate::failure::Failure;
@@ -149,6 +149,19 @@ impl Messages for StoredMessages {
             take(&TickRow::new(tick, row.messages().lent()));
         }
     }
+}
+
+/// Gives the summary the checksums of the recording's files, which nobody writes any more.
+pub(crate) fn seal(folder: &Path, recorder: &mut RecorderSummary) {
+    match viz::checksums(&viz::parts_in(folder)) {
+        Ok(checksums) => recorder.checksums = checksums,
+        Err(error) => recorder.error = joined([&recorder.error, &format!("its files cannot be read again: {error}")]),
+    }
+}
+
+/// Clauses in one sentence, but for those that are empty.
+pub(crate) fn joined(clauses: [&str; 2]) -> String {
+    clauses.into_iter().filter(|clause| !clause.is_empty()).collect::<Vec<_>>().join("; ")
 }
 
 /// Gives the parts whose recorder was killed their footers, and the summary their new sizes. A part that cannot be completed stays as it was, and

@@ -6,6 +6,7 @@ use runtime::{ControlPage, FaultRecord, MAX_PROCESSES, RunDir, SHM};
 use shared_types::job::JOB;
 use shared_types::summary::{INTERRUPTED, Summary};
 
+use crate::export::{joined, seal};
 use crate::failure::Failure;
 use crate::load;
 use crate::machine::machine;
@@ -25,13 +26,13 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
             folder.display()
         ))
     })?;
-    // Held until all is written; refused while the run goes on.
-    let _results = Results::of_run(&folder)?;
     let run = Run { folder: folder.clone(), parts: Vec::new() };
-    // One that cannot be read is made anew, too.
+    // One that cannot be read is made anew, too. First of all, because remedies for the rest would be in vain.
     if run.summary().is_ok() {
         return Err(Failure::Input(format!("{} has its {SUMMARY}: there is nothing to recover", folder.display())));
     }
+    // Held until all is written; refused while the run goes on.
+    let _results = Results::of_run(&folder)?;
     if !folder.join(JOB).exists() {
         return Err(Failure::Input(nothing_begun(&folder)));
     }
@@ -49,6 +50,7 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
         Ok(summary) => summary,
         Err(error) => return Err(earlier.put_back(&folder).map_or_else(|failure| failure, |()| Failure::work(error))),
     };
+    seal(&folder, &mut summary.recorder);
     let kept = earlier.compare(summary.recorder.rows)?;
     // A recorder that is killed has up to a block of each log in its memory, of ticks whose rows may be in the recording.
     let ordinary = !summary.completed
@@ -128,11 +130,6 @@ fn move_recording(from: &Path, to: &Path) -> Result<(), Failure> {
             .map_err(|error| Failure::Work(format!("cannot move {} to {}: {error}", part.display(), place.display())))?;
     }
     Ok(())
-}
-
-/// Clauses in one sentence, but for those that are empty.
-fn joined(clauses: [&str; 2]) -> String {
-    clauses.into_iter().filter(|clause| !clause.is_empty()).collect::<Vec<_>>().join("; ")
 }
 
 /// The topics without a message, where others have so many that theirs must have been kept, too.

@@ -72,6 +72,13 @@ impl Run {
         Ok(&self.parts)
     }
 
+    /// A sentence, where the recording is not the one that the run's summary tells of, byte by byte.
+    #[must_use]
+    pub fn altered(&self) -> Option<String> {
+        let summary = self.summary().ok().filter(|_| self.is_own())?;
+        viz::altered(&self.parts, &summary.recorder.checksums).map(|clause| self.with_remedy(&clause))
+    }
+
     /// Whether the recording has anything to be read.
     ///
     /// # Errors

@@ -7,7 +7,7 @@ use launcher::End;
 use shared_types::job::{Job, Mode};
 use shared_types::summary::Summary;
 
-use crate::export::complete;
+use crate::export::{complete, seal};
 use crate::failure::Failure;
 use crate::launch::{Begin, interrupts, launch_begun};
 use crate::load::{self, Loaded};
@@ -105,6 +105,7 @@ pub fn run_loaded(request: &Request, loaded: Loaded, begin: Begin<'_>, observer:
     let (outcome, account) = launched?;
     let mut summary = summarise(&job, &outcome, account);
     complete(&results.folder, &mut summary, observer);
+    seal(&results.folder, &mut summary.recorder);
     let saved = results.keep(&job, &summary).and_then(|()| whole(&summary));
     Ok(Finished { summary, folder: results.folder.clone(), end: outcome.end, saved })
 }

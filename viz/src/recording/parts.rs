@@ -1,7 +1,10 @@
 //! The files of a recording.
 
 use std::fs::File;
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
+
+use xxhash_rust::xxh3::Xxh3Default;
 
 use crate::storage::RecordError;
 
@@ -22,6 +25,26 @@ pub fn parts_in(folder: &Path) -> Vec<PathBuf> {
 #[must_use]
 pub fn bytes_in(parts: &[PathBuf]) -> u64 {
     parts.iter().filter_map(|part| std::fs::metadata(part).ok()).map(|file| file.len()).sum()
+}
+
+/// The checksum of each file's bytes, as `summary.json` keeps it: XXH3 of 64 bits, in hexadecimal.
+///
+/// # Errors
+/// The file system's own, of the first file that cannot be read.
+pub fn checksums(parts: &[PathBuf]) -> io::Result<Vec<String>> {
+    parts.iter().map(|part| checksum(part)).collect()
+}
+
+fn checksum(part: &Path) -> io::Result<String> {
+    let (mut file, mut sum, mut bytes) = (files::open(part)?, Xxh3Default::new(), vec![0; 1 << 18]);
+    loop {
+        match file.read(&mut bytes) {
+            Ok(0) => return Ok(format!("{:016x}", sum.digest())),
+            Ok(read) => sum.update(&bytes[..read]),
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
+        }
+    }
 }
 
 /// Whether a file is empty, or no more than the head of a recording and the message that names it: less than 150 bytes, where a chunk has 600 and more.
