@@ -1,6 +1,7 @@
 //! Rows as Parquet: one file for each partition, zstd, units and provenance in the file's metadata.
 
 use std::fs::File;
+use std::io::{self, Read};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -14,9 +15,29 @@ use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::Type;
 use session::Failure;
+use xxhash_rust::xxh3::Xxh3Default;
 
 use super::cell::{Cell, Kind};
 use super::row::Column;
+
+/// The file's own checksum among its metadata: the number of the bytes of its columns, and XXH3 of these and of the other metadata, of 64 bits, in
+/// hexadecimal. Parquet has a checksum for each page, and the crate writes none.
+const CHECKSUM: &str = "armplane.checksum";
+
+/// The value of [`CHECKSUM`] for a file that begins with these `bytes`.
+///
+/// # Errors
+/// The file system's own.
+fn checksum<'a>(path: &Path, bytes: u64, metadata: impl Iterator<Item = (&'a str, &'a str)>) -> io::Result<String> {
+    let (mut sum, mut data) = (Xxh3Default::new(), Vec::new());
+    files::open(path)?.take(bytes).read_to_end(&mut data)?;
+    sum.update(&data);
+    for (key, value) in metadata {
+        sum.update(key.as_bytes());
+        sum.update(value.as_bytes());
+    }
+    Ok(format!("{bytes} {:016x}", sum.digest()))
+}
 
 /// Writes rows into `draft`, which gets its name `path` when it is whole.
 ///
@@ -42,11 +63,11 @@ fn write_draft(path: &Path, columns: &[Column], rows: &[Vec<Cell>], metadata: &[
     let file = File::create(path).map_err(|error| ParquetError::External(error.into()))?;
     let fields = columns.iter().map(field).collect::<Result<Vec<_>, _>>()?;
     let schema = Type::group_type_builder("sweep").with_fields(fields).build()?;
-    let metadata = metadata.iter().map(|(key, value)| KeyValue::new(key.clone(), value.clone())).collect();
+    let pairs = metadata.iter().map(|(key, value)| KeyValue::new(key.clone(), value.clone())).collect();
     let properties = WriterProperties::builder()
         .set_compression(Compression::ZSTD(ZstdLevel::default()))
         .set_created_by(format!("armplane {}", env!("CARGO_PKG_VERSION")))
-        .set_key_value_metadata(Some(metadata));
+        .set_key_value_metadata(Some(pairs));
     let mut writer = SerializedFileWriter::new(file.try_clone()?, Arc::new(schema), Arc::new(properties.build()))?;
     let mut group = writer.next_row_group()?;
     for (place, column) in columns.iter().enumerate() {
@@ -73,6 +94,9 @@ fn write_draft(path: &Path, columns: &[Column], rows: &[Vec<Cell>], metadata: &[
         }
     }
     group.close()?;
+    writer.flush()?;
+    let sum = checksum(path, writer.bytes_written() as u64, metadata.iter().map(|(key, value)| (&key[..], &value[..])))?;
+    writer.append_key_value_metadata(KeyValue::new(CHECKSUM.to_owned(), sum));
     writer.close()?;
     Ok(file)
 }
@@ -111,7 +135,22 @@ impl Partition {
         let file = files::open(path).map_err(|error| unreadable(error.to_string()))?;
         let reader = SerializedFileReader::new(file).map_err(|error| unreadable(error.to_string()))?;
         let rows = reader.metadata().file_metadata().num_rows() as u64;
-        Ok(Self { reader, rows })
+        let partition = Self { reader, rows };
+        partition.check(path).map_err(unreadable)?;
+        Ok(partition)
+    }
+
+    /// Whether the bytes are those of the checksum; a file of an earlier version has none.
+    fn check(&self, path: &Path) -> Result<(), String> {
+        let Some(sum) = self.metadata(CHECKSUM) else { return Ok(()) };
+        let pairs = self.reader.metadata().file_metadata().key_value_metadata().into_iter().flatten();
+        let others = pairs.filter_map(|pair| Some((&pair.key[..], pair.value.as_deref()?))).filter(|(key, _)| *key != CHECKSUM);
+        let bytes = sum.split_once(' ').and_then(|(bytes, _)| bytes.parse().ok()).unwrap_or_default();
+        match checksum(path, bytes, others) {
+            Ok(found) if found == sum => Ok(()),
+            Ok(_) => Err("it is not as it was written: its checksum differs".to_owned()),
+            Err(error) => Err(error.to_string()),
+        }
     }
 
     /// A value of the file's metadata.
@@ -203,5 +242,13 @@ mod tests {
         let bytes = std::fs::read(&one).unwrap();
         std::fs::write(&other, &bytes[..bytes.len() - 9]).unwrap();
         assert!(Partition::open(&other).err().unwrap().contains("cannot read"));
+        let covered: usize = partition.metadata(CHECKSUM).unwrap().split_once(' ').unwrap().0.parse().unwrap();
+        assert!(covered > bytes.len() / 2, "{covered} of {}", bytes.len());
+        for at in (0..covered).step_by(7) {
+            let mut flipped = bytes.clone();
+            flipped[at] ^= 1 << (at % 8);
+            std::fs::write(&other, &flipped).unwrap();
+            assert!(Partition::open(&other).err().is_some_and(|error| error.contains("its checksum differs")), "byte {at}");
+        }
     }
 }
