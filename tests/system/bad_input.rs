@@ -1,5 +1,7 @@
 //! One clear sentence, exit code 2, nothing started, nothing left.
 
+use std::os::unix::ffi::OsStrExt as _;
+
 use crate::command::{Desk, assert_nothing_left};
 
 const SCENARIO: &str = "name = \"mine\"\nrobot = \"puma560\"\n[start]\nposture = \"nominal\"\n[[segment]]\nduration_s = 0.2\n";
@@ -61,6 +63,10 @@ fn every_wrong_input_is_refused_with_its_reason() {
 fn usage_errors_have_exit_code_2_and_help_an_example() {
     let desk = Desk::new();
     assert_eq!(desk.armplane(&["run", "--no-such-flag"]).code, 2);
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_armplane"));
+    let not_utf_8 = std::ffi::OsStr::from_bytes(b"\xff\xfe");
+    let said = command.arg("run").arg(not_utf_8).arg("--no-such-flag").output().unwrap();
+    assert_eq!(said.status.code(), Some(2), "{}", String::from_utf8_lossy(&said.stderr));
     for command in ["run", "list", "inspect", "graph", "doctor", "clean"] {
         let said = desk.armplane(&[command, "--help"]);
         assert!(said.code == 0 && said.out.contains("Example"), "{command}: {}", said.out);

@@ -35,13 +35,18 @@ pub(crate) fn report(failure: Failure, as_json: bool) -> ExitCode {
     ExitCode::from(code)
 }
 
+/// Whether the arguments ask for JSON, before they are parsed, or where they cannot be.
+pub(crate) fn wants_json() -> bool {
+    std::env::args_os().any(|argument| argument == "--json")
+}
+
 /// Prints what is wrong with a command's arguments, or the help that was asked for.
 pub(crate) fn usage(error: &clap::Error) -> ExitCode {
     let code = u8::try_from(error.exit_code()).unwrap_or(2);
     if !error.use_stderr() {
         // A reader that has gone away is no reason to fail otherwise.
         let _ = error.print();
-    } else if std::env::args().any(|argument| argument == "--json") {
+    } else if wants_json() {
         let text = with_remedy(&error.render().to_string());
         let message = text.split("\n\n").next().unwrap_or_default().trim_start_matches("error: ");
         tell(&json!({"error": {"kind": "usage", "exit_code": code, "message": message}}));

@@ -246,7 +246,7 @@ enum Command {
 /// Parses the arguments of the process and executes the command; the exit code of the program.
 #[must_use]
 pub fn main() -> ExitCode {
-    launcher::with_room(work).unwrap_or_else(|error| failure::report(session::Failure::work(error), false))
+    launcher::with_room(work).unwrap_or_else(|error| failure::report(session::Failure::work(error), failure::wants_json()))
 }
 
 fn work() -> ExitCode {
