@@ -316,10 +316,8 @@ class SingularityReport(ctypes.Structure):
     _fields_ = [
         ("header", Header),  # Tick, incarnation, stamps
         ("count", ctypes.c_uint32),  # How many entries of `singularities` are meant
-        ("rank", ctypes.c_uint32),  # Rank of J at the stated tolerance
-        ("sigma", ctypes.c_double * 6),  # Singular values of J at C with lengths divided by `length_m`, largest first
+        ("rank", ctypes.c_uint32),  # Singular values above 1e-3 of √Σσ², of J at C with lengths divided by `length_m`
         ("det", ctypes.c_double),  # det J at E (unscaled) for square J, else √det JJᵀ; 0 for planar tasks that leave it undefined
-        ("condition", ctypes.c_double),  # σ_max/σ_min; 1e18 where σ_min is 0
         ("manipulability", ctypes.c_double),  # Yoshikawa's √det(JJᵀ), unit-scaled
         ("length_m", ctypes.c_double),  # The length that makes metres and radians comparable [m]
         ("p_BC", ctypes.c_double * 3),  # Position of C in B [m]
@@ -327,7 +325,7 @@ class SingularityReport(ctypes.Structure):
     ]
 
 
-assert ctypes.sizeof(SingularityReport) == 1384
+assert ctypes.sizeof(SingularityReport) == 1328
 
 
 class Target(ctypes.Structure):
@@ -419,7 +417,7 @@ TOPICS = {
     "sensor": (SensorSample, "armplane.SensorSample.v3", 0x7b596d813efcbd78),
     "plant_state": (PlantState, "armplane.PlantState.v3", 0xb3429417b6bb5ea6),
     "estimate": (StateEstimate, "armplane.StateEstimate.v4", 0x26d6dbe8667c45e8),
-    "singularity": (SingularityReport, "armplane.SingularityReport.v4", 0x8844948f013a28ee),
+    "singularity": (SingularityReport, "armplane.SingularityReport.v5", 0xa79668c82480372e),
     "target": (Target, "armplane.Target.v2", 0xf7a8d3c2246c9806),
     "servo_state": (ServoState, "armplane.ServoState.v1", 0xb214d5f1957726e4),
     "control_state": (ControlState, "armplane.ControlState.v4", 0x3d6226b63bfda497),

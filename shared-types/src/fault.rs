@@ -499,8 +499,8 @@ mod tests {
         assert!(refused("process='plant'\nkind='kill'\nprobability=0.5").contains("has no `probability`"));
         assert!(refused("process='plant'\nkind='drop'\nprobability=2.0").contains("at most 1"));
         assert!(refused("process='plant'\nkind='drop'\nat_s=1.0\nat_tick=3").contains("both given"));
-        assert!(refused("process='analyzer'\nkind='corrupt'\nfield='zeta'").contains("it sends sigma"));
-        assert!(refused("process='analyzer'\nkind='corrupt'\nfield='sigma[6]'").contains("0 to 5"));
+        assert!(refused("process='analyzer'\nkind='corrupt'\nfield='zeta'").contains("it sends det"));
+        assert!(refused("process='analyzer'\nkind='corrupt'\nfield='p_BC[3]'").contains("0 to 2"));
         let steered = Graph::parse("servo.toml", crate::graph::STEERED).unwrap();
         let none = parse("process='operator'\nkind='corrupt'").schedule(&steered.target("operator").unwrap(), 1000, 0).unwrap_err();
         assert!(none.message.contains("sends no plain number"), "{none}");

@@ -120,19 +120,15 @@ wire! {
 
 wire! {
     /// Where the arm is singular, or nearly: analyzer → controller.
-    SingularityReport on "singularity" version 4 {
+    SingularityReport on "singularity" version 5 {
         /// Tick, incarnation, stamps.
         header: Header,
         /// How many entries of `singularities` are meant.
         count: u32,
-        /// Rank of J at the stated tolerance.
+        /// Singular values above 1e-3 of √Σσ², of J at C with lengths divided by `length_m`.
         rank: u32,
-        /// Singular values of J at C with lengths divided by `length_m`, largest first.
-        sigma: [f64; 6],
         /// det J at E (unscaled) for square J, else √det JJᵀ; 0 for planar tasks that leave it undefined.
         det: f64,
-        /// σ_max/σ_min; 1e18 where σ_min is 0.
-        condition: f64,
         /// Yoshikawa's √det(JJᵀ), unit-scaled.
         manipulability: f64,
         /// The length that makes metres and radians comparable; m.
@@ -327,7 +323,7 @@ mod tests {
             ("armplane.SensorSample.v3", 288, 0x7b59_6d81_3efc_bd78),
             ("armplane.PlantState.v3", 544, 0xb342_9417_b6bb_5ea6),
             ("armplane.StateEstimate.v4", 416, 0x26d6_dbe8_667c_45e8),
-            ("armplane.SingularityReport.v4", 1384, 0x8844_948f_013a_28ee),
+            ("armplane.SingularityReport.v5", 1328, 0xa796_68c8_2480_372e),
             ("armplane.Target.v2", 352, 0xf7a8_d3c2_246c_9806),
             ("armplane.ServoState.v1", 288, 0xb214_d5f1_9577_26e4),
             ("armplane.ControlState.v4", 712, 0x3d62_26b6_3bfd_a497),

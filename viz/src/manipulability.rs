@@ -59,6 +59,26 @@ pub(crate) fn at_point<const N: usize>(mut J: SMatrix<f64, 6, N>, r_EC: &Vector3
     J
 }
 
+/// Singular values of J at C, largest first: lengths divided by `length_m`, rows that are no axes of the `task` zero.
+pub(crate) fn singular_values<const N: usize>(mut J: SMatrix<f64, 6, N>, length_m: f64, task: &[bool; 6]) -> [f64; 6]
+where
+    nalgebra::Const<6>: nalgebra::DimMin<nalgebra::Const<N>, Output = nalgebra::Const<6>>,
+{
+    for (k, counts) in task.iter().enumerate() {
+        let weight = if !counts {
+            0.0
+        } else if k < 3 {
+            1.0 / length_m
+        } else {
+            1.0
+        };
+        J.row_mut(k).scale_mut(weight);
+    }
+    let mut sigma: [f64; 6] = J.singular_values().into();
+    sigma.sort_by(|a, b| b.total_cmp(a));
+    sigma
+}
+
 /// The linear block of W, or the angular one's section where nothing moves linearly: W_ωω − W_ωv W_vv⁺ W_vω.
 fn block(W: &SMatrix<f64, 6, 6>, half: Half) -> Matrix3<f64> {
     let part = |row: usize, column: usize| W.fixed_view::<3, 3>(row, column).into_owned();
@@ -128,6 +148,23 @@ mod tests {
         let unlimited = Ellipsoid::velocity(&J, arm.velocity(), Half::Linear);
         assert_eq!(unlimited, Ellipsoid::velocity(&J, &SVector::<f64, 3>::repeat(1.0), Half::Linear));
         assert!(unlimited.axes.is_finite() && unlimited.half_axes.is_finite(), "{unlimited:?}");
+    }
+
+    #[test]
+    fn singular_values_are_those_of_the_task_and_vanish_at_a_lock() {
+        let robot = Robot::builtin("puma560").expect("built in");
+        // As a recording has it: more places for joints than the arm has.
+        let arm = Model::<8>::new(&robot, None).expect("six joints");
+        let sigma = |q5: f64, task: &[bool; 6]| {
+            let q = SVector::<f64, 8>::from([0.3, -0.9, 2.9, 0.2, q5, 0.1, 0.0, 0.0]);
+            (singular_values(arm.jacobian(&q), robot.length_m, task), arm.jacobian(&q).fixed_columns::<6>(0).determinant())
+        };
+        let (regular, det) = sigma(0.8, &[true; 6]);
+        assert!((regular.iter().product::<f64>() - det.abs() / robot.length_m.powi(3)).abs() < 1e-13, "{regular:?} {det}");
+        assert!(regular.is_sorted_by(|a, b| a >= b) && regular[5] > 0.03, "{regular:?}");
+        assert!(sigma(0.0, &[true; 6]).0[5] < 1e-14);
+        let position = sigma(0.0, &[true, true, true, false, false, false]).0;
+        assert!(position[2] > 0.03 && position[3..].iter().all(|x| *x < 1e-14), "{position:?}");
     }
 
     #[test]

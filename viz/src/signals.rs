@@ -170,7 +170,7 @@ signals! {
     AuxiliaryReference = "singularity:aux_d" Slow,
     /// β_i of each singularity: 1 full operational control, 0 null-space control. Every 8 ms.
     Beta = "singularity:beta" Slow,
-    /// Singular values of the unit-scaled Jacobian. Every 8 ms.
+    /// Singular values of the unit-scaled Jacobian in the estimated posture. Every 8 ms.
     SingularValues = "jacobian:sigma" Slow,
     /// True position error [orthogonal to, along] the singular directions the arm is inside of; mm. Recorded as `error:position_log10_mm`.
     PositionError = "error:position_mm" Log,
@@ -379,7 +379,7 @@ pub(crate) fn draw(row: &TickRow, limits: &Limits, gravity: &[f64], mut put: imp
     }
 }
 
-/// Gives each signal's values at a tick to `put`; a signal whose messages are missing is not given.
+/// Gives each signal's values at a tick to `put`; a signal whose messages are missing is not given, nor are the singular values, which no message has.
 pub(crate) fn sample(row: &TickRow, limits: &Limits, hops: Option<ChainHops>, mut put: impl FnMut(Signal, &[f64])) {
     let n = limits.dof();
     if let Some(q) = row.q() {
@@ -396,11 +396,10 @@ pub(crate) fn sample(row: &TickRow, limits: &Limits, hops: Option<ChainHops>, mu
         put(Signal::AuxiliaryReference, &command.aux_d[..count]);
         put(Signal::Beta, &command.beta[..count]);
     }
-    if let Some(report) = row.singularity {
+    if row.singularity.is_some() {
         let (count, all) = (row.singularities().len(), row.singularities());
         put(Signal::Measure, &of_each(all, |one| one.s)[..count]);
         put(Signal::Auxiliary, &of_each(all, |one| one.aux)[..count]);
-        put(Signal::SingularValues, &report.sigma[..n.min(6)]);
     }
     if let Some(state) = row.plant_state {
         put(Signal::Contact, &[Vector3::from(state.contact_force_n).norm()]);

@@ -144,9 +144,6 @@ impl Run {
         report.rank = 6;
         report.length_m = 0.43;
         report.p_BC = wrist.into();
-        for (k, value) in report.sigma.iter_mut().enumerate() {
-            *value = 1.0 / (k as f64 + 1.0);
-        }
         for (i, (kind, class, s, zeta, angular, aux, (eta_in, eta_out))) in cases.into_iter().enumerate() {
             self.inside[i] = s.abs() < if self.inside[i] { eta_out } else { eta_in };
             let other = zeta.cross(&terms.z[0]).try_normalize(1e-3).unwrap_or_else(|| zeta.cross(&terms.z[5]).normalize());

@@ -202,12 +202,8 @@ impl<const N: usize> Singularity<N> {
 pub struct Report<const N: usize> {
     /// Rank of J at the stated tolerance.
     pub rank: u32,
-    /// Singular values of J at C, lengths divided by `length_m`, largest first.
-    pub sigma: [f64; 6],
     /// det J at E for square J, else √det JJᵀ.
     pub det: f64,
-    /// σ_max/σ_min; 1e18 where σ_min is 0.
-    pub condition: f64,
     /// Yoshikawa's √det JJᵀ, unit-scaled.
     pub manipulability: f64,
     /// The length that makes metres and radians comparable, m.
@@ -223,17 +219,7 @@ pub struct Report<const N: usize> {
 impl<const N: usize> Report<N> {
     /// A report of an arm with C at `p_BC`, m: no singularity, and nothing computed of the Jacobian.
     pub(crate) fn unexamined(length_m: f64, p_BC: Vector3<f64>) -> Self {
-        Self {
-            rank: 0,
-            sigma: [0.0; 6],
-            det: 0.0,
-            condition: 0.0,
-            manipulability: 0.0,
-            length_m,
-            p_BC,
-            count: 0,
-            singularities: [Singularity::none(); MAX_SINGULARITIES],
-        }
+        Self { rank: 0, det: 0.0, manipulability: 0.0, length_m, p_BC, count: 0, singularities: [Singularity::none(); MAX_SINGULARITIES] }
     }
 
     /// The singularities in use.

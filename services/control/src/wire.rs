@@ -25,10 +25,10 @@ pub enum Unreadable {
 /// Fills the analyzer's message: everything but the header's stamps and incarnation.
 pub fn report_message<const N: usize>(tick: u64, report: &Report<N>, out: &mut SingularityReport) {
     // In place: a message of its own would be copied whole.
-    let SingularityReport { header, count, rank, sigma, det, condition, manipulability, length_m, p_BC, singularities } = out;
+    let SingularityReport { header, count, rank, det, manipulability, length_m, p_BC, singularities } = out;
     *header = Header { tick, ..Header::default() };
-    (*count, *rank, *sigma, *det) = (report.count as u32, report.rank, report.sigma, report.det);
-    (*condition, *manipulability, *length_m, *p_BC) = (report.condition, report.manipulability, report.length_m, report.p_BC.into());
+    (*count, *rank, *det) = (report.count as u32, report.rank, report.det);
+    (*manipulability, *length_m, *p_BC) = (report.manipulability, report.length_m, report.p_BC.into());
     for (out, s) in singularities.iter_mut().zip(&report.singularities) {
         *out = SingularityState {
             kind: s.kind.code(),
@@ -62,9 +62,7 @@ pub fn report<const N: usize>(message: &SingularityReport) -> Result<Report<N>, 
     }
     let mut report = Report {
         rank: message.rank,
-        sigma: message.sigma,
         det: message.det,
-        condition: message.condition,
         manipulability: message.manipulability,
         length_m: message.length_m,
         p_BC: Vector3::from(message.p_BC),
@@ -155,7 +153,7 @@ mod tests {
     fn a_number_that_is_not_finite_is_refused_wherever_it_is() {
         for number in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
             let mut messages = [SingularityReport::default(); 5];
-            messages[0].sigma[5] = number;
+            messages[0].manipulability = number;
             messages[1].p_BC[2] = number;
             messages[2].singularities[MAX_SINGULARITIES - 1].gain = number;
             messages[3].singularities[0].zeta_B[3] = number;

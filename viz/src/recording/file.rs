@@ -1,7 +1,7 @@
 //! A recording from its first tick to its end: parts, ticks, events.
 
 use model::Model;
-use nalgebra::SVector;
+use nalgebra::{SVector, Vector3};
 use re_log_types::StoreId;
 use re_sdk_types::archetypes::TextLog;
 use re_sdk_types::components::TextLogLevel;
@@ -16,9 +16,10 @@ use super::state::{Lanes, Level, Options, Recording, RunInfo, Title, Written};
 use super::write::LEGEND;
 use crate::arm::{Figure, placement};
 use crate::blueprint::{Subject, Way};
+use crate::manipulability::{at_point, singular_values};
 use crate::narration::History;
 use crate::scene::NullMotion;
-use crate::signals::{Drawn, Limits, TickRow, draw, sample};
+use crate::signals::{Drawn, Limits, Signal, TickRow, draw, sample};
 use crate::sink::{FileInfo, Sink};
 use crate::storage::{RecordError, Storage};
 use crate::{blueprint, entity};
@@ -172,6 +173,7 @@ impl Recording {
             sides: [1.0; MAX_SINGULARITIES],
             swept: Default::default(),
             why: Default::default(),
+            task: robot.task.0,
             motion: NullMotion::new(robot.length_m),
             ghosts: [0; MAX_DOF],
             ghost_drawn: [false; MAX_DOF],
@@ -232,6 +234,15 @@ impl Recording {
         self.open()
     }
 
+    /// Singular values of the unit-scaled Jacobian in the posture that has been analysed, the estimated one: the law has no use for them, so they are
+    /// computed where they are drawn.
+    fn singular_values(&self, row: &TickRow) -> Option<[f64; 6]> {
+        let (report, q) = (row.singularity?, row.estimate.map(|estimate| &estimate.q[..]).or_else(|| row.q())?);
+        let q = SVector::from_column_slice(q);
+        let J = at_point(self.arm.jacobian(&q), &(Vector3::from(report.p_BC) - self.arm.forward_kinematics(&q).p));
+        Some(singular_values(J, report.length_m, &self.task))
+    }
+
     /// Takes a tick in. Ticks must come in order; a tick that was lost leaves a gap.
     ///
     /// # Errors
@@ -257,6 +268,7 @@ impl Recording {
             self.signals.push(row.tick, |put| sample(row, &self.limits, self.hops, |signal, values| put(signal as usize, values)));
             if row.tick.is_multiple_of(self.drawn_every) {
                 let gravity = row.q().map(|q| self.arm.gravity(&SVector::from_column_slice(q))).unwrap_or_default();
+                let sigma = self.singular_values(row);
                 let (limits, hops) = (&self.limits, self.hops);
                 let is_faulty = self.faults.iter().any(|fault| fault.until.is_none_or(|until| row.tick < until));
                 self.drawn_table.push(row.tick, |put| {
@@ -264,7 +276,11 @@ impl Recording {
                     if is_faulty {
                         put(Drawn::Fault as usize, &[0.0]);
                     }
-                    sample(row, limits, hops, |signal, values| put(Drawn::ALL.len() + signal as usize, values));
+                    let mut put = |signal: Signal, values: &[f64]| put(Drawn::ALL.len() + signal as usize, values);
+                    sample(row, limits, hops, &mut put);
+                    if let Some(sigma) = &sigma {
+                        put(Signal::SingularValues, &sigma[..limits.dof().min(6)]);
+                    }
                 });
             }
         }

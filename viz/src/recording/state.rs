@@ -102,6 +102,8 @@ pub struct Recording {
     pub(super) part_ticks: u64,
     pub(super) arm: Model<MAX_DOF>,
     pub(super) figure: Figure,
+    /// The axes of the hand's twist that the task has.
+    pub(super) task: [bool; 6],
     /// Directions that the task has.
     pub(super) directions: usize,
     /// Whether the arm moves in the base's plane only.

@@ -487,5 +487,5 @@ fn every_signal_names_its_elements() {
         seen += 1;
         assert_eq!(values.len(), signal.elements(6, &names).len(), "{}", signal.name());
     });
-    assert_eq!(seen, Signal::ALL.iter().filter(|signal| limits.derive(**signal).is_none()).count());
+    assert_eq!(seen, Signal::ALL.iter().filter(|signal| limits.derive(**signal).is_none() && **signal != Signal::SingularValues).count());
 }

@@ -149,7 +149,7 @@ fn the_augmented_matrix_is_regular_everywhere() {
         engaged.singularities.iter_mut().for_each(|s| s.eta_out *= crate::continuous::auxiliary::LEFT);
         let system = blended::Augmented::new(&wanted(&terms, &at, &Vector3::zeros()), &actives(&engaged, 0.0)).unwrap();
         smallest = smallest.min(singular_values(&system.M).0[5]);
-        of_J = of_J.min(report.sigma[5]);
+        of_J = of_J.min(singular_values(&at.J).0[5]);
     }
     println!("smallest singular value: augmented {smallest}, J {of_J}");
     assert!(smallest > 0.03 && of_J < 1e-6, "{smallest} {of_J}");

@@ -1,5 +1,7 @@
 //! The arm at one posture: kinematics, dynamics and singularities, as the processes compute them.
 
+use control::centre::AtCentre;
+use control::linear;
 use model::{Model, Refused, Robot, embedded, with_dof};
 use nalgebra::DMatrix;
 use serde_json::{Value, json};
@@ -31,6 +33,10 @@ pub struct Posture {
     pub det: Option<f64>,
     /// Singular values of J, largest first.
     pub singular_values: Vec<f64>,
+    /// Those of J at C, lengths divided by the report's `length_m`, rows that are no task axes zero; largest first.
+    pub scaled_singular_values: [f64; 6],
+    /// How many task axes count, or joints where they are fewer.
+    pub served: usize,
     /// The analyzer's report.
     pub report: SingularityReport,
 }
@@ -80,6 +86,8 @@ fn at<const N: usize>(robot: &Robot, frame: Option<&str>, q: &[f64], qdot: &[f64
     estimate.qdot[..n].copy_from_slice(qdot);
     let mut report = SingularityReport::default();
     analyzer.step(&estimate, &mut report);
+    let at_centre = AtCentre::new(&terms, &report.p_BC.into(), &terms.omega[N - 1]);
+    let (scaled_singular_values, _) = linear::singular_values(&control::scaled(&at_centre.J, report.length_m, &robot.task.0));
     let J = DMatrix::from_fn(6, n, |row, column| terms.J[(row, column)]);
     let (R, p) = (terms.X_BE.R, terms.X_BE.p);
     let mut singular_values: Vec<f64> = J.clone().svd(false, false).singular_values.iter().copied().collect();
@@ -101,6 +109,8 @@ fn at<const N: usize>(robot: &Robot, frame: Option<&str>, q: &[f64], qdot: &[f64
         bias: (terms.coriolis + terms.gravity).as_slice()[..n].to_vec(),
         Jdot_qdot: terms.Jdot_qdot.as_slice().to_vec(),
         singular_values,
+        scaled_singular_values,
+        served: robot.task.count().min(n),
         report,
     })
 }
@@ -119,6 +129,13 @@ impl Posture {
             .map(|(i, singularity)| (codes::singularity_name(singularity.kind, i), singularity))
     }
 
+    /// Condition of the unit-scaled J, σ_max/σ_min over the task's rows; 1e18 where σ_min is 0.
+    #[must_use]
+    pub fn condition(&self) -> f64 {
+        let (largest, smallest) = (self.scaled_singular_values[0], self.scaled_singular_values[self.served.saturating_sub(1)]);
+        if smallest > largest * 1e-18 { largest / smallest } else { 1e18 }
+    }
+
     /// All of it as JSON.
     pub fn json(&self, robot: &Robot) -> Value {
         let singularities: Vec<Value> = self
@@ -135,7 +152,7 @@ impl Posture {
             "robot": robot.name, "frame": self.frame, "q": self.q, "qdot": self.qdot, "pose": self.pose,
             "J": rows(&self.J), "A": rows(&self.A), "gravity": self.gravity, "bias": self.bias, "Jdot_qdot": self.Jdot_qdot,
             "det": self.det, "singular_values": self.singular_values, "rank": self.report.rank,
-            "scaled_singular_values": self.report.sigma, "length_m": self.report.length_m, "condition": self.report.condition,
+            "scaled_singular_values": self.scaled_singular_values, "length_m": self.report.length_m, "condition": self.condition(),
             "manipulability": self.report.manipulability, "singularities": singularities, "notes": robot.notes,
         })
     }

@@ -47,14 +47,14 @@ impl fmt::Display for PostureText<'_> {
         writeln!(
             f,
             "unit-scaled      {}  (lengths / {} m, at the wrist centre)",
-            list(&self.posture.report.sigma),
+            list(&self.posture.scaled_singular_values),
             self.posture.report.length_m
         )?;
         writeln!(
             f,
             "rank {}, condition {}, manipulability {}\n",
             self.posture.report.rank,
-            digits(self.posture.report.condition),
+            digits(self.posture.condition()),
             digits(self.posture.report.manipulability)
         )?;
         let mut found = table(&["singularity", "s", "η in/out", "inside", "type", "κ₁", "κ₂", "ζ (base axes)"]);

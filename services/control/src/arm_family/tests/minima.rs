@@ -1,9 +1,9 @@
 //! The guard on lost directions: σ_min is minimised from random starts within the limits, and whatever it finds must be listed.
 
-use crate::analyzer::Analyzer;
+use crate::analyzer::{Analyzer, RANK_TOLERANCE};
 use crate::arm_family::screws::Screws;
 use crate::centre::AtCentre;
-use crate::linear::{angular, linear, symmetric_eigen};
+use crate::linear::{angular, linear, singular_values, symmetric_eigen};
 use crate::testing::{panda, robot};
 use crate::types::{Class, Kind, Report};
 use model::{Model, Robot};
@@ -87,11 +87,11 @@ fn explained<const N: usize>(model: &Model<N>, robot: &Robot, q: &SVector<f64, N
     let terms = model.evaluate(q, &SVector::zeros());
     let at = AtCentre::new(&terms, &report.p_BC, &terms.omega[N - 1]);
     let inside: Vec<_> = report.listed().iter().filter(|s| s.inside).collect();
-    let rank = report.sigma.iter().filter(|s| **s > 1e-3 * report.sigma[0]).count();
+    let scaled = Screws(at.J).scaled(robot.length_m);
+    let rank = singular_values(&scaled).0.iter().filter(|s| **s > RANK_TOLERANCE * scaled.norm()).count();
     assert_eq!(report.rank as usize, rank);
     assert!(report.rank < 6 && rank + inside.len() >= 6, "{how}: rank {rank}, listed inside {inside:?} at {q}");
     // The lost covectors, not orthogonal to every ζ: eliminating the rows of ζ leaves full rank.
-    let scaled = Screws(at.J).scaled(robot.length_m);
     let (values, vectors) = symmetric_eigen(&(scaled * scaled.transpose()));
     for i in (0..6).filter(|i| values[*i] < 1e-10) {
         let u = vectors.column(i).into_owned();
