@@ -61,6 +61,7 @@ impl<const N: usize> Analyzer<N> {
     /// The same without rank, determinant and manipulability, which are zero in it; and the kinematics at C.
     ///
     /// Cost about 0.5 µs for six joints, no allocation.
+    #[inline]
     pub(crate) fn listed(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, terms: &Terms<N>) -> (Report<N>, AtCentre<N>) {
         let family = self.family.get_mut();
         let p_C = family.centre(terms);
@@ -98,6 +99,7 @@ impl<const N: usize> Analyzer<N> {
 /// Fills these fields of a report. The rank is that of J at C with its linear rows divided by the report's `length_m`; the determinant is of J at E,
 /// unscaled: `closed_form` where the arm has one. Nothing here needs the singular values, which cost as much as all the rest of the analysis: who
 /// shows them computes them ([`scaled`]).
+#[inline]
 fn conditioning<const N: usize>(
     report: &mut Report<N>,
     J_C: &SMatrix<f64, 6, N>,

@@ -128,6 +128,7 @@ impl<const N: usize> Coordinates<'_, N> {
     }
 
     /// Largest auxiliary rate, rad/s: the scenario's, and for the self-motion of an arm with spare joints a share of what the joints have.
+    #[inline]
     pub(crate) fn rate_max(&self, place: usize, s: &Singularity<N>) -> f64 {
         let stated = self.control.aux_rate_max.of(s.kind.code());
         if !self.has_higher_codimension(place) {

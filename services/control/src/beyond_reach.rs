@@ -15,6 +15,7 @@ pub(crate) fn warning<const N: usize>(guide: &Guide<N>) -> Option<String> {
 
 /// The command, marked as clipped where a leg whose goal is beyond reach has ended short of it, by more than the scenario's `goal` allows in the axes
 /// that count, `task`.
+#[inline]
 pub(crate) fn marked<const N: usize>(command: Command<N>, guide: &Guide<N>, task: &[bool; 6], goal: &Goal) -> Command<N> {
     let is_over = guide.beyond_reach().is_some_and(|(leg, _)| command.segment as usize > leg);
     let served = Vector6::from_fn(|k, _| if task[k] { command.error[k] } else { 0.0 });

@@ -20,6 +20,7 @@ impl<const N: usize> AtCentre<N> {
     ///
     /// Requires C fixed to E's link and `omega` that link's angular velocity.
     #[must_use]
+    #[inline]
     pub fn new(terms: &Terms<N>, p_BC: &Vector3<f64>, omega: &Vector3<f64>) -> Self {
         let r = p_BC - terms.X_BE.p;
         let mut J = terms.J;
@@ -61,6 +62,7 @@ impl PoseMotion {
 
     /// The same motion of the body, seen at the point `p_E` (coordinates in the body's own axes).
     #[must_use]
+    #[inline]
     pub fn at(&self, p_E: &Vector3<f64>) -> Self {
         let r = self.R * p_E;
         let (w, alpha) = (angular(&self.V), angular(&self.a));

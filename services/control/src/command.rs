@@ -10,6 +10,7 @@ use nalgebra::{SVector, Vector6};
 use shared_types::MAX_SINGULARITIES;
 
 /// The command and the telemetry of a tick under the law; `settle_s` is how long the arm is held after its last leg.
+#[inline]
 pub(crate) fn running<const N: usize>(
     state: &State<N>,
     now: &Inputs<'_, N>,

@@ -17,6 +17,7 @@ use crate::continuous::speed_limit;
 use crate::demand_ahead::demand_ahead;
 use crate::desired_motion::{Followed, desired_motion};
 use crate::law::{Actives, LawError, Torques, Wanted};
+use crate::linear::is_finite;
 use crate::paper::{chang_khatib, null_space};
 use crate::plausibility::{self, Bounds, Plausible};
 use crate::posture::Postures;
@@ -137,7 +138,7 @@ impl<const N: usize> Controller<N> {
         if self.state.refusal != Refusal::None {
             return self.refuse(q, qdot, self.state.refusal);
         }
-        if !q.iter().chain(qdot).chain(tau_disturbance).all(|x| x.is_finite()) {
+        if ![q, qdot, tau_disturbance].into_iter().all(is_finite) {
             return self.refuse(q, qdot, Refusal::State);
         }
         let evaluated;
@@ -174,7 +175,7 @@ impl<const N: usize> Controller<N> {
         // On a copy: a tick that is refused half-way leaves no half-made state.
         let mut state = self.state;
         match self.tick(&mut state, &Inputs { q, qdot, tau_disturbance, report, terms, at, p_EC }) {
-            Ok(command) if command.tau.iter().all(|x| x.is_finite()) => {
+            Ok(command) if is_finite(&command.tau) => {
                 self.state = state;
                 command
             }
@@ -189,11 +190,7 @@ impl<const N: usize> Controller<N> {
     /// else zero · Errors none: the reason is in the command · Cost that of the model's terms, no allocation
     pub fn refuse(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, why: Refusal) -> Command<N> {
         self.state.refusal = why;
-        if q.iter().chain(qdot).all(|x| x.is_finite()) {
-            self.refusal(Some((&self.model.evaluate(q, qdot), qdot)))
-        } else {
-            self.refusal(None)
-        }
+        if is_finite(q) && is_finite(qdot) { self.refusal(Some((&self.model.evaluate(q, qdot), qdot))) } else { self.refusal(None) }
     }
 
     /// Brings the arm to rest from where it plausibly is, its path's clock with it; after too long it refuses to go on.

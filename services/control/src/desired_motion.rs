@@ -45,7 +45,8 @@ pub(crate) fn desired_motion<const N: usize>(follow: &Followed<'_, N>, state: &m
         Some(k) => turned(&motion, &now.terms.X_BE.R, &angular(&V), k),
         None => motion,
     };
-    let on_path = path.desired(&state.progress, clock * time_rate, state.governor.rate_dot * time_rate);
+    let place = path.place(&state.progress);
+    let on_path = place.moving(clock * time_rate, state.governor.rate_dot * time_rate);
     let desired_E = served(PoseMotion { a: on_path.a + state.servo.a * clock, ..on_path });
     let desired = desired_E.at(now.p_EC);
     let turn_error = rotation_error(&desired.R, &now.terms.X_BE.R, free.as_ref());
@@ -63,8 +64,8 @@ pub(crate) fn desired_motion<const N: usize>(follow: &Followed<'_, N>, state: &m
         clock,
         desired_E,
         desired,
-        V_nominal: served(path.desired(&state.progress, time_rate, 0.0)).at(now.p_EC).V,
-        a_feed: served(path.desired(&state.progress, clock * time_rate, 0.0)).at(now.p_EC).a,
+        V_nominal: served(place.moving(time_rate, 0.0)).at(now.p_EC).V,
+        a_feed: served(place.moving(clock * time_rate, 0.0)).at(now.p_EC).a,
         error,
         feedback: feedback * k_p,
         a: desired.a + (desired.V - V) * k_v + feedback * k_p,

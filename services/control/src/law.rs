@@ -123,6 +123,7 @@ impl<const N: usize> Actives<N> {
     }
 
     /// Adds one; a report holds no more than fit.
+    #[inline]
     pub fn push(&mut self, active: Active<N>) {
         if self.count < MAX_SINGULARITIES {
             self.list[self.count] = active;
@@ -156,6 +157,7 @@ pub struct Torques<const N: usize> {
 impl<const N: usize> Torques<N> {
     /// Largest share of a joint's speed limit at full clock speed; `velocity` are the limits, rad/s.
     #[must_use]
+    #[inline]
     pub fn speed_share(&self, velocity: &SVector<f64, N>) -> f64 {
         (0..N).fold(0.0_f64, |share, i| share.max(self.qdot_nominal[i].abs() / velocity[i]))
     }

@@ -25,7 +25,7 @@ pub enum SolveError {
 }
 
 /// Relative pivot below which a system counts as singular; between the 1e-16 of rounding and the 1e-2 of a regular augmented matrix.
-const PIVOT_FLOOR: f64 = 1e-12;
+pub(crate) const PIVOT_FLOOR: f64 = 1e-12;
 
 /// LU factors with row pivoting of an `N`×`N` matrix.
 #[derive(Clone, Debug)]
@@ -43,6 +43,7 @@ impl<const N: usize> Lu<N> {
     ///
     /// # Errors
     /// [`SolveError`] if an entry is not finite, or a pivot is below 1e-12 of the largest entry.
+    #[inline]
     pub fn new(mut M: SMatrix<f64, N, N>) -> Result<Self, SolveError> {
         let columns = &mut M.data.0;
         // Row by row, so that the processor looks at several at once; zero times what is not finite is a NaN.
@@ -93,6 +94,7 @@ impl<const N: usize> Lu<N> {
     /// Shapes N → N · Units those of b over those of M · Requires finite `b` · Ensures a residual within rounding times M's condition · Errors none: M
     /// is regular · Cost O(N²), no allocation
     #[must_use]
+    #[inline]
     pub fn solve(&self, b: &SVector<f64, N>) -> SVector<f64, N> {
         let M = &self.factors;
         let mut x = SVector::from_fn(|i, _| b[self.order[i]]);
@@ -108,6 +110,36 @@ impl<const N: usize> Lu<N> {
             x[i] /= M[(i, i)];
         }
         x
+    }
+
+    /// Solves M·X = B, column by column of B, all at once.
+    ///
+    /// Shapes N×K → N×K · Ensures the bits of [`solve`](Self::solve) for each column · Else as `solve` · Cost O(N²K), no allocation
+    #[must_use]
+    #[inline]
+    pub fn solve_all<const K: usize>(&self, B: [&SVector<f64, N>; K]) -> [SVector<f64, N>; K] {
+        let M = &self.factors;
+        // Row by row, so that the processor computes all columns at once.
+        let mut x: [[f64; K]; N] = std::array::from_fn(|i| B.map(|b| b[self.order[i]]));
+        for i in 0..N {
+            let mut row = x[i];
+            for j in 0..i {
+                for (row, x) in row.iter_mut().zip(&x[j]) {
+                    *row -= M[(i, j)] * x;
+                }
+            }
+            x[i] = row;
+        }
+        for i in (0..N).rev() {
+            let mut row = x[i];
+            for j in i + 1..N {
+                for (row, x) in row.iter_mut().zip(&x[j]) {
+                    *row -= M[(i, j)] * x;
+                }
+            }
+            x[i] = row.map(|x| x / M[(i, i)]);
+        }
+        std::array::from_fn(|k| SVector::from_fn(|i, _| x[i][k]))
     }
 
     /// det M, not zero.
@@ -332,6 +364,13 @@ pub fn symmetric_eigen<const M: usize>(S: &SMatrix<f64, M, M>) -> (SVector<f64, 
 /// Most Jacobi sweeps: quadratic convergence needs five or six for 6×6.
 pub const SWEEPS: usize = 8;
 
+/// Whether every element is a finite number.
+#[must_use]
+#[inline]
+pub fn is_finite<const N: usize>(v: &SVector<f64, N>) -> bool {
+    v.iter().all(|x| x.is_finite())
+}
+
 /// Stacks a linear and an angular part: `[v; ω]`.
 #[must_use]
 #[inline]
@@ -377,6 +416,7 @@ pub fn wrap_line(x: f64) -> f64 {
 
 /// `v` shortened to at most `length`.
 #[must_use]
+#[inline]
 pub fn clamp_norm(v: Vector3<f64>, length: f64) -> Vector3<f64> {
     let norm = v.norm();
     if norm > length { v * (length / norm) } else { v }
@@ -402,6 +442,8 @@ mod tests {
             let x = SVector::from(x);
             prop_assume!(singular_values(&M).0[5] > 1e-3);
             prop_assert!((lu.solve(&(M * x)) - x).norm() < 1e-11);
+            let sides = [x, M * x, -x];
+            prop_assert_eq!(lu.solve_all(sides.each_ref()), sides.map(|side| lu.solve(&side)));
             prop_assert!((lu.determinant() - M.determinant()).abs() < 1e-13);
         }
 

@@ -72,6 +72,7 @@ pub(crate) struct LimitedTorque<const N: usize> {
 
 impl<const N: usize> Motion<N> {
     /// The share of a* = `a` along the path's twist, metres made radians by the arm's length.
+    #[inline]
     pub(crate) fn along_path(&self, a: &Vector6<f64>, length_m: f64) -> Vector6<f64> {
         let (V, L2) = (&self.V_nominal, length_m * length_m);
         let dot = |x: &Vector6<f64>, y: &Vector6<f64>| linear(x).dot(&linear(y)) / L2 + angular(x).dot(&angular(y));

@@ -249,13 +249,42 @@ impl Path {
     /// Desired motion of E, where the clock runs at `rate` and changes at `rate_dot` (1/s).
     #[must_use]
     pub fn desired(&self, progress: &Progress, rate: f64, rate_dot: f64) -> PoseMotion {
-        let [x, v, a] = self.fraction(progress);
+        self.place(progress).moving(rate, rate_dot)
+    }
+
+    /// The place on the path where the clock is.
+    #[must_use]
+    #[inline]
+    pub fn place(&self, progress: &Progress) -> Place {
+        let fraction = self.fraction(progress);
+        let [x, ..] = fraction;
+        let Progress { by, turn, .. } = *progress;
+        Place { R: rotation_exp(&(turn * x)) * progress.start.R, p: progress.start.p + by * x, by, turn, fraction }
+    }
+}
+
+/// A place on the path: E's desired pose there, and where the present leg leads.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Place {
+    R: Matrix3<f64>,
+    p: Vector3<f64>,
+    by: Vector3<f64>,
+    turn: Vector3<f64>,
+    fraction: [f64; 3],
+}
+
+impl Place {
+    /// Desired motion of E here, where the clock runs at `rate` and changes at `rate_dot` (1/s).
+    #[must_use]
+    #[inline]
+    pub fn moving(&self, rate: f64, rate_dot: f64) -> PoseMotion {
+        let [_, v, a] = self.fraction;
         let (xdot, xddot) = (v * rate, a * rate * rate + v * rate_dot);
         PoseMotion {
-            R: rotation_exp(&(progress.turn * x)) * progress.start.R,
-            p: progress.start.p + progress.by * x,
-            V: stack(&(progress.by * xdot), &(progress.turn * xdot)),
-            a: stack(&(progress.by * xddot), &(progress.turn * xddot)),
+            R: self.R,
+            p: self.p,
+            V: stack(&(self.by * xdot), &(self.turn * xdot)),
+            a: stack(&(self.by * xddot), &(self.turn * xddot)),
         }
     }
 }

@@ -174,6 +174,7 @@ impl<const N: usize> Singularity<N> {
 
     /// Nothing: what unused places of a report hold.
     #[must_use]
+    #[inline]
     pub fn none() -> Self {
         Self {
             kind: Kind::Numeric,
@@ -218,12 +219,14 @@ pub struct Report<const N: usize> {
 
 impl<const N: usize> Report<N> {
     /// A report of an arm with C at `p_BC`, m: no singularity, and nothing computed of the Jacobian.
+    #[inline]
     pub(crate) fn unexamined(length_m: f64, p_BC: Vector3<f64>) -> Self {
         Self { rank: 0, det: 0.0, manipulability: 0.0, length_m, p_BC, count: 0, singularities: [Singularity::none(); MAX_SINGULARITIES] }
     }
 
     /// The singularities in use.
     #[must_use]
+    #[inline]
     pub fn listed(&self) -> &[Singularity<N>] {
         &self.singularities[..self.count.min(MAX_SINGULARITIES)]
     }

@@ -73,7 +73,7 @@ impl<const N: usize> Unexplained<N> {
     }
 
     pub(crate) fn is_finite(&self) -> bool {
-        self.d.iter().chain(&self.slow).chain(&self.presence).all(|x| x.is_finite())
+        [&self.d, &self.slow, &self.presence].into_iter().all(|values| values.iter().all(|x| x.is_finite()))
     }
 }
 

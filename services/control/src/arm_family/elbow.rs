@@ -13,6 +13,7 @@ const MU: f64 = 0.01;
 /// The elbow's singularity: ζᵀJ = −fold·sin θ·θ̇ modulo the other rows. Type 1: θ moves C along ζ at second order, by fold/2 per rad².
 ///
 /// `zeta` unit, `towards` the second axis of its frame, both in B; `theta` rad from full stretch; `fold` = L2 L3/ρ, m; `row` the gradient of θ.
+#[inline]
 pub(super) fn measure<const N: usize>(
     (zeta, towards): (&Vector3<f64>, &Vector3<f64>),
     (theta, theta_rate): (f64, f64),

@@ -31,6 +31,7 @@ const NEAR: f64 = 0.03;
 ///
 /// The joints `in_plane` move C within the plane, so ζᵀJ = R·e1 exactly, R the in-plane distance of C from the waist axis; s = R/`reach`. A
 /// shoulder offset makes it a one-sided fold: no C nearer than the offset to the waist axis can be reached.
+#[inline]
 pub(super) fn measure<const N: usize>(at: &Posture<'_, N>, in_plane: Range<usize>, reach: f64) -> Singularity<N> {
     let [z1, z2] = [at.terms.z[0], at.terms.z[1]];
     let x = z2.cross(&z1);

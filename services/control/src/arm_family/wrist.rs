@@ -34,6 +34,7 @@ const SEGMENT_MIN: f64 = 1e-18;
 /// Wrist: the end-effector cannot turn about n = z4×z5 when z6 is parallel to z4 (of a spherical wrist, whose axes are the last three).
 ///
 /// z6 = c5 z4 + (n·z6) n, so with φ̇ = z4·ω₄ and the turn about z4 kept, nᵀω = −(n·z6/c5)·φ̇ modulo the other rows. Type 2: φ only turns ζ.
+#[inline]
 pub(super) fn measure<const N: usize>(at: &Posture<'_, N>) -> Singularity<N> {
     let forearm = N - 3;
     let [z4, z5, z6] = [at.terms.z[forearm], at.terms.z[N - 2], at.terms.z[N - 1]];

@@ -86,6 +86,7 @@ impl Default for Loop {
 impl Loop {
     /// Whether this singularity takes part in the solve.
     #[must_use]
+    #[inline]
     pub fn engaged(&self) -> bool {
         self.mode != Mode::Regular
     }

@@ -15,7 +15,7 @@
 //! `one_solve_gives_the_papers_torque`, `outside_every_neighbourhood_one_solve_is_operational_space_control`).
 
 use crate::law::{Active, LawError, Torques, Wanted};
-use crate::linear::Lu;
+use crate::linear::{Lu, PIVOT_FLOOR, SolveError};
 use crate::paper::singular_frame::{Basis, orthogonal_rows};
 use nalgebra::{SMatrix, SVector};
 
@@ -43,6 +43,7 @@ impl<const N: usize> Augmented<N> {
     ///
     /// # Errors
     /// [`LawError::TooManyRows`] where the task has more axes than the arm has joints.
+    #[inline]
     pub fn new(wanted: &Wanted<'_, N>, actives: &[Active<N>]) -> Result<Self, LawError> {
         let (J, Jdot_qdot) = (&wanted.at.J, &wanted.at.Jdot_qdot);
         let orthogonal = orthogonal_rows(&wanted.task, actives)?;
@@ -110,10 +111,8 @@ impl<const N: usize> Augmented<N> {
 pub fn torques<const N: usize>(wanted: &Wanted<'_, N>, actives: &[Active<N>]) -> Result<Torques<N>, LawError> {
     let system = Augmented::new(wanted, actives)?;
     let lu = Lu::new(system.M)?;
-    let qddot = lu.solve(&system.acceleration);
-    let path = wanted.A * lu.solve(&system.along);
-    let qdot_nominal = lu.solve(&system.velocity);
-    let qddot_path = lu.solve(&system.feed);
+    let [qddot, along, qdot_nominal, qddot_path] = lu.solve_all([&system.acceleration, &system.along, &system.velocity, &system.feed]);
+    let path = wanted.A * along;
     let null = null_torque(wanted.A, &qddot, &lu, &system, actives)?;
     let task = wanted.A * qddot - null;
     Ok(Torques { path, rest: task - path, null, qdot_nominal, qddot_path })
@@ -122,6 +121,7 @@ pub fn torques<const N: usize>(wanted: &Wanted<'_, N>, actives: &[Active<N>]) ->
 /// The share of Γ = A·q̈ that lies in the null space of the orthogonal rows, singularity i's weighted by 1 − β_i so that it is continuous.
 ///
 /// N_T·Γ = A·W(WᵀAW)⁻¹Wᵀ·Γ with W the motions that leave the orthogonal rows alone: columns of the augmented inverse.
+#[inline]
 fn null_torque<const N: usize>(
     A: &SMatrix<f64, N, N>,
     qddot: &SVector<f64, N>,
@@ -133,19 +133,58 @@ fn null_torque<const N: usize>(
     if free == 0 {
         return Ok(SVector::zeros());
     }
-    let mut W = SMatrix::<f64, N, N>::zeros();
+    let (mut W, mut AW) = ([SVector::<f64, N>::zeros(); N], [SVector::<f64, N>::zeros(); N]);
     for k in 0..free {
-        W.set_column(k, &lu.solve(&SVector::from_fn(|i, _| if i == system.orthogonal + k { 1.0 } else { 0.0 })));
+        W[k] = lu.solve(&SVector::from_fn(|i, _| if i == system.orthogonal + k { 1.0 } else { 0.0 }));
+        AW[k] = A * W[k];
     }
-    // Unused columns are zero; ones on their diagonal keep the Gram matrix regular.
-    let AW = A * W;
-    let mut gram = W.tr_mul(&AW);
-    for k in free..N {
-        gram[(k, k)] = 1.0;
-    }
-    let mut share = Lu::new(gram)?.solve(&AW.tr_mul(qddot));
+    let mut share = gram_solved(&W[..free], &AW[..free], qddot)?;
     for (k, active) in actives.iter().enumerate() {
         share[k] *= 1.0 - active.beta;
     }
-    Ok(AW * share)
+    Ok((0..free).fold(SVector::zeros(), |torque, k| torque + AW[k] * share[k]))
+}
+
+/// (WᵀAW)⁻¹WᵀA·q̈ for the columns of W and AW, up to N of them: Cholesky's elimination, for W has full rank and A is positive definite.
+///
+/// # Errors
+/// [`LawError::Solve`] where a pivot is not positive, or not a number.
+fn gram_solved<const N: usize>(
+    W: &[SVector<f64, N>],
+    AW: &[SVector<f64, N>],
+    qddot: &SVector<f64, N>,
+) -> Result<SVector<f64, N>, LawError> {
+    let size = W.len();
+    let mut gram = SMatrix::<f64, N, N>::zeros();
+    let mut share = SVector::<f64, N>::zeros();
+    for k in 0..size {
+        share[k] = AW[k].dot(qddot);
+        for l in 0..=k {
+            gram[(k, l)] = W[k].dot(&AW[l]);
+        }
+    }
+    let largest = (0..size).fold(0.0_f64, |largest, k| largest.max(gram[(k, k)]));
+    for k in 0..size {
+        let pivot = gram[(k, k)];
+        if !pivot.is_finite() {
+            return Err(SolveError::NotFinite.into());
+        }
+        if pivot <= PIVOT_FLOOR * largest {
+            return Err(SolveError::RankDeficient { size, pivot, largest }.into());
+        }
+        for i in k + 1..size {
+            let l = gram[(i, k)] / pivot;
+            for j in k + 1..=i {
+                gram[(i, j)] -= l * gram[(j, k)];
+            }
+            share[i] -= l * share[k];
+        }
+    }
+    for k in (0..size).rev() {
+        for i in k + 1..size {
+            share[k] -= gram[(i, k)] * share[i];
+        }
+        share[k] /= gram[(k, k)];
+    }
+    Ok(share)
 }

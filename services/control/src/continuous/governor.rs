@@ -82,7 +82,7 @@ impl Governor {
         self.demand = demand;
         let mut target = MARGIN / (demand + LEAD * rising).max(1e-9);
         // Braking at `hardest`, r² falls by 2·hardest per second of the path's clock.
-        for (k, share) in load.foreseen.demand.iter().enumerate() {
+        for (k, share) in load.foreseen.demand.iter().enumerate().filter(|(_, share)| **share != 0.0) {
             let there = MARGIN / share.max(1e-9);
             target = target.min((there * there + 2.0 * PLANNED * hardest * k as f64 * FORESEEN_STEP_S).sqrt());
         }

@@ -81,27 +81,31 @@ impl<const N: usize> Guide<N> {
 
     /// Demand on the clock by a coordinate that is not where it is planned.
     #[must_use]
+    #[inline]
     pub fn waiting(error: f64, beta: f64) -> f64 {
         (1.0 - beta) * ((error.abs() - WAIT_FROM) / (WAIT_TO - WAIT_FROM)).clamp(0.0, 1.0) * WAIT
     }
 
     /// Fastest clock that the plan allows from now until the clock's lag has passed.
     #[must_use]
+    #[inline]
     pub fn speed(&self, planned: Option<&Sample<N>>, route_s: f64, clock: f64) -> f64 {
         match (&self.plan, planned) {
-            (Some(plan), Some(now)) => now.speed.min(plan.at(route_s + clock * LAG_S).speed),
+            (Some(plan), Some(now)) => now.speed.min(plan.speed(route_s + clock * LAG_S)),
             _ => 1.0,
         }
     }
 
     /// Path time that passes while the route's clock goes on by `step_s`, s.
     #[must_use]
+    #[inline]
     pub fn path_time(&self, route_s: f64, step_s: f64) -> f64 {
-        self.plan.as_ref().map_or(step_s, |plan| plan.at(route_s + step_s).t - plan.at(route_s).t)
+        self.plan.as_ref().map_or(step_s, |plan| plan.path_time(route_s + step_s) - plan.path_time(route_s))
     }
 
     /// A joint that could not be stopped before its limit later than now, where no plan leads it away from there.
     #[must_use]
+    #[inline]
     pub fn nears_limit(
         planned: Option<&Sample<N>>,
         (q, qdot): (&SVector<f64, N>, &SVector<f64, N>),

@@ -29,6 +29,7 @@ const COMPENSATED: f64 = 0.25;
 
 /// The disturbance torques that are compensated, N·m: up to a share of each limit.
 #[must_use]
+#[inline]
 pub fn compensated<const N: usize>(tau_disturbance: &SVector<f64, N>, limits: &SVector<f64, N>) -> SVector<f64, N> {
     tau_disturbance.zip_map(limits, |tau, limit| tau.clamp(-COMPENSATED * limit, COMPENSATED * limit))
 }
@@ -37,6 +38,7 @@ pub fn compensated<const N: usize>(tau_disturbance: &SVector<f64, N>, limits: &S
 ///
 /// Shapes N · Units N·m · Ensures |Γ_i| ≤ limit_i: an excess that no k removes is cut at the joint · Errors none · Cost O(N), no allocation
 #[must_use]
+#[inline]
 pub fn limit<const N: usize>(bias: &SVector<f64, N>, torques: &Torques<N>, limits: &SVector<f64, N>) -> Limited<N> {
     let whole = bias + torques.rest + torques.path;
     let total = whole + torques.null;

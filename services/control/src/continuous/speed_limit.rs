@@ -24,6 +24,7 @@ const APPROACH_S: f64 = 0.025;
 ///
 /// Shapes N, `A` N×N · Units N·m, rad/s; `torque_rate` N·m/s · Errors [`SolveError`] for a singular mass matrix · Cost none below half of every limit,
 /// else about 1 µs; no allocation
+#[inline]
 pub fn held<const N: usize>(
     torques: &Torques<N>,
     A: &SMatrix<f64, N, N>,
@@ -56,6 +57,7 @@ pub fn held<const N: usize>(
 
 /// Demand on the clock by the joints' present speeds, beyond the share of a limit that the path may take; 0 below it.
 #[must_use]
+#[inline]
 pub fn demand<const N: usize>(qdot: &SVector<f64, N>, velocity: &SVector<f64, N>) -> f64 {
     let share = (0..N).fold(0.0_f64, |share, i| share.max(qdot[i].abs() / velocity[i]));
     if share > MARGIN { share } else { 0.0 }

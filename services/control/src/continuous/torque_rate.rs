@@ -41,6 +41,7 @@ impl<const N: usize> Sent<N> {
     /// be delayed one without the other, and `wanted` unchanged where it respects every rate · Errors none ·
     /// Cost O(N), no allocation
     #[must_use]
+    #[inline]
     pub fn next(&self, wanted: &Limited<N>, path: &SVector<f64, N>, step: &SVector<f64, N>, limits: &SVector<f64, N>) -> (Self, u32) {
         let change = wanted.tau - self.tau;
         if (0..N).all(|i| change[i].abs() <= step[i]) {

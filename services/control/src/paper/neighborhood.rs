@@ -16,12 +16,14 @@ impl Neighborhood {
     ///
     /// Units none · Ensures that a NaN is outside · Errors none · Cost O(1)
     #[must_use]
+    #[inline]
     pub fn update(&self, was_inside: bool, s: f64) -> bool {
         s.abs() <= if was_inside { self.eta_out } else { self.eta_in }
     }
 
     /// Weight of operational control along ζ_i: 0 at |s| ≤ η_in, 1 at |s| ≥ η_out, continuously differentiable between.
     #[must_use]
+    #[inline]
     pub fn openness(&self, s: f64) -> f64 {
         crate::linear::smoothstep((s.abs() - self.eta_in) / (self.eta_out - self.eta_in))
     }

@@ -1,7 +1,7 @@
 //! The singular frame: the directions of the task that are orthogonal to the singular ones.
 
 use crate::law::{Active, LawError};
-use nalgebra::{SVector, Vector6};
+use nalgebra::{SVector, Vector3, Vector6};
 
 /// Directions of the task orthogonal to the singular ones, orthonormal within each half, and how many.
 #[derive(Clone, Copy, Debug)]
@@ -11,8 +11,10 @@ pub struct OrthogonalRows {
 }
 
 impl OrthogonalRows {
-    fn push(&mut self, row: Vector6<f64>) {
-        self.rows[self.count] = row;
+    /// Adds a direction of the half of the task whose first axis is `from`.
+    #[inline]
+    fn push(&mut self, from: usize, direction: &Vector3<f64>) {
+        self.rows[self.count].fixed_rows_mut::<3>(from).copy_from(direction);
         self.count += 1;
     }
 }
@@ -34,22 +36,23 @@ impl std::ops::Deref for OrthogonalRows {
 ///
 /// # Errors
 /// [`LawError::TooManyRows`] where orthogonal and singular rows together outnumber the joints.
+#[inline]
 pub fn orthogonal_rows<const N: usize>(task: &[bool; 6], actives: &[Active<N>]) -> Result<OrthogonalRows, LawError> {
     let mut orthogonal = OrthogonalRows { rows: [Vector6::zeros(); 6], count: 0 };
-    for half in [0..3, 3..6] {
-        let axes = || half.clone().filter(|k| task[*k]).map(|k| Vector6::from_fn(|i, _| if i == k { 1.0 } else { 0.0 }));
+    for from in [0, 3] {
+        let axes = || (0..3).filter(|k| task[from + k]).map(|k| Vector3::from_fn(|i, _| if i == k { 1.0 } else { 0.0 }));
         // Orthonormal directions so far: singular ones first, then those orthogonal to them.
-        let mut basis = Basis::<6>::empty();
+        let mut basis = Basis::<3>::empty();
         for active in actives {
-            if active.zeta_B.rows_range(half.clone()).norm_squared() > 0.25 {
-                let within = Vector6::from_fn(|k, _| if half.contains(&k) && task[k] { active.zeta_B[k] } else { 0.0 });
-                basis.add(within);
+            let zeta = active.zeta_B.fixed_rows::<3>(from);
+            if zeta.norm_squared() > 0.25 {
+                basis.add(Vector3::from_fn(|k, _| if task[from + k] { zeta[k] } else { 0.0 }));
             }
         }
         if basis.count() == 0 {
             // Nothing is dropped here: the axes of the task themselves.
             for axis in axes() {
-                orthogonal.push(axis);
+                orthogonal.push(from, &axis);
             }
             continue;
         }
@@ -58,7 +61,7 @@ pub fn orthogonal_rows<const N: usize>(task: &[bool; 6], actives: &[Active<N>]) 
             if !basis.add_best(axes()) {
                 break;
             }
-            orthogonal.push(basis.last());
+            orthogonal.push(from, &basis.last());
         }
     }
     let rows = orthogonal.count + actives.len();
@@ -94,6 +97,7 @@ impl<const D: usize> Basis<D> {
         self.vectors[self.count - 1]
     }
 
+    #[inline]
     fn residual(&self, mut v: SVector<f64, D>) -> SVector<f64, D> {
         for _ in 0..2 {
             for b in &self.vectors[..self.count] {

@@ -182,16 +182,38 @@ impl<const N: usize> PathPlan<N> {
         singular_times(request, &knots)
     }
 
+    /// The points about `u` of the route's clock, and the share of the way from the first to the second; `None` beyond its ends.
+    #[inline]
+    fn about(&self, u: f64) -> Option<(&Point<N>, &Point<N>, f64)> {
+        let after = self.points.partition_point(|point| point.u <= u);
+        let (a, b) = (self.points.get(after.checked_sub(1)?)?, self.points.get(after)?);
+        Some((a, b, (u - a.u) / (b.u - a.u)))
+    }
+
+    /// Time on the path's clock at `u` of the route's, s: that of [`at`](Self::at).
+    #[must_use]
+    pub fn path_time(&self, u: f64) -> f64 {
+        match self.about(u) {
+            Some((a, b, x)) => a.t + (b.t - a.t) * x,
+            None => self.points.last().map_or(0.0, |last| last.t) + (u - self.duration_s).max(0.0),
+        }
+    }
+
+    /// Fastest that the route's clock may run at `u` of it: that of [`at`](Self::at).
+    #[must_use]
+    pub fn speed(&self, u: f64) -> f64 {
+        self.about(u).map_or(1.0, |(a, b, x)| (a.speed * a.speed * (1.0 - x) + b.speed * b.speed * x).sqrt())
+    }
+
     /// The route at `u` of its clock; beyond its end the last posture, at rest.
     #[must_use]
     pub fn at(&self, u: f64) -> Sample<N> {
-        let after = self.points.partition_point(|point| point.u <= u);
-        let (Some(b), Some(a)) = (self.points.get(after), after.checked_sub(1).and_then(|i| self.points.get(i))) else {
-            let end = self.points.last().map_or((0.0, SVector::zeros()), |last| (last.t, last.q));
-            return Sample { t: end.0 + (u - self.duration_s).max(0.0), time_rate: 1.0, q: end.1, dq: SVector::zeros(), speed: 1.0 };
+        let (t, speed) = (self.path_time(u), self.speed(u));
+        let Some((a, b, x)) = self.about(u) else {
+            let q = self.points.last().map_or_else(SVector::zeros, |last| last.q);
+            return Sample { t, time_rate: 1.0, q, dq: SVector::zeros(), speed };
         };
         let h = b.u - a.u;
-        let x = (u - a.u) / h;
         // Cubic Hermite.
         let (x2, x3) = (x * x, x * x * x);
         let q = a.q * (2.0 * x3 - 3.0 * x2 + 1.0)
@@ -200,8 +222,7 @@ impl<const N: usize> PathPlan<N> {
             + b.slope * (h * (x3 - x2));
         let dq = (b.q - a.q) * (6.0 * (x - x2) / h) + a.slope * (3.0 * x2 - 4.0 * x + 1.0) + b.slope * (3.0 * x2 - 2.0 * x);
         let time_rate = (b.t - a.t) / h;
-        let speed = (a.speed * a.speed * (1.0 - x) + b.speed * b.speed * x).sqrt();
-        Sample { t: a.t + (b.t - a.t) * x, time_rate: if time_rate > 0.5 { 1.0 } else { 0.0 }, q, dq, speed }
+        Sample { t, time_rate: if time_rate > 0.5 { 1.0 } else { 0.0 }, q, dq, speed }
     }
 }
 
