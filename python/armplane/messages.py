@@ -7,42 +7,20 @@ import numpy as np
 
 from . import wire
 
-_MARK = b"armkept\x05"
+_MARK = b"armkept\x06"
 
 
-def _lz4(packed):
-    """The content of an LZ4 block."""
-    out, i, end = bytearray(), 0, len(packed)
-    while i < end:
-        token = packed[i]
-        i += 1
-        literals = token >> 4
-        if literals == 15:
-            while True:
-                literals += packed[i]
-                i += 1
-                if packed[i - 1] != 255:
-                    break
-        out += packed[i : i + literals]
-        i += literals
-        if i >= end:
-            break
-        distance = packed[i] | packed[i + 1] << 8
-        i += 2
-        length = (token & 15) + 4
-        if length == 19:
-            while True:
-                length += packed[i]
-                i += 1
-                if packed[i - 1] != 255:
-                    break
-        start = len(out) - distance
-        while length > 0:
-            part = out[start : start + length]
-            out += part
-            length -= len(part)
-            start += len(part)
-    return out
+def _masked(packed, at, length, steady=False):
+    """`length` bytes of which a mask tells which are stored, and the place behind them. The others are zero, or `steady`: as the one before."""
+    begin = at + (length + 7) // 8
+    stored = np.unpackbits(packed[at:begin], count=length, bitorder="little").astype(bool)
+    end = begin + int(stored.sum())
+    if steady:
+        # The number of the last byte stored so far; before the first one stands zero.
+        return np.concatenate([np.zeros(1, np.uint8), packed[begin:end]])[np.cumsum(stored)], end
+    plane = np.zeros(length, np.uint8)
+    plane[stored] = packed[begin:end]
+    return plane, end
 
 
 def read(path, topic):
@@ -62,17 +40,17 @@ def read(path, topic):
         raise ValueError(f"{path} holds no {type_name} ({found:016x}, this package reads {layout:016x}): use the package of that armplane")
     if zlib.crc32(raw[:32]) != checksum:
         raise ValueError(f"{path} is damaged: its first bytes are not what was written")
-    words, blocks, at, messages, head = size // 8, [], 40, 0, 52 + 8 * logs
+    words, blocks, at, messages, head = size // 8, [], 40, 0, 48 + 8 * logs
     while at + head <= len(raw):
-        n, length, plain, body, of_run, of_layout, of_log, of_logs, first, _, checksum = struct.unpack_from("<IIIIQIHHQQI", raw, at)
-        if of_logs != logs or zlib.crc32(raw[at + 52 : at + head], zlib.crc32(raw[at : at + 48])) != checksum:
+        n, length, body, of_layout, of_run, of_log, of_logs, first, _, checksum = struct.unpack_from("<IIIIQHHQQI", raw, at)
+        if of_logs != logs or zlib.crc32(raw[at + 48 : at + head], zlib.crc32(raw[at : at + 44])) != checksum:
             raise ValueError(f"{path} is damaged: the block at byte {at} is not what was written")
         if (of_run, of_log, of_layout) != (run, log, layout & 0xFFFF_FFFF):
             raise ValueError(f"{path} is damaged: the block at byte {at} is of another run or another log")
         if first != messages:
             raise ValueError(f"{path} is damaged: the block at byte {at} begins with message {first}, message {messages} is missing")
         steps = max(n - 1, 0)
-        begin, end = at + head, at + head + length + steps * plain
+        begin, end = at + head, at + head + length
         if end > len(raw):
             break  # what a killed writer began
         if zlib.crc32(raw[begin:end]) != body:
@@ -81,23 +59,27 @@ def read(path, topic):
         if n == 0:
             at = end
             continue  # the end that its writer gave it
-        unpacked = np.frombuffer(bytes(_lz4(raw[begin : begin + length])), np.uint8)
-        present, as_they_are, twins = unpacked[:words], unpacked[words : 2 * words], unpacked[2 * words : 4 * words].view("<u2")
-        packed, noise = unpacked[12 * words :], np.frombuffer(raw[begin + length : end], np.uint8)
-        at, rows, used, taken = end, np.zeros((steps, words), np.uint64), 0, 0
+        packed, used, pieces = np.frombuffer(raw[begin:end], np.uint8), 0, []
+        for piece in range(0, 13 * words, 128):
+            plane, used = _masked(packed, used, min(128, 13 * words - piece))
+            pieces.append(plane)
+        contents = np.concatenate(pieces)
+        present, plain, steady = contents[:words], contents[words : 2 * words], contents[2 * words : 3 * words]
+        twins = np.frombuffer(contents[3 * words : 5 * words].tobytes(), "<u2")
+        at, rows = end, np.zeros((steps, words), np.uint64)
         for word in range(words):
             if twins[word]:
                 rows[:, word] = rows[:, twins[word] - 1]
             for byte in range(8):
                 if not present[word] & 1 << byte:
                     continue
-                if as_they_are[word] & 1 << byte:
-                    plane, taken = noise[taken : taken + steps], taken + steps
-                else:
+                if plain[word] & 1 << byte:
                     plane, used = packed[used : used + steps], used + steps
+                else:
+                    plane, used = _masked(packed, used, steps, steady[word] & 1 << byte)
                 rows[:, word] |= plane.astype(np.uint64) << np.uint64(8 * byte)
         # Zig-zag and differences, undone.
-        one, first = np.uint64(1), unpacked[4 * words : 12 * words].view("<u8")
+        one, first = np.uint64(1), np.frombuffer(contents[5 * words :].tobytes(), "<u8")
         changes = (rows >> one) ^ (np.uint64(0) - (rows & one))
         blocks.append(np.cumsum(np.vstack([first, changes]), axis=0, dtype=np.uint64))
     whole = np.concatenate(blocks) if blocks else np.zeros((0, words), np.uint64)

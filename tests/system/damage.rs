@@ -161,10 +161,10 @@ fn blocks(log: &Path) -> (Vec<u8>, Vec<Vec<u8>>) {
     let file = std::fs::read(log).unwrap();
     let (head, mut rest) = file.split_at(40);
     let mut blocks = Vec::new();
-    while rest.len() >= 52 {
+    while rest.len() >= 48 {
         let number = |at: usize| u32::from_le_bytes(rest[at..at + 4].try_into().unwrap()) as usize;
-        // Messages, bytes packed, plain planes; and in the upper half of a word how many logs the run has.
-        let (block, behind) = rest.split_at(52 + 8 * (number(28) >> 16) + number(4) + number(0).saturating_sub(1) * number(8));
+        // Bytes behind the head; and in the upper half of a word how many logs the run has.
+        let (block, behind) = rest.split_at(48 + 8 * (number(24) >> 16) + number(4));
         blocks.push(block.to_vec());
         rest = behind;
     }

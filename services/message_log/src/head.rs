@@ -1,9 +1,9 @@
 //! The heads of a message log and of its blocks: which run, which log of it, and which of its messages.
 //!
 //! ```text
-//! file   "armkept\x05" · layout hash u64 · bytes of a message u32 · place of the log u16 · logs u16 · run u64 · CRC-32 u32 of all these · 0 u32
-//! block  messages u32 · bytes of the LZ4 block u32 · plain planes u32 · CRC-32 u32 of what follows the head · run u64 · low half of the layout hash u32
-//!        · place of the log u16 · logs u16 · messages in the log before it u64 · tick of its first message u64 · CRC-32 u32 of the rest of the head
+//! file   "armkept\x06" · layout hash u64 · bytes of a message u32 · place of the log u16 · logs u16 · run u64 · CRC-32 u32 of all these · 0 u32
+//! block  messages u32 · bytes behind the head u32 · CRC-32 u32 of these · low half of the layout hash u32 · run u64 · place of the log u16 · logs u16
+//!        · messages in the log before it u64 · tick of its first message u64 · CRC-32 u32 of the rest of the head
 //!        · messages in each log of the run when it was written u64 …
 //! ```
 //!
@@ -14,13 +14,13 @@ use crate::error::LogError;
 use crate::logs::Logs;
 use crate::shape::Shape;
 
-pub(crate) const MAGIC: [u8; 8] = *b"armkept\x05";
+pub(crate) const MAGIC: [u8; 8] = *b"armkept\x06";
 /// Bytes of a file before its first block.
 pub(crate) const FILE_HEAD: usize = 40;
 /// Those of them that its checksum covers.
 const FILE_CHECKED: usize = 32;
 /// Bytes of a block's head before the numbers of all logs, which its checksum ends.
-const FIXED: usize = 52;
+const FIXED: usize = 48;
 const CHECKED: usize = FIXED - 4;
 /// More logs than a run has topics.
 const MOST_LOGS: usize = 1024;
@@ -90,11 +90,9 @@ pub(crate) fn seal_file(head: &mut [u8; FILE_HEAD]) {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct BlockHead {
     pub(crate) messages: usize,
-    /// Bytes of the LZ4 block.
+    /// Bytes behind the head.
     pub(crate) packed: usize,
-    /// Planes behind it.
-    pub(crate) plain: usize,
-    /// CRC-32 of both.
+    /// CRC-32 of these.
     pub(crate) body: u32,
     pub(crate) run: u64,
     pub(crate) layout: u32,
@@ -111,50 +109,39 @@ impl BlockHead {
     /// The head of a block, at the beginning of bytes that may be any; `None` where it is not as it was written.
     pub(crate) fn read(bytes: &[u8], message_bytes: usize) -> Option<Self> {
         let fixed = bytes.get(..FIXED)?;
-        let logs = usize::from(u16_at(fixed, 30));
-        let (messages, packed, plain) = (u32_at(fixed, 0) as usize, u32_at(fixed, 4) as usize, u32_at(fixed, 8) as usize);
+        let logs = usize::from(u16_at(fixed, 26));
+        let (messages, packed) = (u32_at(fixed, 0) as usize, u32_at(fixed, 4) as usize);
         if messages > BLOCK || logs > MOST_LOGS {
             return None;
         }
         let known = bytes.get(FIXED..FIXED + size_of::<u64>() * logs)?;
-        if checksum(fixed, known) != u32_at(fixed, CHECKED) || !crate::block::is_possible(messages, packed, plain, message_bytes) {
+        if checksum(fixed, known) != u32_at(fixed, CHECKED) || !crate::block::is_possible(messages, packed, message_bytes) {
             return None;
         }
         Some(Self {
             messages,
             packed,
-            plain,
-            body: u32_at(fixed, 12),
+            body: u32_at(fixed, 8),
+            layout: u32_at(fixed, 12),
             run: u64_at(fixed, 16),
-            layout: u32_at(fixed, 24),
-            log: u16_at(fixed, 28),
-            first: u64_at(fixed, 32),
-            tick: u64_at(fixed, 40),
+            log: u16_at(fixed, 24),
+            first: u64_at(fixed, 28),
+            tick: u64_at(fixed, 36),
             known: known.as_chunks::<8>().0.iter().map(|number| u64::from_le_bytes(*number)).collect(),
         })
     }
 
-    /// Writes it over the beginning of a block.
-    pub(crate) fn write(
-        identity: Identity,
-        (messages, packed, plain): (usize, usize, usize),
-        (first, tick): (u64, u64),
-        logs: &Logs,
-        block: &mut [u8],
-    ) {
+    /// Writes it over the beginning of a block of so many messages.
+    pub(crate) fn write(identity: Identity, messages: usize, (first, tick): (u64, u64), logs: &Logs, block: &mut [u8]) {
         let Some((head, body)) = block.split_at_mut_checked(identity.block_head()) else { return };
         let Some((fixed, known)) = head.split_first_chunk_mut::<FIXED>() else { return };
-        for (to, number) in
-            fixed.as_chunks_mut::<4>().0.iter_mut().zip([messages as u32, packed as u32, plain as u32, crc32fast::hash(body)])
-        {
-            *to = number.to_le_bytes();
-        }
+        let numbers = [messages as u32, body.len() as u32, crc32fast::hash(body), identity.layout as u32];
+        fixed.as_chunks_mut::<4>().0.iter_mut().zip(numbers).for_each(|(to, number)| *to = number.to_le_bytes());
         fixed[16..24].copy_from_slice(&identity.run.to_le_bytes());
-        fixed[24..28].copy_from_slice(&(identity.layout as u32).to_le_bytes());
-        fixed[28..30].copy_from_slice(&identity.log.to_le_bytes());
-        fixed[30..32].copy_from_slice(&identity.logs.to_le_bytes());
-        fixed[32..40].copy_from_slice(&first.to_le_bytes());
-        fixed[40..CHECKED].copy_from_slice(&tick.to_le_bytes());
+        fixed[24..26].copy_from_slice(&identity.log.to_le_bytes());
+        fixed[26..28].copy_from_slice(&identity.logs.to_le_bytes());
+        fixed[28..36].copy_from_slice(&first.to_le_bytes());
+        fixed[36..CHECKED].copy_from_slice(&tick.to_le_bytes());
         known.as_chunks_mut::<8>().0.iter_mut().zip(logs.written()).for_each(|(to, number)| *to = number.to_le_bytes());
         let sum = checksum(fixed, known);
         fixed[CHECKED..].copy_from_slice(&sum.to_le_bytes());
@@ -165,14 +152,9 @@ impl BlockHead {
         FIXED + size_of::<u64>() * self.known.len()
     }
 
-    /// Bytes of the block behind the head.
-    pub(crate) fn rest(&self) -> usize {
-        self.packed + self.messages.saturating_sub(1) * self.plain
-    }
-
     /// Bytes of the whole block.
     pub(crate) fn whole(&self) -> u64 {
-        (self.bytes() + self.rest()) as u64
+        (self.bytes() + self.packed) as u64
     }
 
     /// Whether the block is of a log.
@@ -205,13 +187,13 @@ pub fn seal(file: &mut [u8]) {
     let Some((identity, _)) = Identity::of_file(head) else { return };
     let mut first = 0_u64;
     while rest.len() >= identity.block_head() {
-        let (messages, packed, plain) = (u32_at(rest, 0) as usize, u32_at(rest, 4) as usize, u32_at(rest, 8) as usize);
-        let end = messages.saturating_sub(1).saturating_mul(plain).saturating_add(packed).saturating_add(identity.block_head());
-        let tick = u64_at(rest, 40);
+        let (messages, packed) = (u32_at(rest, 0) as usize, u32_at(rest, 4) as usize);
+        let end = packed.saturating_add(identity.block_head());
+        let tick = u64_at(rest, 36);
         let Some((block, behind)) = std::mem::take(&mut rest).split_at_mut_checked(end) else { return };
         let logs = Logs::new(identity.run, (0..identity.logs).map(|log| log.to_string()));
         logs.set_written(usize::from(identity.log), first);
-        BlockHead::write(identity, (messages, packed, plain), (first, tick), &logs, block);
+        BlockHead::write(identity, messages, (first, tick), &logs, block);
         first += messages as u64;
         rest = behind;
     }

@@ -150,11 +150,7 @@ impl RowReader {
         let read = self.bytes.read(&mut self.packed, block.byte);
         let n = read.map_err(|source| LogError::File { action: "read", path: self.path.clone(), source })?;
         let is_whole = n == block.bytes && crc32fast::hash(&self.packed) == block.checksum;
-        let rows = if is_whole {
-            unpack((block.messages, block.lz4), self.shape.words(), &self.packed)
-        } else {
-            Err("its checksum differs".to_owned())
-        };
+        let rows = if is_whole { unpack(block.messages, self.shape.words(), &self.packed) } else { Err("its checksum differs".to_owned()) };
         rows.map_err(|reason| {
             let reason = format!("the block at byte {} is not what was written: {reason}", block.byte);
             self.place(Flaw { defect: Defect::Damaged, reason, lost: block.messages as u64, tick: Some(block.tick) })

@@ -114,11 +114,11 @@ impl RowWriter {
     fn write_block(&mut self) -> Result<(), LogError> {
         let Self { path, file, packer, identity, logs, place, tick } = self;
         let tick = if packer.len() == 0 { 0 } else { *tick };
-        let (block, sizes) = if packer.len() == 0 { packer.end() } else { packer.pack() };
-        BlockHead::write(*identity, sizes, (place.messages, tick), logs, block);
+        let (block, messages) = if packer.len() == 0 { (packer.end(), 0) } else { packer.pack() };
+        BlockHead::write(*identity, messages, (place.messages, tick), logs, block);
         match file.write_all(block) {
             Ok(()) => {
-                *place = Place { byte: place.byte + block.len() as u64, messages: place.messages + sizes.0 as u64 };
+                *place = Place { byte: place.byte + block.len() as u64, messages: place.messages + messages as u64 };
                 logs.set_written(usize::from(identity.log), place.messages);
                 Ok(())
             }

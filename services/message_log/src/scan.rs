@@ -94,8 +94,6 @@ pub(crate) struct StoredBlock {
     pub(crate) byte: u64,
     pub(crate) bytes: usize,
     pub(crate) messages: usize,
-    /// Bytes of its LZ4 block.
-    pub(crate) lz4: usize,
     pub(crate) checksum: u32,
     pub(crate) tick: u64,
 }
@@ -179,14 +177,8 @@ pub(crate) fn scan(bytes: &Bytes, from: Place, identity: Identity, message_bytes
         most = most.max(last);
         end.byte = place;
         let head_bytes = head.bytes() as u64;
-        let block = StoredBlock {
-            byte: byte + head_bytes,
-            bytes: head.rest(),
-            messages: head.messages,
-            lz4: head.packed,
-            checksum: head.body,
-            tick: head.tick,
-        };
+        let block =
+            StoredBlock { byte: byte + head_bytes, bytes: head.packed, messages: head.messages, checksum: head.body, tick: head.tick };
         blocks.push(Found { first, block, is_displaced, before: std::mem::take(&mut before) });
     }
     end.messages = most;
