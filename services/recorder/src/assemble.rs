@@ -85,8 +85,8 @@ impl Row {
 /// Rows are large: they stay where they are and are used again.
 #[derive(Debug)]
 pub struct Assembler {
-    /// The rows, by tick.
-    rows: VecDeque<Box<Row>>,
+    /// The rows, by tick. It stands beside each: to look for one in the rows themselves would bring a line of each into the cache.
+    rows: VecDeque<(u64, Box<Row>)>,
     given: Option<Box<Row>>,
     #[allow(clippy::vec_box, reason = "a row stays where it is while its place in the queue changes")]
     spare: Vec<Box<Row>>,
@@ -109,7 +109,7 @@ impl Assembler {
     /// Goes on where an earlier assembler had come to, with the rows that it had not given out.
     pub fn resume(&mut self, next: u64, rows: impl IntoIterator<Item = Row>) {
         self.next = next;
-        self.rows.extend(rows.into_iter().map(Box::new));
+        self.rows.extend(rows.into_iter().map(|row| (row.tick, Box::new(row))));
     }
 
     /// The next tick to be given out.
@@ -120,7 +120,7 @@ impl Assembler {
 
     /// The next tick to be given out, and what there is of it and the ticks after it.
     pub fn pending(&self) -> (u64, impl Iterator<Item = &Row>) {
-        (self.next, self.rows.iter().map(|row| &**row))
+        (self.next, self.rows.iter().map(|(_, row)| &**row))
     }
 
     /// The row of a tick; `None` when it has been given out already.
@@ -129,14 +129,14 @@ impl Assembler {
             return None;
         }
         // Rows are of ticks on end, but for gaps.
-        let is_at = |place: &usize| self.rows.get(*place).is_some_and(|row| row.tick == tick);
-        let from_front = self.rows.front().and_then(|front| usize::try_from(tick.checked_sub(front.tick)?).ok());
-        let place = from_front.filter(is_at).unwrap_or_else(|| self.rows.partition_point(|row| row.tick < tick));
-        if self.rows.get(place).is_none_or(|row| row.tick != tick) {
+        let is_at = |place: &usize| self.rows.get(*place).is_some_and(|(at, _)| *at == tick);
+        let from_front = self.rows.front().and_then(|(front, _)| usize::try_from(tick.checked_sub(*front)?).ok());
+        let place = from_front.filter(is_at).unwrap_or_else(|| self.rows.partition_point(|(at, _)| *at < tick));
+        if self.rows.get(place).is_none_or(|(at, _)| *at != tick) {
             let row = self.empty(tick);
-            self.rows.insert(place, row);
+            self.rows.insert(place, (tick, row));
         }
-        self.rows.get_mut(place).map(|row| &mut **row)
+        self.rows.get_mut(place).map(|(_, row)| &mut **row)
     }
 
     /// The next row, if it is whole, or too old to wait for at tick `now`; with `flush`, whatever there is.
@@ -147,20 +147,20 @@ impl Assembler {
         if !(flush || self.is_ready(now)) {
             return None;
         }
-        let front = self.rows.front()?;
-        let gap = front.tick - self.next;
+        let (front, _) = self.rows.front()?;
+        let gap = front - self.next;
         let is_jump = gap > self.horizon;
         self.spare.extend(self.given.take());
-        self.given = if gap == 0 || is_jump { self.rows.pop_front() } else { Some(self.empty(self.next)) };
+        self.given = if gap == 0 || is_jump { self.rows.pop_front().map(|(_, row)| row) } else { Some(self.empty(self.next)) };
         self.next = self.given.as_ref()?.tick.saturating_add(1);
         self.given.as_deref()
     }
 
     /// Whether [`pop`](Self::pop) has a row at tick `now`.
     pub(crate) fn is_ready(&self, now: u64) -> bool {
-        self.rows.front().is_some_and(|front| {
-            let gap = front.tick - self.next;
-            let is_old = if gap > self.horizon { front.tick < now } else { self.next.saturating_add(self.patience) < now };
+        self.rows.front().is_some_and(|(tick, front)| {
+            let gap = tick - self.next;
+            let is_old = if gap > self.horizon { *tick < now } else { self.next.saturating_add(self.patience) < now };
             is_old || gap == 0 && front.come.contains(self.expected)
         })
     }

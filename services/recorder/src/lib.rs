@@ -9,12 +9,12 @@ mod judge;
 mod log_account;
 mod log_result;
 mod message_rows;
+mod pace;
 mod rebuild;
 mod tape;
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::time::Duration;
 
 use bytemuck::{bytes_of, try_pod_read_unaligned};
 use message_log::{LogWriter, Logs, Place, TopicHash};
@@ -32,6 +32,7 @@ use checkpoint::{Bytes, Checkpoint, Memory, Past, Progress, StoredRow, most_tick
 use fault_reporter::FaultReporter;
 use foreign::ForeignTap;
 use log_result::{Keep, LogResult};
+use pace::Pace;
 
 pub use assemble::{Assembler, Row, Set};
 pub use judge::{Judge, Limits, TaskError, Tick, Verdict};
@@ -44,17 +45,6 @@ pub const SUMMARY: &str = "summary.json";
 
 /// Name of the folder with the messages in the results folder.
 pub const MESSAGES: &str = "messages";
-
-/// Pause between two rounds. To wake up with cold caches costs more than a tick's messages do, so the recorder takes several at a time: in lockstep,
-/// where all processes run at full speed, so that none has to wait; in real time a quarter of what the buffers hold at 1 kHz, or what a viewer that
-/// watches sees as motion.
-const fn pause(mode: Mode, is_watched: bool) -> Duration {
-    match mode {
-        Mode::Lockstep => Duration::from_millis(5),
-        Mode::Realtime if is_watched => Duration::from_millis(100),
-        Mode::Realtime => Duration::from_millis(250),
-    }
-}
 
 /// Ticks for which an incomplete row waits for its missing messages.
 pub const PATIENCE: u64 = 256;
@@ -134,7 +124,8 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
     let logs = Logs::of(job);
     let keep = job.messages.then_some((folder.as_path(), &logs));
     let mut topics = Topics::open(shell, &job.graph, keep, &progress, &mut assembler)?;
-    while shell.poll(pause(shell.mode(), job.live))? {
+    let mut pace = Pace::new(shell.mode(), job.live, shell.most_ahead());
+    while shell.poll(pace.pause(shell.ticks_begun()))? {
         topics.drain(&mut assembler)?;
         // Before the ticks in which it shows: their words name it.
         fault_reporter.report(shell, &job.graph, &mut tape);

@@ -60,13 +60,50 @@ impl Chain {
     }
 }
 
+/// Times that are entered into their distribution several at a time: its counts lie wide apart in memory, and each is a wait that others shorten.
+#[derive(Debug)]
+struct Times {
+    entered: Histogram,
+    waiting: Vec<u64>,
+}
+
+impl Times {
+    /// As many as there are ticks in two rounds or so.
+    const MOST_WAITING: usize = 128;
+
+    fn new(entered: Histogram) -> Self {
+        Self { entered, waiting: Vec::with_capacity(Self::MOST_WAITING) }
+    }
+
+    fn add(&mut self, time_ns: u64) {
+        self.waiting.push(time_ns);
+        if self.waiting.len() == Self::MOST_WAITING {
+            enter(&mut self.entered, &self.waiting);
+            self.waiting.clear();
+        }
+    }
+
+    fn all(&self) -> Histogram {
+        let mut all = self.entered.clone();
+        enter(&mut all, &self.waiting);
+        all
+    }
+}
+
+/// The histogram grows with its samples, so it can hold every time.
+fn enter(histogram: &mut Histogram, times: &[u64]) {
+    for time in times {
+        let _ = histogram.record(*time);
+    }
+}
+
 /// Gathers the latencies of a run.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct LatencyMeter {
     chain: Chain,
     /// Of each span that is timed.
     #[serde(with = "stored_all")]
-    latencies: Vec<Histogram>,
+    latencies: Vec<Times>,
     /// Not stored: no latency is measured over a gap.
     #[serde(skip)]
     last_sensor: Option<SensorSample>,
@@ -80,7 +117,7 @@ pub(super) struct LatencyMeter {
 
 impl LatencyMeter {
     pub(super) fn new(chain: Chain) -> Self {
-        let latencies = chain.spans().map(|_| new()).collect();
+        let latencies = chain.spans().map(|_| Times::new(new())).collect();
         Self { chain, latencies, last_sensor: None, period_ns: 0, due_before_ns: 0, first_ns: 0, last_ns: 0 }
     }
 
@@ -89,8 +126,8 @@ impl LatencyMeter {
         Self { period_ns, ..self }
     }
 
-    pub(super) fn of(&self, span: Span) -> &Histogram {
-        &self.latencies[self.chain.place(span)]
+    pub(super) fn of(&self, span: Span) -> Histogram {
+        self.latencies[self.chain.place(span)].all()
     }
 
     /// Wall-clock time between the first and the last sample; s.
@@ -99,13 +136,13 @@ impl LatencyMeter {
     }
 
     pub(super) fn summary(&self) -> BTreeMap<String, Latency> {
-        self.chain.spans().map(|span| (self.chain.name(span), latency(self.of(span)))).collect()
+        self.chain.spans().map(|span| (self.chain.name(span), latency(&self.of(span)))).collect()
     }
 
-    /// Adds a time to a distribution; the histogram grows with its samples, so it can hold every time.
+    /// Adds a time to a distribution.
     fn measure(&mut self, span: Span, from_ns: u64, to_ns: u64) {
         if from_ns != 0 && to_ns != 0 {
-            let _ = self.latencies[self.chain.place(span)].record(to_ns.saturating_sub(from_ns));
+            self.latencies[self.chain.place(span)].add(to_ns.saturating_sub(from_ns));
         }
     }
 
@@ -152,14 +189,14 @@ fn latency(histogram: &Histogram) -> Latency {
 }
 
 mod stored_all {
-    use super::{Histogram, stored};
+    use super::{Times, stored};
     use serde::{Deserialize, Deserializer, Serializer};
 
-    pub(super) fn serialize<S: Serializer>(all: &[Histogram], serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_seq(all.iter().map(stored::values))
+    pub(super) fn serialize<S: Serializer>(all: &[Times], serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(all.iter().map(|times| stored::values(&times.all())))
     }
 
-    pub(super) fn deserialize<'a, D: Deserializer<'a>>(deserializer: D) -> Result<Vec<Histogram>, D::Error> {
-        Ok(Vec::deserialize(deserializer)?.into_iter().map(stored::of).collect())
+    pub(super) fn deserialize<'a, D: Deserializer<'a>>(deserializer: D) -> Result<Vec<Times>, D::Error> {
+        Ok(Vec::deserialize(deserializer)?.into_iter().map(stored::of).map(Times::new).collect())
     }
 }
