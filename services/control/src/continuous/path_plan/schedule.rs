@@ -193,25 +193,26 @@ impl<const N: usize> PathPlan<N> {
     /// Time on the path's clock at `u` of the route's, s: that of [`at`](Self::at).
     #[must_use]
     pub fn path_time(&self, u: f64) -> f64 {
-        match self.about(u) {
-            Some((a, b, x)) => a.t + (b.t - a.t) * x,
-            None => self.points.last().map_or(0.0, |last| last.t) + (u - self.duration_s).max(0.0),
-        }
+        self.about(u).map_or_else(|| self.time_beyond(u), |(a, b, x)| time_between(a, b, x))
     }
 
     /// Fastest that the route's clock may run at `u` of it: that of [`at`](Self::at).
     #[must_use]
     pub fn speed(&self, u: f64) -> f64 {
-        self.about(u).map_or(1.0, |(a, b, x)| (a.speed * a.speed * (1.0 - x) + b.speed * b.speed * x).sqrt())
+        self.about(u).map_or(1.0, |(a, b, x)| speed_between(a, b, x))
+    }
+
+    /// Time on the path's clock beyond the route's end, s: both clocks go on together.
+    fn time_beyond(&self, u: f64) -> f64 {
+        self.points.last().map_or(0.0, |last| last.t) + (u - self.duration_s).max(0.0)
     }
 
     /// The route at `u` of its clock; beyond its end the last posture, at rest.
     #[must_use]
     pub fn at(&self, u: f64) -> Sample<N> {
-        let (t, speed) = (self.path_time(u), self.speed(u));
         let Some((a, b, x)) = self.about(u) else {
             let q = self.points.last().map_or_else(SVector::zeros, |last| last.q);
-            return Sample { t, time_rate: 1.0, q, dq: SVector::zeros(), speed };
+            return Sample { t: self.time_beyond(u), time_rate: 1.0, q, dq: SVector::zeros(), speed: 1.0 };
         };
         let h = b.u - a.u;
         // Cubic Hermite.
@@ -222,8 +223,21 @@ impl<const N: usize> PathPlan<N> {
             + b.slope * (h * (x3 - x2));
         let dq = (b.q - a.q) * (6.0 * (x - x2) / h) + a.slope * (3.0 * x2 - 4.0 * x + 1.0) + b.slope * (3.0 * x2 - 2.0 * x);
         let time_rate = (b.t - a.t) / h;
-        Sample { t, time_rate: if time_rate > 0.5 { 1.0 } else { 0.0 }, q, dq, speed }
+        let time_rate = if time_rate > 0.5 { 1.0 } else { 0.0 };
+        Sample { t: time_between(a, b, x), time_rate, q, dq, speed: speed_between(a, b, x) }
     }
+}
+
+/// Time on the path's clock at a share `x` of the way between two points, s.
+#[inline]
+fn time_between<const N: usize>(a: &Point<N>, b: &Point<N>, x: f64) -> f64 {
+    a.t + (b.t - a.t) * x
+}
+
+/// Fastest clock at a share `x` of the way between two points: its square changes evenly, as under constant braking.
+#[inline]
+fn speed_between<const N: usize>(a: &Point<N>, b: &Point<N>, x: f64) -> f64 {
+    (a.speed * a.speed * (1.0 - x) + b.speed * b.speed * x).sqrt()
 }
 
 /// A self-motion as (u, q): a quintic along the way, whose postures keep the pose.
