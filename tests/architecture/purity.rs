@@ -66,6 +66,8 @@ const PURE_STANDARD: [&str; 21] = [
 ];
 /// Pure items of the other modules.
 const PURE_ITEMS: [&str; 2] = ["ptr::eq", "time::Duration"];
+/// Of the processor's instructions those of a register of four lanes: they compute, load and store. Others read clocks and noise.
+const PURE_INSTRUCTIONS: [&str; 3] = ["arch::x86_64::_mm256_", "arch::x86_64::__m256", "arch::x86_64::_CMP_"];
 /// The impure parts that these modules hold all the same: shared state, and maps whose order is another in every process.
 const IMPURE: [&str; 16] = [
     "HashMap",
@@ -108,7 +110,11 @@ pub(crate) fn impurities(code: &[TokenTree], dependencies: &[String]) -> BTreeSe
         let first = path[0].as_str();
         let standard = ["std", "core", "alloc"].contains(&first) && path.len() > 1;
         let is_module = |word: &str| word.chars().all(|c| !c.is_uppercase());
-        let is_pure = |rest: &[String]| PURE_STANDARD.contains(&rest[0].as_str()) || PURE_ITEMS.contains(&rest.join("::").as_str());
+        let is_pure = |rest: &[String]| {
+            let item = rest.join("::");
+            let computes = PURE_INSTRUCTIONS.iter().any(|instruction| item.starts_with(instruction));
+            PURE_STANDARD.contains(&rest[0].as_str()) || PURE_ITEMS.contains(&item.as_str()) || computes
+        };
         if standard && is_module(&path[1]) && !is_pure(&path[1..]) {
             found.insert(path.join("::"));
         }
@@ -197,10 +203,17 @@ fn rule_2_the_check_sees_what_is_not_pure() {
         "use viz::Recording;",
         "fn f() { session::load(p) }",
         "use viz as v;",
+        "use std::arch::x86_64::*;",
+        "use std::arch::x86_64::{__m256d, _rdtsc};",
+        "fn f() { std::arch::x86_64::_mm_prefetch::<0>(p) }",
     ] {
         assert!(seen(text), "{text}");
     }
-    for text in ["fn f(x: &'static str) -> std::fmt::Result { libm::log(x); nalgebra::zero() }", "use std::{fmt, ops::{Add, Mul}};"] {
+    for text in [
+        "fn f(x: &'static str) -> std::fmt::Result { libm::log(x); nalgebra::zero() }",
+        "use std::{fmt, ops::{Add, Mul}};",
+        "use std::arch::x86_64::{__m256d, _mm256_add_pd};",
+    ] {
         assert!(!seen(text), "{text}");
     }
 }

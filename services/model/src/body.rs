@@ -1,10 +1,10 @@
 //! The moving links, in axes that make the recursions short.
 
 use crate::joint::{Joint, JointKind};
-use crate::lanes::{Pair, PerJoint, Vectors, pairs, sincos};
+use crate::lanes::{PerJoint, Row, Space, V3, Vectors, sincos};
 use crate::pose::Pose;
 use crate::robot::Robot;
-use crate::spatial::{Axes, LinkInertias, ORIGIN};
+use crate::spatial::{Axes, LinkInertias};
 use nalgebra::{Matrix3, SVector, Vector3};
 use shared_types::MAX_DOF;
 
@@ -18,7 +18,8 @@ pub(crate) struct Bodies<const N: usize> {
     /// The first joint's axes in the base, before it moves.
     base: Matrix3<f64>,
     /// Cosine and sine of the turn about the parent's x.
-    twist: [(f64, f64); N],
+    cos_twist: PerJoint,
+    sin_twist: PerJoint,
     /// A link's origin in the parent's x, and in y and z after the turn about x; at q = 0; m.
     p_0: Vectors,
     cos_0: PerJoint,
@@ -37,50 +38,36 @@ pub(crate) struct Bodies<const N: usize> {
 }
 
 /// The links' axes and origins in one posture, in the base.
-pub(crate) struct Frames {
-    x: Vectors,
-    y: Vectors,
-    pub(crate) z: Vectors,
-    pub(crate) p: Vectors,
-    /// Of a link's origin, from the parent's.
-    pub(crate) r: Vectors,
+pub(crate) struct Frames<R: Row<N>, const N: usize> {
+    pub(crate) axes: Axes<R>,
+    pub(crate) p: V3<R>,
+    /// The same, link by link.
+    pub(crate) links: [Link<R::Space>; MAX_DOF],
 }
 
-impl Frames {
-    pub(crate) const ZERO: Self = Self { x: Vectors::ZERO, y: Vectors::ZERO, z: Vectors::ZERO, p: Vectors::ZERO, r: Vectors::ZERO };
-
-    /// A link's pose in the base.
-    #[inline(always)]
-    pub(crate) fn pose(&self, i: usize) -> Pose {
-        Pose { R: Matrix3::from_columns(&[self.x.get(i), self.y.get(i), self.z.get(i)]), p: self.p.get(i) }
-    }
-
-    #[inline(always)]
-    pub(crate) fn axes(&self, k: usize) -> Axes {
-        Axes { x: self.x.pair(k), y: self.y.pair(k), z: self.z.pair(k) }
-    }
-}
-
-/// One link's axes and origin in the base, and its origin from the parent's.
+/// One link's axes and origin in the base.
 #[derive(Clone, Copy)]
-struct Link {
-    x: Vector3<f64>,
-    y: Vector3<f64>,
-    z: Vector3<f64>,
-    p: Vector3<f64>,
-    r: Vector3<f64>,
+pub(crate) struct Link<X> {
+    pub(crate) x: X,
+    pub(crate) y: X,
+    pub(crate) z: X,
+    pub(crate) p: X,
 }
 
-impl Link {
-    const NONE: Self = Self { x: ORIGIN, y: ORIGIN, z: ORIGIN, p: ORIGIN, r: ORIGIN };
-
-    /// The next link: turned about x, moved by `offset` along x and the new y and z, then turned about z. Turns are cosine and sine, and sine and cosine.
+impl<X: Space> Link<X> {
     #[inline(always)]
-    fn next(&self, (cos_twist, sin_twist): (f64, f64), offset: [f64; 3], (s, c): (f64, f64)) -> Self {
-        let Self { x, y, z, p, .. } = self;
-        let (y, z) = (y * cos_twist + z * sin_twist, z * cos_twist - y * sin_twist);
-        let r = x * offset[0] + y * offset[1] + z * offset[2];
-        Self { x: x * c + y * s, y: y * c - x * s, z, p: p + r, r }
+    fn at(R: &Matrix3<f64>) -> Self {
+        let axis = |k: usize| X::of([R[(0, k)], R[(1, k)], R[(2, k)]]);
+        Self { x: axis(0), y: axis(1), z: axis(2), p: X::of([0.0; 3]) }
+    }
+
+    /// A pose in this frame, in the base.
+    #[inline(always)]
+    pub(crate) fn pose(&self, X_LE: &Pose) -> Pose {
+        let turned = |[x, y, z]: [f64; 3]| self.x.times(x) + self.y.times(y) + self.z.times(z);
+        let column = |k: usize| turned([X_LE.R[(0, k)], X_LE.R[(1, k)], X_LE.R[(2, k)]]).get();
+        let p = turned([X_LE.p.x, X_LE.p.y, X_LE.p.z]) + self.p;
+        Pose { R: Matrix3::from_columns(&[column(0), column(1), column(2)]), p: p.get() }
     }
 }
 
@@ -98,7 +85,8 @@ impl<const N: usize> Bodies<N> {
         let first = joints[0].X_PJ.R * own[0];
         let mut bodies = Self {
             base: first,
-            twist: [(1.0, 0.0); N],
+            cos_twist: PerJoint([1.0; MAX_DOF]),
+            sin_twist: PerJoint::ZERO,
             p_0: Vectors::ZERO,
             cos_0: PerJoint([1.0; MAX_DOF]),
             sin_0: PerJoint::ZERO,
@@ -114,7 +102,7 @@ impl<const N: usize> Bodies<N> {
             let to_parent = parent.transpose();
             let R = to_parent * joint.X_PJ.R * own[i];
             let (cos, sin) = (exact(R.m33), exact(-R.m23));
-            bodies.twist[i] = (cos, sin);
+            (bodies.cos_twist.0[i], bodies.sin_twist.0[i]) = (cos, sin);
             (bodies.cos_0.0[i], bodies.sin_0.0[i]) = (exact(R.m11), exact(-R.m12));
             let p = to_parent * joint.X_PJ.p;
             bodies.p_0.set(i, &Vector3::new(p.x, cos * p.y + sin * p.z, cos * p.z - sin * p.y));
@@ -128,47 +116,45 @@ impl<const N: usize> Bodies<N> {
         bodies
     }
 
-    /// Whether the joints of pair `k` turn, as 1 or 0, and whether they slide.
+    /// Whether joints turn, as 1 or 0, and whether they slide.
     #[inline(always)]
-    pub(crate) fn kinds(&self, k: usize) -> (Pair, Pair) {
-        (self.turns.pair(k), self.slides.pair(k))
-    }
-
-    /// Link i, from the one before it, with the joints turned (sine and cosine) and origins moved along z.
-    #[inline(always)]
-    fn beyond(&self, link: &Link, i: usize, (sin, cos): &(PerJoint, PerJoint), along: &PerJoint) -> Link {
-        link.next(self.twist[i], [self.p_0.x.0[i], self.p_0.y.0[i], along.0[i]], (sin.0[i], cos.0[i]))
+    pub(crate) fn kinds<R: Row<N>>(&self) -> (R, R) {
+        (R::load(&self.turns), R::load(&self.slides))
     }
 
     /// The links' frames at `q`, from the base outwards.
+    ///
+    /// With y' = y·cos α + z·sin α and z' = z·cos α − y·sin α after the turn about x, a link's axes are x·cos θ + y'·sin θ, y'·cos θ − x·sin θ and z'.
+    /// The products of cosines and sines are those of all joints at once, before.
     #[inline(always)]
-    pub(crate) fn outwards(&self, q: &SVector<f64, N>, frames: &mut Frames) {
-        let q = PerJoint::of(q);
-        let (mut turned, mut along) = ((PerJoint::ZERO, PerJoint::ZERO), PerJoint::ZERO);
-        for k in pairs::<N>() {
-            let (s, c) = sincos(q.pair(k) * self.turns.pair(k));
-            let (s_0, c_0) = (self.sin_0.pair(k), self.cos_0.pair(k));
-            turned.0.put(k, s * c_0 + c * s_0);
-            turned.1.put(k, c * c_0 - s * s_0);
-            along.put(k, self.p_0.z.pair(k) + q.pair(k) * self.slides.pair(k));
+    pub(crate) fn outwards<R: Row<N>>(&self, q: &SVector<f64, N>) -> Frames<R, N> {
+        let q = R::of(q);
+        let (turns, slides) = self.kinds::<R>();
+        let (s, c) = sincos(q * turns);
+        let (s_0, c_0) = (R::load(&self.sin_0), R::load(&self.cos_0));
+        let (s, c) = (s * c_0 + c * s_0, c * c_0 - s * s_0);
+        let (cos_twist, sin_twist) = (R::load(&self.cos_twist), R::load(&self.sin_twist));
+        let (p_y, p_z) = (R::load(&self.p_0.y), R::load(&self.p_0.z) + q * slides);
+        let (sin, cos) = (s.store(), c.store());
+        let [x_y, x_z] = [(s * cos_twist).store(), (s * sin_twist).store()];
+        let [y_y, y_z] = [(c * cos_twist).store(), (c * sin_twist).store()];
+        let [r_y, r_z] = [(p_y * cos_twist - p_z * sin_twist).store(), (p_y * sin_twist + p_z * cos_twist).store()];
+        let mut link = Link::<R::Space>::at(&self.base);
+        let mut links = [link; MAX_DOF];
+        for (i, place) in links.iter_mut().enumerate().take(N) {
+            let Link { x, y, z, p } = link;
+            link = Link {
+                x: (y.times(x_y.0[i]) + z.times(x_z.0[i])) + x.times(cos.0[i]),
+                y: (y.times(y_y.0[i]) + z.times(y_z.0[i])) - x.times(sin.0[i]),
+                z: z.times(self.cos_twist.0[i]) - y.times(self.sin_twist.0[i]),
+                p: p + (x.times(self.p_0.x.0[i]) + (y.times(r_y.0[i]) + z.times(r_z.0[i]))),
+            };
+            *place = link;
         }
-        let mut link = Link { x: column(&self.base, 0), y: column(&self.base, 1), z: column(&self.base, 2), p: ORIGIN, r: ORIGIN };
-        for k in pairs::<N>() {
-            let first = self.beyond(&link, 2 * k, &turned, &along);
-            let second = if 2 * k + 1 < N { self.beyond(&first, 2 * k + 1, &turned, &along) } else { Link::NONE };
-            frames.x.put_each(k, [&first.x, &second.x]);
-            frames.y.put_each(k, [&first.y, &second.y]);
-            frames.z.put_each(k, [&first.z, &second.z]);
-            frames.p.put_each(k, [&first.p, &second.p]);
-            frames.r.put_each(k, [&first.r, &second.r]);
-            link = second;
-        }
+        let axes =
+            Axes { x: R::rows(&links.map(|link| link.x)), y: R::rows(&links.map(|link| link.y)), z: R::rows(&links.map(|link| link.z)) };
+        Frames { axes, p: R::rows(&links.map(|link| link.p)), links }
     }
-}
-
-#[inline(always)]
-pub(crate) fn column(A: &Matrix3<f64>, k: usize) -> Vector3<f64> {
-    Vector3::new(A[(0, k)], A[(1, k)], A[(2, k)])
 }
 
 /// Our axes for a link, in the URDF's: z along its joint's axis, x orthogonal to the next joint's too.

@@ -3,9 +3,9 @@
 use crate::arm::Model;
 use crate::body::Frames;
 use crate::kinematics::stack;
-use crate::lanes::{Pair, PerJoint, Vectors, pairs, widest};
+use crate::lanes::{Number, PerJoint, Row, V3, Vectors, widest};
 use crate::pose::Pose;
-use crate::spatial::{Force, Forces, Motions, ORIGIN, RigidInertias, Sym3, dot};
+use crate::spatial::{Forces, Motions, RigidInertias, Sym3};
 use crate::terms::Terms;
 use nalgebra::{SMatrix, SVector, Vector3, Vector6};
 
@@ -27,40 +27,63 @@ pub struct ArmMotion<const N: usize> {
 impl<const N: usize> ArmMotion<N> {
     /// q̈ under the joint torques `tau`: that of [`Model::forward_dynamics`] in this state, to the last bit.
     pub fn qddot(&self, tau: &SVector<f64, N>) -> SVector<f64, N> {
-        solve(self.A, tau - self.bias)
+        Factored::of(self.A).solve(tau - self.bias)
     }
 }
 
 impl<const N: usize> Terms<N> {
     /// q̈ under the joint torques `tau`: A⁻¹(τ − C·q̇ − g). Requires A positive definite.
     pub fn qddot(&self, tau: &SVector<f64, N>) -> SVector<f64, N> {
-        solve(self.A, tau - self.bias())
+        Factored::of(self.A).solve(tau - self.bias())
     }
 }
 
 /// The links in one state, base axes: joint axes, motion, inertias, and the forces that their motion takes.
-struct Links {
-    frames: Frames,
-    S: Motions,
-    rates: Rates,
-    I: RigidInertias,
-    f: Forces,
-}
-
-impl Links {
-    const ZERO: Self = Self { frames: Frames::ZERO, S: Motions::ZERO, rates: Rates::ZERO, I: RigidInertias::ZERO, f: Forces::ZERO };
+struct Links<R: Row<N>, const N: usize> {
+    frames: Frames<R, N>,
+    S: Motions<R>,
+    rates: Rates<R>,
+    I: RigidInertias<R>,
+    f: Forces<R>,
 }
 
 /// The links' angular velocities and accelerations, and velocities and accelerations of their origins.
-struct Rates {
-    w: Vectors,
-    alpha: Vectors,
-    v: Vectors,
-    a: Vectors,
+struct Rates<R> {
+    w: V3<R>,
+    alpha: V3<R>,
+    v: V3<R>,
+    a: V3<R>,
 }
 
-impl Rates {
-    const ZERO: Self = Self { w: Vectors::ZERO, alpha: Vectors::ZERO, v: Vectors::ZERO, a: Vectors::ZERO };
+impl<R: Number> Rates<R> {
+    /// The forces that the links' motion takes. Newton and Euler at the centre of mass c; the moment is then taken about the base origin.
+    #[inline(always)]
+    fn forces(&self, masses: &Masses<R>) -> Forces<R> {
+        let (Masses { m, c_L, c, about_c, .. }, Self { w, alpha, a, .. }) = (masses, self);
+        let force = (*a + alpha.cross(*c_L) + w.cross(w.cross(*c_L))) * *m;
+        let moment = about_c.times(*alpha) + w.cross(about_c.times(*w));
+        Forces { n: moment + c.cross(force), f: force }
+    }
+}
+
+/// The links' masses.
+struct Masses<R> {
+    m: R,
+    /// Centre of mass from the link's origin, and from the base's.
+    c_L: V3<R>,
+    c: V3<R>,
+    /// First moment about the base's origin, m·c.
+    h: V3<R>,
+    /// Inertia about the centre of mass.
+    about_c: Sym3<R>,
+}
+
+impl<R: Number> Masses<R> {
+    /// Inertia about the base's origin.
+    #[inline(always)]
+    fn about_base(&self) -> RigidInertias<R> {
+        RigidInertias { m: self.m, h: self.h, I: self.about_c.shifted(self.h, self.c) }
+    }
 }
 
 impl<const N: usize> Model<N> {
@@ -83,146 +106,112 @@ impl<const N: usize> Model<N> {
     }
 
     #[inline(always)]
-    pub(crate) fn evaluate_anywhere(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, t: &mut Terms<N>) {
-        let mut links = Links::ZERO;
-        self.links(q, qdot, None, Vector3::zeros(), &mut links);
-        let rates = &links.rates;
-        for i in 0..N {
-            (t.z[i], t.p[i]) = (links.frames.z.get(i), links.frames.p.get(i));
-            (t.omega[i], t.alpha_bias[i]) = (rates.w.get(i), rates.alpha.get(i));
-            (t.pdot[i], t.pddot_bias[i]) = (rates.v.get(i), rates.a.get(i));
-        }
-        t.X_BE = self.end(&links.frames);
-        t.J = self.jacobian_at(&links.S, &t.X_BE.p);
+    pub(crate) fn evaluate_anywhere<R: Row<N>>(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, t: &mut Terms<N>) {
+        let Links { frames, S, rates, I, f } = self.links::<R>(q, qdot, None, &Vector3::zeros());
+        put(&mut t.z, frames.axes.z.store());
+        put(&mut t.p, frames.p.store());
+        put(&mut t.omega, rates.w.store());
+        put(&mut t.alpha_bias, rates.alpha.store());
+        put(&mut t.pdot, rates.v.store());
+        put(&mut t.pddot_bias, rates.a.store());
+        t.X_BE = self.end(&frames);
+        t.J = self.jacobian_at(&S, &t.X_BE.p);
         t.Jdot_qdot = self.ee_body.map_or_else(Vector6::zeros, |i| {
             let (w, alpha, r) = (t.omega[i], t.alpha_bias[i], t.X_BE.p - t.p[i]);
             stack(&(t.pddot_bias[i] + alpha.cross(&r) + w.cross(&w.cross(&r))), &alpha)
         });
-
-        links.I.summed_inwards::<N>();
-        links.f.summed_inwards::<N>();
-        let (mut coriolis, mut gravity) = (PerJoint::ZERO, PerJoint::ZERO);
-        let g = self.gravity.map(Pair::splat);
-        t.A = self.composite(&links.S, &links.I, |k, F| {
-            coriolis.put(k, links.S.pair(k).dot(&links.f.pair(k)));
-            gravity.put(k, -dot(&F.f, &g));
-        });
-        t.coriolis = SVector::from_fn(|i, _| coriolis.0[i]);
-        t.gravity = SVector::from_fn(|i, _| gravity.0[i]);
+        let F = I.times(&S);
+        t.A = self.composite(&S, &F);
+        t.coriolis = S.dot(&f.inwards()).store().first();
+        t.gravity = F.f.dot(V3::splat(&-self.gravity)).store().first();
     }
 
-    /// Outwards [RBDA Ch. 5]: each link's joint axis, motion and inertia, and the force that its motion takes at the joint accelerations `qddot` (zero
-    /// for `None`), with the base accelerated by `a_B`.
+    /// Outwards [RBDA Ch. 5]: each link's joint axis and motion, the force that its motion takes at the joint accelerations `qddot` (zero for `None`)
+    /// with the base accelerated by `a_B`, and the inertia of the rigid body of it and all beyond it.
     #[inline(always)]
-    fn links(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, qddot: Option<&SVector<f64, N>>, a_B: Vector3<f64>, links: &mut Links) {
-        let Links { frames, S, rates, I, f } = links;
-        self.bodies.outwards(q, frames);
-        self.axes(frames, S);
-        self.rates(frames, &PerJoint::of(qdot), qddot.map(PerJoint::of), &a_B, rates);
-        self.inertias(frames, I, |k, m, c_L, c, inertia| {
-            // Newton and Euler at the centre of mass c; the moment is then taken about the base origin.
-            let (w, alpha) = (rates.w.pair(k), rates.alpha.pair(k));
-            let force = (rates.a.pair(k) + alpha.cross(c_L) + w.cross(&w.cross(c_L))) * m;
-            let moment = inertia.times(&alpha) + w.cross(&inertia.times(&w));
-            f.put(k, &Force { n: moment + c.cross(&force), f: force });
-        });
+    fn links<R: Row<N>>(
+        &self,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        qddot: Option<&SVector<f64, N>>,
+        a_B: &Vector3<f64>,
+    ) -> Links<R, N> {
+        let frames = self.bodies.outwards::<R>(q);
+        let S = self.axes(&frames);
+        let rates = self.rates(&frames, &S, qdot, qddot, a_B);
+        let masses = self.masses(&frames);
+        Links { I: masses.about_base().inwards(), f: rates.forces(&masses), frames, S, rates }
     }
 
-    /// The links' motion: what each joint adds to its parent's, then the sums from the base on.
+    /// The links' motion: what each joint adds to its parent's, summed from the base on.
     #[inline(always)]
-    fn rates(&self, frames: &Frames, qdot: &PerJoint, qddot: Option<PerJoint>, a_B: &Vector3<f64>, added: &mut Rates) {
-        let along = |k: usize, values: &PerJoint| {
-            let ((turns, slides), z, values) = (self.bodies.kinds(k), frames.z.pair(k), values.pair(k));
-            (z * (turns * values), z * (slides * values))
-        };
-        for k in pairs::<N>() {
-            added.w.put(k, &along(k, qdot).0);
+    fn rates<R: Row<N>>(
+        &self,
+        frames: &Frames<R, N>,
+        S: &Motions<R>,
+        qdot: &SVector<f64, N>,
+        qddot: Option<&SVector<f64, N>>,
+        a_B: &Vector3<f64>,
+    ) -> Rates<R> {
+        let qdot = R::of(qdot);
+        let (_, slides) = self.bodies.kinds::<R>();
+        let slide = frames.axes.z * slides;
+        let r = frames.p - frames.p.parents();
+        let turning = S.w * qdot;
+        let w = turning.outwards();
+        let w_parent = w.parents();
+        let mut added = w_parent.cross(turning);
+        if let Some(qddot) = qddot {
+            added = added + S.w * R::of(qddot);
         }
-        let w_parent = added.w.summed_outwards::<N>(&ORIGIN);
-        for k in pairs::<N>() {
-            let mut alpha = w_parent.pair(k).cross(&added.w.pair(k));
-            if let Some(qddot) = &qddot {
-                alpha += along(k, qddot).0;
-            }
-            added.alpha.put(k, &alpha);
+        let alpha = added.outwards();
+        let sliding = slide * qdot;
+        let v = w_parent.cross(r) + sliding;
+        let mut a = alpha.parents().cross(r) + w_parent.cross(v + sliding);
+        if let Some(qddot) = qddot {
+            a = a + slide * R::of(qddot);
         }
-        let alpha_parent = added.alpha.summed_outwards::<N>(&ORIGIN);
-        for k in pairs::<N>() {
-            let (w, r, sliding) = (w_parent.pair(k), frames.r.pair(k), along(k, qdot).1);
-            let v = w.cross(&r) + sliding;
-            let mut a = alpha_parent.pair(k).cross(&r) + w.cross(&(v + sliding));
-            if let Some(qddot) = &qddot {
-                a += along(k, qddot).1;
-            }
-            added.v.put(k, &v);
-            added.a.put(k, &a);
-        }
-        let (v_parent, a_parent) = (added.v.summed_outwards::<N>(&ORIGIN), added.a.summed_outwards::<N>(a_B));
-        for k in pairs::<N>() {
-            added.w.put(k, &(w_parent.pair(k) + added.w.pair(k)));
-            added.alpha.put(k, &(alpha_parent.pair(k) + added.alpha.pair(k)));
-            added.v.put(k, &(v_parent.pair(k) + added.v.pair(k)));
-            added.a.put(k, &(a_parent.pair(k) + added.a.pair(k)));
-        }
+        Rates { w, alpha, v: v.outwards(), a: a.outwards() + V3::splat(a_B) }
     }
 
-    /// The links' inertias about the base origin. Passed to `visit`, pair by pair: mass, centre of mass from the link's origin and from the base's, and
-    /// inertia about it.
     #[inline(always)]
-    fn inertias(&self, frames: &Frames, I: &mut RigidInertias, mut visit: impl FnMut(usize, Pair, &Vector3<Pair>, &Vector3<Pair>, &Sym3)) {
-        for k in pairs::<N>() {
-            let (R, m) = (frames.axes(k), self.bodies.mass.pair(k));
-            let c_L = R.turn(&self.bodies.com.pair(k));
-            let c = frames.p.pair(k) + c_L;
-            let inertia = self.bodies.inertia.rotated(k, &R);
-            let h = c * m;
-            I.put(k, m, &h, &inertia.shifted(&h, &c));
-            visit(k, m, &c_L, &c, &inertia);
-        }
+    fn masses<R: Row<N>>(&self, frames: &Frames<R, N>) -> Masses<R> {
+        let m = R::load(&self.bodies.mass);
+        let c_L = frames.axes.turn(V3::load(&self.bodies.com));
+        let c = frames.p + c_L;
+        Masses { m, c_L, c, h: c * m, about_c: self.bodies.inertia.rotated(&frames.axes) }
     }
 
     /// Mass matrix A(q), armature included: composite-rigid-body algorithm [RBDA Ch. 6].
     pub fn mass_matrix(&self, q: &SVector<f64, N>) -> SMatrix<f64, N, N> {
-        let (frames, mut S) = (self.frames(q), Motions::ZERO);
-        self.axes(&frames, &mut S);
-        self.composite(&S, &self.composites(&frames), |_, _| {})
+        let arm = self;
+        widest!(mass_matrix_anywhere(arm: &Model<N>, q: &SVector<f64, N>) -> SMatrix<f64, N, N>)
     }
 
-    /// Of each link the inertia of the rigid body of it and all beyond it.
     #[inline(always)]
-    fn composites(&self, frames: &Frames) -> RigidInertias {
-        let mut I = RigidInertias::ZERO;
-        self.inertias(frames, &mut I, |_, _, _, _, _| {});
-        I.summed_inwards::<N>();
-        I
+    pub(crate) fn mass_matrix_anywhere<R: Row<N>>(&self, q: &SVector<f64, N>) -> SMatrix<f64, N, N> {
+        let (S, I) = self.composites::<R>(q);
+        self.composite(&S, &I.times(&S))
     }
 
-    /// A(q) of links with the joint axes `S`, each link's inertia in `I` with all beyond it. The momenta at unit speed of each joint are passed to `visit`.
+    /// The joint axes, and of each link the inertia of the rigid body of it and all beyond it.
     #[inline(always)]
-    fn composite(&self, S: &Motions, I: &RigidInertias, mut visit: impl FnMut(usize, &Force)) -> SMatrix<f64, N, N> {
-        let mut A = SMatrix::<f64, N, N>::zeros();
-        let mut set = |i: usize, j: usize, A_ij: f64| {
-            if i < N && j < N {
-                A[(i, j)] = A_ij;
-                A[(j, i)] = A_ij;
-            }
-        };
-        for k in pairs::<N>() {
-            let F = I.times(k, &S.pair(k));
-            visit(k, &F);
-            let (first, second) = (2 * k, 2 * k + 1);
-            for l in 0..k {
-                let [same, other] = [S.pair(l).dot(&F).to_array(), S.swapped(l).dot(&F).to_array()];
-                set(2 * l, first, same[0]);
-                set(2 * l + 1, second, same[1]);
-                set(2 * l + 1, first, other[0]);
-                set(2 * l, second, other[1]);
-            }
-            let [same, other] = [S.pair(k).dot(&F).to_array(), S.swapped(k).dot(&F).to_array()];
-            set(first, first, same[0]);
-            set(second, second, same[1]);
-            set(first, second, other[1]);
+    fn composites<R: Row<N>>(&self, q: &SVector<f64, N>) -> (Motions<R>, RigidInertias<R>) {
+        let frames = self.bodies.outwards::<R>(q);
+        (self.axes(&frames), self.masses(&frames).about_base().inwards())
+    }
+
+    /// A(q) of links with the joint axes `S` and the momenta `F` at unit speed of each joint alone.
+    #[inline(always)]
+    fn composite<R: Row<N>>(&self, S: &Motions<R>, F: &Forces<R>) -> SMatrix<f64, N, N> {
+        let (n, f) = (F.n.store(), F.f.store());
+        let mut columns = [PerJoint::ZERO; N];
+        for (j, column) in columns.iter_mut().enumerate() {
+            let F = Forces { n: V3::splat(&n.get(j)), f: V3::splat(&f.get(j)) };
+            *column = S.dot(&F).store();
         }
+        // A column is valid up to the diagonal.
+        let mut A = SMatrix::from_fn(|i, j| columns[i.max(j)].0[i.min(j)]);
         for i in 0..N {
             A[(i, i)] += self.armature[i];
         }
@@ -237,53 +226,53 @@ impl<const N: usize> Model<N> {
     }
 
     #[inline(always)]
-    pub(crate) fn motion_anywhere(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> ArmMotion<N> {
-        let mut links = Links::ZERO;
-        self.links(q, qdot, None, -self.gravity, &mut links);
-        links.I.summed_inwards::<N>();
-        let A = self.composite(&links.S, &links.I, |_, _| {});
-        let bias = self.carried(&links.S, &mut links.f);
-        let energy = 0.5 * qdot.dot(&(A * qdot)) + self.potential(&links.I);
-        let X_BE = self.end(&links.frames);
-        ArmMotion { X_BE, V_BE: self.jacobian_at(&links.S, &X_BE.p) * qdot, energy, A, bias }
+    pub(crate) fn motion_anywhere<R: Row<N>>(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> ArmMotion<N> {
+        let Links { frames, S, I, f, .. } = self.links::<R>(q, qdot, None, &-self.gravity);
+        let A = self.composite(&S, &I.times(&S));
+        let bias = S.dot(&f.inwards()).store().first();
+        let energy = 0.5 * qdot.dot(&(A * qdot)) + self.potential(&I);
+        let X_BE = self.end(&frames);
+        ArmMotion { X_BE, V_BE: self.jacobian_at(&S, &X_BE.p) * qdot, energy, A, bias }
     }
 
     /// Inverse dynamics τ = A·q̈ + C·q̇ + g, armature included: recursive Newton–Euler algorithm [RBDA Ch. 5].
     pub fn inverse_dynamics(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, qddot: &SVector<f64, N>) -> SVector<f64, N> {
-        // Gravity as an upward acceleration of the base.
-        let mut links = Links::ZERO;
-        self.links(q, qdot, Some(qddot), -self.gravity, &mut links);
-        self.carried(&links.S, &mut links.f) + self.armature.component_mul(qddot)
+        self.torques(q, qdot, Some(qddot)) + self.armature.component_mul(qddot)
     }
 
-    /// The joint torques of forces `f` on the links; each link's is then that with all beyond it.
+    /// The joint torques that bear the links' motion and weight, at zero joint accelerations for `None`.
+    fn torques(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, qddot: Option<&SVector<f64, N>>) -> SVector<f64, N> {
+        let arm = self;
+        widest!(torques_anywhere(arm: &Model<N>, q: &SVector<f64, N>, qdot: &SVector<f64, N>, qddot: Option<&SVector<f64, N>>) -> SVector<f64, N>)
+    }
+
     #[inline(always)]
-    fn carried(&self, S: &Motions, f: &mut Forces) -> SVector<f64, N> {
-        f.summed_inwards::<N>();
-        let mut tau = PerJoint::ZERO;
-        for k in pairs::<N>() {
-            tau.put(k, S.pair(k).dot(&f.pair(k)));
-        }
-        SVector::from_fn(|i, _| tau.0[i])
+    pub(crate) fn torques_anywhere<R: Row<N>>(
+        &self,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        qddot: Option<&SVector<f64, N>>,
+    ) -> SVector<f64, N> {
+        // Gravity as an upward acceleration of the base.
+        let Links { S, f, .. } = self.links::<R>(q, qdot, qddot, &-self.gravity);
+        S.dot(&f.inwards()).store().first()
     }
 
     /// Gravity torques g(q): the torques that hold the arm still, N·m (N for a sliding joint).
     pub fn gravity(&self, q: &SVector<f64, N>) -> SVector<f64, N> {
-        let (frames, mut S) = (self.frames(q), Motions::ZERO);
-        self.axes(&frames, &mut S);
-        let (I, g) = (self.composites(&frames), self.gravity.map(Pair::splat));
-        let mut tau = PerJoint::ZERO;
-        for k in pairs::<N>() {
-            tau.put(k, -dot(&I.times(k, &S.pair(k)).f, &g));
-        }
-        SVector::from_fn(|i, _| tau.0[i])
+        let arm = self;
+        widest!(gravity_anywhere(arm: &Model<N>, q: &SVector<f64, N>) -> SVector<f64, N>)
+    }
+
+    #[inline(always)]
+    fn gravity_anywhere<R: Row<N>>(&self, q: &SVector<f64, N>) -> SVector<f64, N> {
+        let (S, I) = self.composites::<R>(q);
+        I.times(&S).f.dot(V3::splat(&-self.gravity)).store().first()
     }
 
     /// Bias torques C(q, q̇)·q̇ + g(q).
     pub fn bias(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> SVector<f64, N> {
-        let mut links = Links::ZERO;
-        self.links(q, qdot, None, -self.gravity, &mut links);
-        self.carried(&links.S, &mut links.f)
+        self.torques(q, qdot, None)
     }
 
     /// Forward dynamics q̈ = A⁻¹(τ − C·q̇ − g), armature included: A by composite inertias, bias torques by Newton and Euler, A = L·D·Lᵀ [RBDA §6.2, 6.5].
@@ -295,13 +284,15 @@ impl<const N: usize> Model<N> {
     }
 
     #[inline(always)]
-    pub(crate) fn qddot_anywhere(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, tau: &SVector<f64, N>) -> SVector<f64, N> {
+    pub(crate) fn qddot_anywhere<R: Row<N>>(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, tau: &SVector<f64, N>) -> SVector<f64, N> {
+        let frames = self.bodies.outwards::<R>(q);
+        let (S, masses) = (self.axes(&frames), self.masses(&frames));
+        // Factored first: its divisions wait for one another, and what follows does not wait for them.
+        let A = Factored::of(self.composite(&S, &masses.about_base().inwards().times(&S)));
         // Gravity as an upward acceleration of the base.
-        let mut links = Links::ZERO;
-        self.links(q, qdot, None, -self.gravity, &mut links);
-        links.I.summed_inwards::<N>();
-        let A = self.composite(&links.S, &links.I, |_, _| {});
-        solve(A, tau - self.carried(&links.S, &mut links.f))
+        let f = self.rates(&frames, &S, qdot, None, &-self.gravity).forces(&masses);
+        let bias: SVector<f64, N> = S.dot(&f.inwards()).store().first();
+        A.solve(tau - bias)
     }
 
     /// Kinetic energy ½·q̇ᵀ·A·q̇, the rotors' included, J.
@@ -311,39 +302,71 @@ impl<const N: usize> Model<N> {
 
     /// Potential energy −Σ m·gᵀ·c, zero with every centre of mass at the base origin, J.
     pub fn potential_energy(&self, q: &SVector<f64, N>) -> f64 {
-        self.potential(&self.composites(&self.frames(q)))
+        let arm = self;
+        widest!(potential_energy_anywhere(arm: &Model<N>, q: &SVector<f64, N>) -> f64)
+    }
+
+    #[inline(always)]
+    fn potential_energy_anywhere<R: Row<N>>(&self, q: &SVector<f64, N>) -> f64 {
+        self.potential::<R>(&self.composites(q).1)
     }
 
     /// The potential energy of links with the composite inertias `I`: all masses are in the first.
     #[inline(always)]
-    fn potential(&self, I: &RigidInertias) -> f64 {
-        -self.gravity.dot(&I.h.get(0))
+    fn potential<R: Row<N>>(&self, I: &RigidInertias<R>) -> f64 {
+        -self.gravity.dot(&I.h.store().get(0))
     }
 }
 
-/// Solves A·x = b for a positive definite A: A = L·D·Lᵀ, in place.
+#[inline(always)]
+fn put<const N: usize>(vectors: &mut [Vector3<f64>; N], rows: Vectors) {
+    for (i, v) in vectors.iter_mut().enumerate() {
+        *v = rows.get(i);
+    }
+}
+
+/// A positive definite matrix as L·D·Lᵀ.
+struct Factored<const N: usize> {
+    /// Below the diagonal L·D, on it D.
+    LD: SMatrix<f64, N, N>,
+    /// Of D.
+    reciprocal: [f64; N],
+}
+
 // One joint's index runs through several arrays at once.
 #[allow(clippy::needless_range_loop)]
-#[inline(always)]
-fn solve<const N: usize>(mut A: SMatrix<f64, N, N>, mut b: SVector<f64, N>) -> SVector<f64, N> {
-    let mut reciprocal = [0.0; N];
-    for k in 0..N {
-        reciprocal[k] = 1.0 / A[(k, k)];
-        for j in k + 1..N {
-            let l = A[(j, k)] * reciprocal[k];
-            for i in j..N {
-                A[(i, j)] -= A[(i, k)] * l;
+impl<const N: usize> Factored<N> {
+    #[inline(always)]
+    fn of(mut A: SMatrix<f64, N, N>) -> Self {
+        let mut reciprocal = [0.0; N];
+        for k in 0..N {
+            reciprocal[k] = 1.0 / A[(k, k)];
+            for j in k + 1..N {
+                let l = A[(j, k)] * reciprocal[k];
+                for i in j..N {
+                    A[(i, j)] -= A[(i, k)] * l;
+                }
             }
-            b[j] -= b[k] * l;
         }
+        Self { LD: A, reciprocal }
     }
-    for k in (0..N).rev() {
-        // The column k of A is that of L, times D.
-        let mut sum = b[k];
-        for i in k + 1..N {
-            sum -= A[(i, k)] * b[i];
+
+    /// A⁻¹·b. In each sum the term that is known last comes last.
+    #[inline(always)]
+    fn solve(&self, mut b: SVector<f64, N>) -> SVector<f64, N> {
+        for k in 0..N {
+            b[k] *= self.reciprocal[k];
+            for j in k + 1..N {
+                b[j] -= self.LD[(j, k)] * b[k];
+            }
         }
-        b[k] = sum * reciprocal[k];
+        for k in (0..N).rev() {
+            let mut sum = 0.0;
+            for i in (k + 1..N).rev() {
+                sum += self.LD[(i, k)] * b[i];
+            }
+            b[k] -= sum * self.reciprocal[k];
+        }
+        b
     }
-    b
 }

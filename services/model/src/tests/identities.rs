@@ -1,5 +1,6 @@
 //! Two algorithms, or an algorithm and a numerical derivative, for every quantity and every arm.
 
+use crate::lanes::{Row, Twos};
 use crate::{Model, Robot, RobotSource};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use proptest::prelude::*;
@@ -56,10 +57,28 @@ fn slope<const R: usize, const C: usize>(f: impl Fn(f64) -> SMatrix<f64, R, C>) 
     (8.0 * (f(H) - f(-H)) - (f(2.0 * H) - f(-2.0 * H))) / (12.0 * H)
 }
 
+/// All digits of all numbers, signs of zeros too.
+fn bits(value: &impl std::fmt::Debug) -> String {
+    format!("{value:?}")
+}
+
 /// ω of a rotation with Ṙ = [ω]×·R.
 fn angular(Rdot: Matrix3<f64>, R: Matrix3<f64>) -> Vector3<f64> {
     let W = Rdot * R.transpose();
     Vector3::new(W[(2, 1)] - W[(1, 2)], W[(0, 2)] - W[(2, 0)], W[(1, 0)] - W[(0, 1)]) / 2.0
+}
+
+/// Registers of this width, or the widest that this processor has: the same bits.
+fn same_bits<const N: usize, R: Row<N>>(model: &Model<N>, [q, qdot, tau]: [&SVector<f64, N>; 3]) -> Result<(), TestCaseError> {
+    let mut terms = model.evaluate(&SVector::zeros(), &SVector::zeros());
+    model.evaluate_anywhere::<R>(q, qdot, &mut terms);
+    prop_assert!(bits(&terms) == bits(&model.evaluate(q, qdot)));
+    prop_assert!(bits(&model.motion_anywhere::<R>(q, qdot)) == bits(&model.motion(q, qdot)));
+    prop_assert!(bits(&model.qddot_anywhere::<R>(q, qdot, tau)) == bits(&model.forward_dynamics(q, qdot, tau)));
+    prop_assert!(bits(&model.mass_matrix_anywhere::<R>(q)) == bits(&model.mass_matrix(q)));
+    let torques = model.torques_anywhere::<R>(q, qdot, Some(tau)) + model.armature().component_mul(tau);
+    prop_assert!(bits(&torques) == bits(&model.inverse_dynamics(q, qdot, tau)));
+    Ok(())
 }
 
 fn identities<const N: usize>(robot: &Robot, frame: Option<&str>, state: &[f64]) -> Result<(), TestCaseError> {
@@ -104,12 +123,11 @@ fn identities<const N: usize>(robot: &Robot, frame: Option<&str>, state: &[f64])
     prop_assert_eq!(motion.qddot(&tau), qddot);
     close("q̈ of the terms", 1e-10, terms.qddot(&tau), qddot)?;
 
-    // Wide instructions or those that every processor has: the same bits.
-    let mut anywhere = model.evaluate(&zero, &zero);
-    model.evaluate_anywhere(&q, &qdot, &mut anywhere);
-    prop_assert_eq!(&anywhere, &terms);
-    prop_assert_eq!(model.motion_anywhere(&q, &qdot), motion);
-    prop_assert_eq!(model.qddot_anywhere(&q, &qdot, &tau), qddot);
+    same_bits::<N, Twos<N>>(&model, [&q, &qdot, &tau])?;
+    #[cfg(target_arch = "x86_64")]
+    if is_x86_feature_detected!("avx2") {
+        same_bits::<N, crate::lanes::Fours<N>>(&model, [&q, &qdot, &tau])?;
+    }
 
     // Kinematics of the end-effector frame.
     let X = model.forward_kinematics(&q);
