@@ -52,20 +52,21 @@ pub fn pin(core: usize) -> Result<(), Missing> {
     sched_setaffinity(None, &set).map_err(|_| Missing::Core { core, allowed: allowed_cores() })
 }
 
+/// When the memory of a process is locked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lock {
+    /// All of it at once: no page fault comes later.
+    AtOnce,
+    /// As it is touched: to have all of it at once, the program and the buffers of all topics, takes a tenth of a short run's processor time. For a process
+    /// that no other waits for.
+    AsTouched,
+}
+
 /// Locks memory, touches the stack and takes a `SCHED_FIFO` priority; what is not allowed is returned, not fatal.
 #[must_use]
-pub fn enter(priority: Option<u8>) -> Vec<Missing> {
-    enter_with(priority, MlockAllFlags::CURRENT | MlockAllFlags::FUTURE)
-}
-
-/// The same for a process that no other waits for: its memory is locked as it is touched. To have all of it at once, the program and the buffers of all
-/// topics, takes a tenth of a short run's processor time.
-#[must_use]
-pub fn enter_unawaited(priority: Option<u8>) -> Vec<Missing> {
-    enter_with(priority, MlockAllFlags::CURRENT | MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT)
-}
-
-fn enter_with(priority: Option<u8>, memory: MlockAllFlags) -> Vec<Missing> {
+pub fn enter(priority: Option<u8>, lock: Lock) -> Vec<Missing> {
+    let all = MlockAllFlags::CURRENT | MlockAllFlags::FUTURE;
+    let memory = if lock == Lock::AtOnce { all } else { all | MlockAllFlags::ONFAULT };
     let mut missing = Vec::new();
     if let Err(errno) = mlockall(memory) {
         missing.push(Missing::LockedMemory { reason: errno.to_string() });

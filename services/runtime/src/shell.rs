@@ -26,7 +26,7 @@ use crate::control_page::{ANYTHING, ControlPage, ControlPageError, Count, PROGRE
 use crate::disturbance::{self, Pauses};
 use crate::fault::table::FaultTable;
 use crate::manifest::{Manifest, ManifestError};
-use crate::realtime;
+use crate::realtime::{self, Lock};
 use crate::run_dir::{RunDir, RunDirError};
 use crate::stamping::Stamping;
 use crate::tick_source::TickSource;
@@ -487,8 +487,9 @@ fn settle(manifest: &Manifest, me: usize) {
     let mut missing = Vec::new();
     missing.extend(process.core.and_then(|core| realtime::pin(core).err()));
     if !manifest.is_lockstep() {
-        let is_awaited = !process.writes.is_empty();
-        missing.extend(if is_awaited { realtime::enter(process.priority) } else { realtime::enter_unawaited(process.priority) });
+        // No other process waits for one that writes nothing.
+        let lock = if process.writes.is_empty() { Lock::AsTouched } else { Lock::AtOnce };
+        missing.extend(realtime::enter(process.priority, lock));
     }
     if !missing.is_empty() {
         let missing = missing.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");

@@ -403,7 +403,7 @@ fn go<E: Ends>(
     let mailboxes = Mailboxes::open(run, count, ring.block_bytes.unwrap_or(0)).map_err(ProcessError::setup)?;
     let mut ends = open(&shell, mailboxes, Place { from: (me + count - 1) % count, me, to: (me + 1) % count })?;
     if ring.cores[me].is_some() {
-        realtime::enter(Some(PRIORITY)).iter().for_each(|right| tracing::warn!("measured without {right}"));
+        realtime::enter(Some(PRIORITY), realtime::Lock::AtOnce).iter().for_each(|right| tracing::warn!("measured without {right}"));
     }
     // No measurement before every process is connected, whichever mechanism comes first.
     shell.tick_source(0).next()?;
