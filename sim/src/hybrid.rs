@@ -16,6 +16,9 @@ const NEAR: f64 = 2.0 * PREDICTION;
 /// instead of being left and hit again every other sub-step.
 pub(crate) const STOP_DEPTH: f64 = 1e-6;
 
+/// Contact is steady where its effect changes by less than this part of it from one sub-step to the next.
+const STEADY: f64 = 0.02;
+
 /// The effect of constraints over the last tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Touch {
@@ -33,9 +36,24 @@ impl Default for Touch {
     }
 }
 
+/// The state of the constraints between two sub-steps.
+#[derive(Clone, Copy)]
+struct Constraints<const N: usize> {
+    /// Lower bound on the distance between any two solids that may touch; m.
+    clearance: f64,
+    /// Whether the last step saw contact points, so that rapier still has to see them gone.
+    touching: bool,
+    /// Constraints that pushed in the last sub-step.
+    pushing: u32,
+    /// Acceleration by what rapier3d knows of, in the last sub-step; rad/s².
+    effect: SVector<f64, N>,
+}
+
 /// Runge–Kutta for the smooth dynamics, rapier3d for contact and joint stops, and for dry friction beside them.
 ///
-/// A tick in which no constraint can act is one call of [`Smooth::advance`]. Any other has sub-steps of h s: let v_f = v + h·a be rapier's
+/// A tick in which no constraint can act is one call of [`Smooth::advance`]. Any other has sub-steps of h s, `substeps` of them where dry friction acts
+/// alone. Nearly all the error of contact comes from the ticks in which it sets in or changes. So a tick near contact has half as many sub-steps, and where
+/// the effect of constraints is not [`STEADY`] over it and the tick before, it is done again with twice as many. Of a sub-step let v_f = v + h·a be rapier's
 /// velocities without constraints and v_r, q_r its state with them. Then dv = v_r − v_f is the constraint impulse alone, and c = q_r − q − h·v_r
 /// its position correction, and
 ///
@@ -58,19 +76,21 @@ pub(crate) struct Hybrid<const N: usize> {
     upper: SVector<f64, N>,
     /// How far any point can move per joint motion; m/rad.
     reach: SVector<f64, N>,
-    /// Lower bound on the distance between any two solids that may touch; m.
-    clearance: f64,
-    /// Whether the last step saw contact points, so that rapier still has to see them gone.
-    touching: bool,
-    /// Constraints that pushed in the last sub-step.
-    pushing: u32,
+    constraints: Constraints<N>,
+    /// Whether the effect of constraints was steady over the last tick.
+    is_steady: bool,
     substeps: u32,
-    /// Length of a tick, and of a sub-step; s.
+    /// Length of a tick; s.
     tick_s: f64,
-    h: f64,
     /// Ask rapier3d at every sub-step, needed or not.
     #[cfg(test)]
     pub(crate) always: bool,
+    /// All ticks in which a constraint may act have `substeps` sub-steps.
+    #[cfg(test)]
+    pub(crate) equal: bool,
+    /// Sub-steps in which rapier3d has been asked.
+    #[cfg(test)]
+    pub(crate) asked: u32,
 }
 
 impl<const N: usize> Hybrid<N> {
@@ -88,35 +108,62 @@ impl<const N: usize> Hybrid<N> {
         let X_BL = model.link_poses(q);
         let h = tick_s / f64::from(options.substeps);
         let world = World::new(robot, q, &X_BL, options.floor_m, options.self_collision, dry_friction.is_some(), h)?;
+        let clearance = world.clearance(&X_BL);
         Ok(Self {
             reach: reach(robot, world.solids()),
-            clearance: world.clearance(&X_BL),
+            constraints: Constraints { clearance, touching: false, pushing: 0, effect: SVector::zeros() },
+            is_steady: true,
             world,
             dry_friction,
             lower: *model.lower(),
             upper: *model.upper(),
-            touching: false,
-            pushing: 0,
             substeps: options.substeps,
             tick_s,
-            h,
             #[cfg(test)]
             always: false,
+            #[cfg(test)]
+            equal: false,
+            #[cfg(test)]
+            asked: 0,
         })
     }
 
     /// The state a tick after `x`, whose motion is `now`, and what constraints did meanwhile. A motion that leaves the finite numbers ends there.
     pub(crate) fn tick(&mut self, smooth: &Smooth<N>, x: &State<N>, now: &ArmMotion<N>, tau: &SVector<f64, N>) -> (State<N>, Touch) {
-        let mut touch = Touch::default();
         if let Some(next) = self.free_tick(smooth, x, now, tau) {
-            return (next, touch);
+            return (next, Touch::default());
         }
-        let mut state = *x;
-        for _ in 0..self.substeps {
-            state = self.step(smooth, &state, tau, &mut touch);
+        if !self.may_touch(smooth, x) {
+            return self.tick_in(self.substeps, smooth, x, tau);
+        }
+        #[cfg(test)]
+        if self.equal {
+            return self.tick_in(self.substeps, smooth, x, tau);
+        }
+        let before = self.constraints;
+        if self.is_steady {
+            let done = self.tick_in(self.substeps.div_ceil(2), smooth, x, tau);
+            if self.is_steady {
+                return done;
+            }
+            self.constraints = before;
+        }
+        self.tick_in(2 * self.substeps, smooth, x, tau)
+    }
+
+    /// The tick after `x` in so many sub-steps.
+    fn tick_in(&mut self, substeps: u32, smooth: &Smooth<N>, x: &State<N>, tau: &SVector<f64, N>) -> (State<N>, Touch) {
+        let (mut state, mut touch, h) = (*x, Touch::default(), self.tick_s / f64::from(substeps));
+        self.is_steady = true;
+        for _ in 0..substeps {
+            let before = self.constraints.effect;
+            state = self.step(smooth, &state, tau, h, &mut touch);
             if !state.is_finite() {
+                self.is_steady = false;
                 break;
             }
+            let effect = self.constraints.effect;
+            self.is_steady &= (effect - before).amax() <= STEADY * effect.amax();
         }
         touch.force /= self.tick_s;
         (state, touch)
@@ -130,34 +177,44 @@ impl<const N: usize> Hybrid<N> {
         let next = smooth.advance(x, now, tau, self.tick_s);
         let spare = (next.qdot - x.qdot).abs() * self.tick_s;
         let moved = self.reach.dot(&((next.q - x.q).abs() + spare));
-        if self.clearance - moved <= NEAR {
-            self.clearance = self.world.clearance(&smooth.model.link_poses(&x.q));
+        if self.constraints.clearance - moved <= NEAR {
+            self.constraints.clearance = self.world.clearance(&smooth.model.link_poses(&x.q));
         }
         let within = |x: &State<N>| (0..N).all(|i| self.beyond(x, i).0 + spare[i] <= 0.0);
         // Written so that a NaN is no free motion.
-        if !(within(x) && within(&next) && self.clearance - moved > NEAR) {
+        if !(within(x) && within(&next) && self.constraints.clearance - moved > NEAR) {
             return None;
         }
         #[cfg(test)]
         if self.always {
             self.assert_idle(smooth, x, tau);
         }
-        self.clearance -= moved;
-        self.pushing = 0;
+        self.constraints.clearance -= moved;
+        self.set_idle();
+        self.is_steady = true;
         Some(next)
     }
 
-    /// One sub-step. Adds what constraints did to `touch`, whose force is an impulse here; N·s.
-    fn step(&mut self, smooth: &Smooth<N>, x: &State<N>, tau: &SVector<f64, N>, touch: &mut Touch) -> State<N> {
-        let h = self.h;
+    /// No constraint of rapier3d's acts.
+    fn set_idle(&mut self) {
+        (self.constraints.pushing, self.constraints.effect) = (0, SVector::zeros());
+    }
+
+    /// One sub-step of `h` s. Adds what constraints did to `touch`, whose force is an impulse here; N·s.
+    fn step(&mut self, smooth: &Smooth<N>, x: &State<N>, tau: &SVector<f64, N>, h: f64, touch: &mut Touch) -> State<N> {
         let mut next = smooth.rk4(x, tau, h);
         touch.contacts = 0;
         let asks = self.may_touch(smooth, x);
         #[cfg(test)]
         let asks = asks || self.always;
         if asks {
-            let response = self.world.step(x, &smooth.driving(&x.qdot, tau));
+            let response = self.world.step(x, &smooth.driving(&x.qdot, tau), h);
             let dv = response.state.qdot - response.free;
+            self.constraints.effect = dv / h;
+            #[cfg(test)]
+            {
+                self.asked += 1;
+            }
             let mut pushing = response.contacts;
             if dv.iter().any(|d| *d != 0.0) {
                 let moved = response.state.qdot * h;
@@ -170,24 +227,24 @@ impl<const N: usize> Hybrid<N> {
                         correction *= kept(depth - STOP_DEPTH, correction[i] * inwards);
                     }
                 }
-                next = if pushing > self.pushing {
+                next = if pushing > self.constraints.pushing {
                     State { q: x.q + moved + correction, qdot: response.state.qdot }
                 } else {
                     State { q: next.q + dv * (h / 2.0) + correction, qdot: next.qdot + dv }
                 };
             }
-            self.pushing = pushing;
-            self.touching = response.candidates > 0;
+            self.constraints.pushing = pushing;
+            self.constraints.touching = response.candidates > 0;
             touch.contacts = response.contacts;
             touch.force += response.impulse;
         } else {
-            self.pushing = 0;
+            self.set_idle();
             if let Some(coulomb) = &self.dry_friction {
                 let dv = velocity_change(&smooth.model.mass_matrix(&x.q), &next.qdot, &(coulomb * h));
                 next = State { q: next.q + dv * (h / 2.0), qdot: next.qdot + dv };
             }
         }
-        self.clearance -= self.reach.iter().zip((next.q - x.q).iter()).map(|(r, d)| r * d.abs()).sum::<f64>();
+        self.constraints.clearance -= self.reach.iter().zip((next.q - x.q).iter()).map(|(r, d)| r * d.abs()).sum::<f64>();
         next
     }
 
@@ -195,25 +252,25 @@ impl<const N: usize> Hybrid<N> {
     ///
     /// Distances are computed only where nothing else decides: the bound on the clearance stays one without them.
     fn may_touch(&mut self, smooth: &Smooth<N>, x: &State<N>) -> bool {
-        if self.touching || (0..N).any(|i| self.beyond(x, i).0 > 0.0) {
+        if self.constraints.touching || (0..N).any(|i| self.beyond(x, i).0 > 0.0) {
             return true;
         }
         // An arm of unbounded reach makes the bound −∞ or NaN, and is looked at every time.
         let is_clear = |clearance: f64| clearance > NEAR;
-        if !is_clear(self.clearance) {
-            self.clearance = self.world.clearance(&smooth.model.link_poses(&x.q));
+        if !is_clear(self.constraints.clearance) {
+            self.constraints.clearance = self.world.clearance(&smooth.model.link_poses(&x.q));
         }
-        !is_clear(self.clearance)
+        !is_clear(self.constraints.clearance)
     }
 
     /// Asks rapier3d about a tick that counts as free.
     #[cfg(test)]
     fn assert_idle(&mut self, smooth: &Smooth<N>, x: &State<N>, tau: &SVector<f64, N>) {
-        let mut x = *x;
+        let (mut x, h) = (*x, self.tick_s / f64::from(self.substeps));
         for _ in 0..self.substeps {
-            let response = self.world.step(&x, &smooth.driving(&x.qdot, tau));
+            let response = self.world.step(&x, &smooth.driving(&x.qdot, tau), h);
             assert!(response.contacts == 0 && response.state.qdot == response.free, "a constraint acts in free motion");
-            x = smooth.rk4(&x, tau, self.h);
+            x = smooth.rk4(&x, tau, h);
         }
     }
 

@@ -147,6 +147,20 @@ impl<const N: usize> Plant<N> {
             hybrid.always = true;
         }
     }
+
+    /// Makes the hybrid plant divide all ticks in which a constraint may act into equal sub-steps.
+    #[cfg(test)]
+    pub(crate) fn divide_equally(&mut self) {
+        if let BackEnd::Hybrid(hybrid) = &mut self.back_end {
+            hybrid.equal = true;
+        }
+    }
+
+    /// Sub-steps in which the hybrid plant has asked rapier3d.
+    #[cfg(test)]
+    pub(crate) fn asked(&self) -> u32 {
+        if let BackEnd::Hybrid(hybrid) = &self.back_end { hybrid.asked } else { 0 }
+    }
 }
 
 fn check(holds: bool, key: &'static str, value: f64, range: &'static str) -> Result<(), PlantError> {

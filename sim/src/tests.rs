@@ -8,6 +8,8 @@ use nalgebra::{SVector, Vector3};
 use shared_types::scenario::{self, PlantModel};
 use std::sync::LazyLock;
 
+mod contact;
+
 type Joints = SVector<f64, 6>;
 
 const RATE: u32 = 1000;
@@ -400,7 +402,7 @@ fn rapier_has_the_same_arm() {
     let mut world = crate::world::World::<6>::new(&robot, &nominal(), &arm.link_poses(&nominal()), None, false, false, h).unwrap();
     for k in 0..20 {
         let q = nominal() + Joints::from_fn(|i, _| libm::sin((k * 6 + i) as f64) * 0.5);
-        let response = world.step(&State::at_rest(q), &tau);
+        let response = world.step(&State::at_rest(q), &tau, h);
         let exact = arm.forward_dynamics(&q, &Joints::zeros(), &tau);
         let error = (response.free / h - exact).amax() / exact.amax();
         assert!(error < 1e-6, "posture {k}: {error:e}");

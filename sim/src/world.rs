@@ -235,7 +235,7 @@ impl<const N: usize> World<N> {
             moving,
         };
         // Pairs with the floor are found once and for all, in one order, whatever is stepped later.
-        world.step(&State::at_rest(*q), &SVector::zeros());
+        world.step(&State::at_rest(*q), &SVector::zeros(), h);
         Ok(world)
     }
 
@@ -256,10 +256,11 @@ impl<const N: usize> World<N> {
         &self.solids
     }
 
-    /// One sub-step from `x` with joint torques `tau`, rapier's way.
+    /// One sub-step of `h` s from `x` with joint torques `tau`, rapier's way.
     ///
     /// Allocates: rapier3d does, a few small matrices a step.
-    pub(crate) fn step(&mut self, x: &State<N>, tau: &SVector<f64, N>) -> Response<N> {
+    pub(crate) fn step(&mut self, x: &State<N>, tau: &SVector<f64, N>, h: f64) -> Response<N> {
+        self.parameters.dt = h;
         self.load(x);
         self.push(tau);
         self.pipeline.step(

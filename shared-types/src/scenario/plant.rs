@@ -10,7 +10,8 @@ use crate::file::{Complaint, positive};
 pub struct Plant {
     /// `"rapier"` (hybrid, with contact) or `"reference"` (exact integrator, no world).
     pub model: PlantModel,
-    /// Sub-steps of a tick in which the arm may touch something, be at a stop or have dry friction; free motion takes steps of 1 ms at most.
+    /// Sub-steps of a tick in which dry friction acts; half as many near contact and joint stops, and twice as many where their effect changes. Free motion
+    /// takes steps of 1 ms at most.
     pub substeps: u32,
     /// Encoder resolution, bits per turn; 0: ideal.
     pub encoder_bits: u32,
