@@ -3,18 +3,38 @@
 use super::row::{PerJoint, Row, Space, V3};
 use nalgebra::{SVector, Vector3};
 use shared_types::MAX_DOF;
-use std::arch::x86_64::{
-    __m256d, _CMP_LE_OQ, _mm256_add_epi64, _mm256_add_pd, _mm256_and_pd, _mm256_andnot_pd, _mm256_blend_pd, _mm256_blendv_pd,
-    _mm256_castpd_si256, _mm256_castsi256_pd, _mm256_cmp_pd, _mm256_loadu_pd, _mm256_movemask_pd, _mm256_mul_pd, _mm256_permute2f128_pd,
-    _mm256_permute4x64_pd, _mm256_set1_epi64x, _mm256_set1_pd, _mm256_setr_pd, _mm256_setzero_pd, _mm256_slli_epi64, _mm256_storeu_pd,
-    _mm256_sub_pd, _mm256_unpackhi_pd, _mm256_unpacklo_pd, _mm256_xor_pd,
-};
+use std::arch::x86_64::__m256d;
+use std::arch::x86_64::_CMP_LE_OQ;
+use std::arch::x86_64::_mm256_add_epi64;
+use std::arch::x86_64::_mm256_add_pd;
+use std::arch::x86_64::_mm256_and_pd;
+use std::arch::x86_64::_mm256_andnot_pd;
+use std::arch::x86_64::_mm256_blend_pd;
+use std::arch::x86_64::_mm256_blendv_pd;
+use std::arch::x86_64::_mm256_castpd_si256;
+use std::arch::x86_64::_mm256_castsi256_pd;
+use std::arch::x86_64::_mm256_cmp_pd;
+use std::arch::x86_64::_mm256_loadu_pd;
+use std::arch::x86_64::_mm256_movemask_pd;
+use std::arch::x86_64::_mm256_mul_pd;
+use std::arch::x86_64::_mm256_permute2f128_pd;
+use std::arch::x86_64::_mm256_permute4x64_pd;
+use std::arch::x86_64::_mm256_set1_epi64x;
+use std::arch::x86_64::_mm256_set1_pd;
+use std::arch::x86_64::_mm256_setr_pd;
+use std::arch::x86_64::_mm256_setzero_pd;
+use std::arch::x86_64::_mm256_slli_epi64;
+use std::arch::x86_64::_mm256_storeu_pd;
+use std::arch::x86_64::_mm256_sub_pd;
+use std::arch::x86_64::_mm256_unpackhi_pd;
+use std::arch::x86_64::_mm256_unpacklo_pd;
+use std::arch::x86_64::_mm256_xor_pd;
 use std::ops::{Add, Mul, Sub};
 
 /// Instructions of AVX2, which nothing but `widest!` lets run.
 macro_rules! avx2 {
     ($value:expr) => {
-        // SAFETY: values of these types are made in functions only that `widest!` calls where the processor has AVX2.
+        // SAFETY: values of these types are made only where the processor has been found to have AVX2, in functions that `widest!` calls and in tests.
         unsafe { $value }
     };
 }
