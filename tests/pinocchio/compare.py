@@ -3,7 +3,7 @@
 
     python3 tests/pinocchio/compare.py [PATH/OF/armplane]      # default: target/release/armplane
 
-Needs a C++ compiler and `pip install pin`; without them it says so and ends with code 0. The C++ program is compiled at -O3 -march=native -DNDEBUG from
+Needs a C++ compiler and `pip install pin cmeel-eigen`; without them it says so and ends with code 0. The C++ program is compiled at -O3 -march=native -DNDEBUG from
 the headers of the same installation, which takes five minutes of one core and 2.3 GB of memory, once: it stays in target/pinocchio.
 """
 
@@ -102,10 +102,10 @@ def main():
     if not armplane.exists():
         sys.exit(f"there is no {armplane}: cargo build --release")
     if pin is None:
-        skip("Python has no pinocchio: pip install pin")
+        skip("Python has no pinocchio: pip install pin cmeel-eigen")
     prefix = next((parent for parent in pathlib.Path(pin.__file__).parents if (parent / "include" / "pinocchio").is_dir()), None)
     if prefix is None:
-        skip("this pinocchio comes without headers: pip install pin")
+        skip("this pinocchio comes without headers: pip install pin cmeel-eigen")
     terms = program(prefix, pin.__version__)
     ours, theirs = {}, {}
     with tempfile.TemporaryDirectory() as folder:
