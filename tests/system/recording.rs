@@ -283,29 +283,3 @@ fn ticks_without_an_answer_of_a_dead_process_are_rows_of_the_recording() {
         assert_eq!(summary["recorder"]["rows"].as_u64(), Some(rows), "{name}: {}", summary["recorder"]);
     }
 }
-
-/// Encodes what is the same in every run anew (`viz/src/memory.rs`): `cargo test --release --test system anew -- --ignored`, after a change of figures,
-/// layouts or Rerun's version.
-#[test]
-#[ignore = "it writes into the source tree"]
-fn what_runs_have_in_common_is_encoded_anew() {
-    let desk = Desk::new();
-    let runs = ["fig5-wrist-rotation"].map(|scenario| {
-        desk.run(&[scenario, "--out", scenario]);
-        desk.path().join(scenario).join("run.rrd")
-    });
-    let file = viz::remember(&runs.each_ref().map(PathBuf::as_path)).expect("recordings");
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/viz/src/memory.bin");
-    std::fs::write(path, file).expect("written");
-}
-
-#[test]
-fn figure_and_layout_of_the_default_run_are_remembered() {
-    let desk = Desk::new();
-    desk.run(&["--out", "results"]);
-    let [known, all] = viz::remembered(&desk.path().join("results/run.rrd")).expect("a recording");
-    assert!(
-        all > 100 && 20 * known > 19 * all,
-        "{known} of {all}: `cargo test --release --test system anew -- --ignored` encodes them anew"
-    );
-}

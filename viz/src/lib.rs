@@ -25,9 +25,7 @@ mod export;
 mod frames;
 mod ipc;
 mod manipulability;
-mod memory;
 mod narration;
-mod packer;
 pub mod plot;
 mod read;
 mod recording;
@@ -44,7 +42,6 @@ mod synthetic;
 mod tint;
 
 pub use export::{ExportError, ExportFormat, Exported, Messages, export};
-pub use memory::{remember, remembered};
 pub use read::{About, Damage, Piece, ReadError, ReadNews, Rows, Solid, read};
 pub use recording::{
     Level, MergeError, Options, Recording, RunInfo, Written, bytes_in, checksums, complete, merge, part_name, parts_in, save_blueprint,

@@ -42,12 +42,6 @@ impl Sink {
         Ok(Self { bytes: stream.bytes(), stream: Some(stream), chunks: 0, error: None })
     }
 
-    /// The same, of a recording of which nothing has been written before: what is the same in every run is taken from memory.
-    pub(crate) fn first(storage: Box<dyn Storage>) -> Result<Self, RecordError> {
-        let stream = Stream::begin(storage)?.remembering();
-        Ok(Self { bytes: stream.bytes(), stream: Some(stream), chunks: 0, error: None })
-    }
-
     /// Announces a store, before its first chunk.
     pub(crate) fn announce(&mut self, store: &StoreId) {
         let source = StoreSource::Other(concat!("armplane ", env!("CARGO_PKG_VERSION")).into());

@@ -4,10 +4,11 @@
 //! the chunks of a blueprint, half of those of a short run and with a column for each of their components, into the table of contents. A
 //! blueprint is read from its first message to its last, never sought in, so this table lists the recording's chunks only.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use std::fmt::Display;
 
-use re_chunk::{Chunk, EntityPath, Span};
+use re_chunk::{Chunk, Span};
+use re_log_encoding::external::lz4_flex::block::{CompressTable, compress_into_with_table, get_maximum_output_size};
 use re_log_encoding::{
     CodecError, Compression, CrateVersion, Encodable, EncodingOptions, MessageHeader, MessageKind, RRD_FOURCC, StreamFooter, StreamHeader,
     ToTransport,
@@ -19,8 +20,6 @@ use re_protos::log_msg::v1alpha1::{ArrowMsg, Encoding, RrdFooter, RrdManifest, l
 
 use crate::contents::Contents;
 use crate::ipc::Encoder;
-use crate::memory::{self, Remembered};
-use crate::packer::Packer;
 use crate::storage::{RecordError, Storage};
 
 /// Bytes of messages that wait, at which they are written.
@@ -36,12 +35,31 @@ pub(crate) struct Stream {
     /// The chunks that wait, with their places and sizes, for it: what is not in the storage is not listed.
     unlisted: Vec<(StoreId, Chunk, Span<u64>, u64)>,
     encoder: Encoder,
-    /// The places of which a chunk has come, where first ones may be [`memory`]'s.
-    places: Option<HashSet<(StoreKind, EntityPath)>>,
     /// A chunk as Arrow writes it, and the messages that wait: kept, so that their memory is.
     table: Vec<u8>,
     waiting: Vec<u8>,
     packer: Packer,
+}
+
+/// LZ4 with its memory.
+#[derive(Default)]
+struct Packer {
+    packed: Vec<u8>,
+    /// For less than 64 KiB.
+    small: CompressTable,
+    large: Option<CompressTable>,
+}
+
+impl Packer {
+    fn pack(&mut self, bytes: &[u8]) -> Option<&[u8]> {
+        let most = get_maximum_output_size(bytes.len());
+        if self.packed.len() < most {
+            self.packed.resize(most, 0);
+        }
+        let table = if bytes.len() < usize::from(u16::MAX) { &mut self.small } else { self.large.get_or_insert_with(CompressTable::large) };
+        let size = compress_into_with_table(bytes, &mut self.packed, table).ok()?;
+        Some(&self.packed[..size])
+    }
 }
 
 impl Stream {
@@ -49,18 +67,12 @@ impl Stream {
     pub(crate) fn begin(storage: Box<dyn Storage>) -> Result<Self, RecordError> {
         let (contents, encoder, packer) = (HashMap::new(), Encoder::default(), Packer::default());
         let (unlisted, table, waiting) = (Vec::new(), Vec::new(), Vec::new());
-        let mut stream = Self { storage, written: 0, contents, unlisted, encoder, places: None, table, waiting, packer };
+        let mut stream = Self { storage, written: 0, contents, unlisted, encoder, table, waiting, packer };
         let options = EncodingOptions::PROTOBUF_COMPRESSED;
         stream.append(&StreamHeader { fourcc: RRD_FOURCC, version: CrateVersion::LOCAL.to_bytes(), options })?;
         // Alone: whatever comes of the rest, this is a stream.
         stream.flush()?;
         Ok(stream)
-    }
-
-    /// From now on takes from memory what is there: in a recording of which nothing has been written before.
-    pub(crate) fn remembering(mut self) -> Self {
-        self.places = Some(HashSet::new());
-        self
     }
 
     /// Size so far, of what waits too; bytes.
@@ -76,24 +88,18 @@ impl Stream {
 
     /// Appends a chunk of a store; it waits for [`Stream::flush`], but for no more than a quarter of a megabyte.
     pub(crate) fn chunk(&mut self, store: &StoreId, chunk: Chunk) -> Result<(), RecordError> {
-        let begin = self.bytes();
-        let (chunk, size, payload) = match self.remembered(store.kind(), &chunk) {
-            Some(known) => (chunk.with_id(known.id), known.size, known.packed.into()),
-            None => {
-                self.table.clear();
-                self.encoder.write(&chunk, &mut self.table).map_err(|error| self.defect(&error))?;
-                let packed = self.packer.pack(&self.table).map(<[u8]>::to_vec);
-                let packed = packed.ok_or_else(|| self.defect(&"LZ4 wants more room than its worst case"))?;
-                (chunk, self.table.len() as u64, packed.into())
-            }
-        };
+        self.table.clear();
+        self.encoder.write(&chunk, &mut self.table).map_err(|error| self.defect(&error))?;
+        let (begin, size) = (self.bytes(), self.table.len() as u64);
+        let payload =
+            self.packer.pack(&self.table).map(<[u8]>::to_vec).ok_or_else(|| self.defect(&"LZ4 wants more room than its worst case"))?;
         self.append(&Msg::ArrowMsg(ArrowMsg {
             store_id: Some(store.clone().into()),
             chunk_id: Some(chunk.id().as_tuid().into()),
             compression: Packing::Lz4 as i32,
             uncompressed_size: size,
             encoding: Encoding::ArrowIpc as i32,
-            payload,
+            payload: payload.into(),
             is_static: Some(chunk.is_static()),
         }))?;
         if store.kind() == StoreKind::Recording {
@@ -102,12 +108,6 @@ impl Stream {
             self.unlisted.push((store.clone(), chunk, place, size));
         }
         if self.waiting.len() < MOST_WAITING { Ok(()) } else { self.flush() }
-    }
-
-    /// The same chunk, where it has been encoded beforehand, and is the first of its place.
-    fn remembered(&mut self, kind: StoreKind, chunk: &Chunk) -> Option<Remembered> {
-        let places = self.places.as_mut().filter(|_| memory::may_hold(kind, chunk))?;
-        if places.insert((kind, chunk.entity_path().clone())) { memory::find(chunk) } else { None }
     }
 
     /// Writes the messages that wait.

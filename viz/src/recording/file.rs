@@ -132,7 +132,7 @@ impl Recording {
             ..Subject::default()
         };
         let mut recording = Self {
-            sink: if part == 0 { Sink::first(storage)? } else { Sink::new(storage)? },
+            sink: Sink::new(storage)?,
             store: StoreId::recording(application(robot), run.run),
             title: Title::new(run),
             before: FileInfo { parts: part, ..FileInfo::default() },
