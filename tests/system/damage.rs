@@ -100,6 +100,13 @@ fn a_recording_with_one_other_bit_or_of_another_run_is_not_taken_for_the_runs() 
         }
     }
     std::fs::write(&path, &written).unwrap();
+    let further = desk.path().join("r/run-001.rrd");
+    std::fs::copy(desk.path().join("other/run.rrd"), &further).unwrap();
+    for command in [&["report", "r"][..], &["export", "r", "--format", "csv", "--out", "csv"]] {
+        let said = desk.armplane(command);
+        assert!(said.code == 1 && said.err.contains("run-001.rrd is no file of this run"), "{command:?}: {}", said.err);
+    }
+    std::fs::remove_file(further).unwrap();
     for command in [&["report", "r"][..], &["export", "r", "--format", "csv", "--out", "csv"]] {
         let said = desk.armplane(command);
         assert_eq!(said.code, 0, "{command:?}: {}", said.err);

@@ -64,9 +64,12 @@ impl Reading {
     }
 }
 
-/// The first of a recording's files whose bytes are not those that its run's summary has the checksum of, in a clause; none where it has no checksums.
+/// The first of a recording's files that its run's summary does not know, or has another checksum of, in a clause; none where it has no checksums.
 #[must_use]
 pub fn altered(parts: &[PathBuf], of_run: &[String]) -> Option<String> {
+    if !of_run.is_empty() && parts.len() > of_run.len() {
+        return Some(format!("{} is no file of this run, whose summary.json has {} of them", parts[of_run.len()].display(), of_run.len()));
+    }
     match checksums(parts) {
         Ok(found) => {
             let (part, _) = parts.iter().zip(found.iter().zip(of_run)).find(|(_, (found, written))| found != written)?;

@@ -60,7 +60,9 @@ impl<'a> Program<'a> {
             Some(command) => Some(start(command, &page).map_err(failed)?),
             None => {
                 let (limit_s, page) = (LONGEST_EXTERNAL_START.as_secs(), page.path().display());
-                eprintln!("start the program of {process} within {limit_s} s with: {EXCHANGE_VARIABLE}={page} COMMAND");
+                runtime::complain(&format_args!(
+                    "start the program of {process} within {limit_s} s with: {EXCHANGE_VARIABLE}={page} COMMAND"
+                ));
                 None
             }
         };
@@ -83,7 +85,7 @@ impl<'a> Program<'a> {
             }
             if began.elapsed() > SLOW_START && !is_reported {
                 is_reported = true;
-                eprintln!("the program of {} has not joined yet; it has {} s in all", self.process, limit.as_secs());
+                runtime::complain(&format_args!("the program of {} has not joined yet; it has {} s in all", self.process, limit.as_secs()));
             }
             if began.elapsed() > limit {
                 return Err(Failure::Absent { process: self.process.clone(), limit });
@@ -153,7 +155,11 @@ impl<'a> Program<'a> {
                 std::thread::sleep(LOOK);
             }
             if matches!(child.try_wait(), Ok(None)) {
-                eprintln!("the program of {} has not ended within {} s and is killed", self.process, GRACE.as_secs());
+                runtime::complain(&format_args!(
+                    "the program of {} has not ended within {} s and is killed",
+                    self.process,
+                    GRACE.as_secs()
+                ));
                 let _ = child.kill();
                 let _ = child.wait();
             }

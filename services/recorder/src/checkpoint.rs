@@ -179,7 +179,7 @@ impl Memory {
             std::fs::write(&draft, bytes).and_then(|()| std::fs::rename(&draft, &self.path)).map_err(|error| error.to_string())
         });
         if let Err(error) = written {
-            eprintln!("a restarted recorder would not know of this: cannot write {}: {error}", self.path.display());
+            runtime::complain(&format_args!("a restarted recorder would not know of this: cannot write {}: {error}", self.path.display()));
         }
     }
 

@@ -50,7 +50,7 @@ impl ForeignTap {
             })
         });
         let keep = resumed.transpose().unwrap_or_else(|error| {
-            eprintln!("{error}");
+            runtime::complain(&error);
             logged.error = error.to_string();
             None
         });
@@ -68,7 +68,7 @@ impl ForeignTap {
             if let Some(keeping) = keep
                 && let Err(error) = keeping.add(&words(message))
             {
-                eprintln!("{error}");
+                runtime::complain(&error);
                 *logged = LogResult { bytes: keeping.place().byte, error: error.to_string() };
                 *keep = None;
             }
@@ -80,7 +80,7 @@ impl ForeignTap {
         if let Some(keep) = &mut self.keep
             && let Err(error) = keep.flush()
         {
-            eprintln!("{error}");
+            runtime::complain(&error);
             self.logged = LogResult { bytes: keep.place().byte, error: error.to_string() };
             self.keep = None;
         }

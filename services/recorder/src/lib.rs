@@ -224,7 +224,7 @@ impl<M: Topic> Tap<M> {
             })
         });
         let keep = resumed.transpose().unwrap_or_else(|error| {
-            eprintln!("{error}");
+            runtime::complain(&error);
             logged.error = error.to_string();
             None
         });
@@ -240,7 +240,7 @@ impl<M: Topic> Tap<M> {
             if let Some(keeping) = keep
                 && let Err(error) = keeping.add(message)
             {
-                eprintln!("{error}");
+                runtime::complain(&error);
                 *logged = LogResult { bytes: keeping.place().byte, error: error.to_string() };
                 *keep = None;
             }
@@ -264,7 +264,7 @@ impl<M: Topic> Tap<M> {
         if let Some(keep) = &mut self.keep
             && let Err(error) = keep.flush()
         {
-            eprintln!("{error}");
+            runtime::complain(&error);
             self.logged = LogResult { bytes: keep.place().byte, error: error.to_string() };
             self.keep = None;
         }

@@ -19,7 +19,7 @@ pub(crate) fn first<Log>(made: Option<Result<Log, LogError>>) -> (Option<Log>, L
     match made.transpose() {
         Ok(log) => (log, LogResult::default()),
         Err(error) => {
-            eprintln!("{error}");
+            runtime::complain(&error);
             (None, LogResult { bytes: 0, error: error.to_string() })
         }
     }

@@ -161,7 +161,7 @@ impl Tape {
             let _ = recording.finish();
         }
         let error = error.keeping(self.kept().1);
-        eprintln!("{error}");
+        runtime::complain(&error);
         self.result.error = error.to_string();
     }
 

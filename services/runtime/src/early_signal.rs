@@ -22,7 +22,7 @@ impl Shell {
     /// tick, and where the run stops.
     pub fn end_early_by(&self, signal: i32, line: &impl Display) {
         if self.is_early() {
-            eprintln!("armplane: {line}");
+            crate::complain(&format_args!("armplane: {line}"));
             end_by(signal);
         }
     }

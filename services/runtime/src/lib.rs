@@ -14,6 +14,7 @@
 mod bus;
 mod checkpoint;
 mod clock;
+mod complain;
 mod context;
 mod control_page;
 mod deadline;
@@ -45,6 +46,7 @@ pub use bus::topic::topic_bytes;
 pub use bus::writer::{Loan, SendError, Writer};
 pub use checkpoint::CheckpointSlots;
 pub use clock::{now_ns, sleep_until};
+pub use complain::complain;
 pub use control_page::live_statistics::{Distribution, LiveSingularity, LiveState};
 pub use control_page::{ControlPage, ControlPageError, Count, Counts, Phase, ProcessEntry, State, Stop};
 pub use doorbell::DoorbellPort;
