@@ -130,11 +130,9 @@ impl<const N: usize> Hybrid<N> {
 
     /// The state a tick after `x`, whose motion is `now`, and what constraints did meanwhile. A motion that leaves the finite numbers ends there.
     pub(crate) fn tick(&mut self, smooth: &Smooth<N>, x: &State<N>, now: &ArmMotion<N>, tau: &SVector<f64, N>) -> (State<N>, Touch) {
-        if let Some(next) = self.free_tick(smooth, x, now, tau) {
-            return (next, Touch::default());
-        }
         if !self.may_touch(smooth, x) {
-            return self.tick_in(self.substeps, smooth, x, tau);
+            let free = self.free_tick(smooth, x, now, tau);
+            return free.map_or_else(|| self.tick_in(self.substeps, smooth, x, tau), |next| (next, Touch::default()));
         }
         #[cfg(test)]
         if self.equal {
@@ -169,9 +167,9 @@ impl<const N: usize> Hybrid<N> {
         (state, touch)
     }
 
-    /// The state a tick after `x`; `None` where a constraint may act meanwhile.
+    /// The state a tick after `x`, where none may touch; `None` where a constraint may act meanwhile.
     fn free_tick(&mut self, smooth: &Smooth<N>, x: &State<N>, now: &ArmMotion<N>, tau: &SVector<f64, N>) -> Option<State<N>> {
-        if self.dry_friction.is_some() || self.may_touch(smooth, x) {
+        if self.dry_friction.is_some() {
             return None;
         }
         let next = smooth.advance(x, now, tau, self.tick_s);

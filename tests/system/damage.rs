@@ -52,7 +52,7 @@ fn recover_keeps_a_recording_that_holds_more_than_the_messages() {
 }
 
 #[test]
-fn what_a_killed_recorder_had_in_its_memory_is_said_and_is_no_defect() {
+fn messages_in_the_memory_of_a_killed_recorder_are_said_and_are_no_defect() {
     let desk = Desk::new();
     desk.file("short.toml", SHORT);
     let rows = desk.run(&["short.toml", "--out", "r"])["recorder"]["rows"].as_u64().unwrap();

@@ -4,6 +4,7 @@ use glam::{Mat3, Vec3};
 use nalgebra::{Matrix3, SMatrix, SVector, SymmetricEigen, Vector3};
 
 use crate::arm::vec3;
+use model::unit_scaled;
 
 /// Which half of the twist an ellipsoid is of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,21 +61,11 @@ pub(crate) fn at_point<const N: usize>(mut J: SMatrix<f64, 6, N>, r_EC: &Vector3
 }
 
 /// Singular values of J at C, largest first: lengths divided by `length_m`, rows that are no axes of the `task` zero.
-pub(crate) fn singular_values<const N: usize>(mut J: SMatrix<f64, 6, N>, length_m: f64, task: &[bool; 6]) -> [f64; 6]
+pub(crate) fn singular_values<const N: usize>(J: &SMatrix<f64, 6, N>, length_m: f64, task: &[bool; 6]) -> [f64; 6]
 where
     nalgebra::Const<6>: nalgebra::DimMin<nalgebra::Const<N>, Output = nalgebra::Const<6>>,
 {
-    for (k, counts) in task.iter().enumerate() {
-        let weight = if !counts {
-            0.0
-        } else if k < 3 {
-            1.0 / length_m
-        } else {
-            1.0
-        };
-        J.row_mut(k).scale_mut(weight);
-    }
-    let mut sigma: [f64; 6] = J.singular_values().into();
+    let mut sigma: [f64; 6] = unit_scaled(J, length_m, task).singular_values().into();
     sigma.sort_by(|a, b| b.total_cmp(a));
     sigma
 }
@@ -157,7 +148,7 @@ mod tests {
         let arm = Model::<8>::new(&robot, None).expect("six joints");
         let sigma = |q5: f64, task: &[bool; 6]| {
             let q = SVector::<f64, 8>::from([0.3, -0.9, 2.9, 0.2, q5, 0.1, 0.0, 0.0]);
-            (singular_values(arm.jacobian(&q), robot.length_m, task), arm.jacobian(&q).fixed_columns::<6>(0).determinant())
+            (singular_values(&arm.jacobian(&q), robot.length_m, task), arm.jacobian(&q).fixed_columns::<6>(0).determinant())
         };
         let (regular, det) = sigma(0.8, &[true; 6]);
         assert!((regular.iter().product::<f64>() - det.abs() / robot.length_m.powi(3)).abs() < 1e-13, "{regular:?} {det}");

@@ -37,7 +37,7 @@ impl Reading {
         let is_own = parts.first().is_none_or(|part| part.parent().is_some_and(|folder| parts_in(folder) == parts));
         let run = summary.filter(|summary| is_own && !summary.recorder.file.is_empty());
         let mut causes = self.damages;
-        // What else is wrong tells more.
+        // Any other defect tells more.
         if causes.is_empty()
             && let Some(run) = run
         {
@@ -67,8 +67,11 @@ impl Reading {
 /// The first of a recording's files that its run's summary does not know, or has another checksum of, in a clause; none where it has no checksums.
 #[must_use]
 pub fn altered(parts: &[PathBuf], of_run: &[String]) -> Option<String> {
-    if !of_run.is_empty() && parts.len() > of_run.len() {
-        return Some(format!("{} is no file of this run, whose summary.json has {} of them", parts[of_run.len()].display(), of_run.len()));
+    if of_run.is_empty() {
+        return None;
+    }
+    if let Some(part) = parts.get(of_run.len()) {
+        return Some(format!("{} is no file of this run, whose summary.json has {} of them", part.display(), of_run.len()));
     }
     match checksums(parts) {
         Ok(found) => {

@@ -38,6 +38,6 @@ pub(crate) fn view(args: &ViewArgs, as_json: bool) -> Result<ExitCode, Failure> 
         terminal.show(session::Progress::Line(&format!("armplane: {sentence}")));
     }
     show(files, layout.as_deref(), &|progress| terminal.show(progress))?;
-    // What the viewer shows may not be what the run did.
+    // The viewer may show something else than the run did.
     Ok(if altered.is_none() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

@@ -9,7 +9,7 @@ use crate::centre::AtCentre;
 use crate::linear::{Lu, rank, volume};
 use crate::paper::neighborhood::Neighborhood;
 use crate::types::Report;
-use model::{Factors, Robot, Terms};
+use model::{Factors, Robot, Terms, unit_scaled};
 use nalgebra::{SMatrix, SVector, Vector6};
 use shared_types::scenario::Analysis;
 use shared_types::{AnalyzerCheckpoint, MAX_SINGULARITIES};
@@ -97,8 +97,8 @@ impl<const N: usize> Analyzer<N> {
 /// s(q) = det J for a square J, √det JJᵀ for a redundant arm     [CK95 Eq. 1]
 ///
 /// Fills these fields of a report. The rank is that of J at C with its linear rows divided by the report's `length_m`; the determinant is of J at E,
-/// unscaled: `closed_form` where the arm has one. Nothing here needs the singular values, which cost as much as all the rest of the analysis: who
-/// shows them computes them ([`scaled`]).
+/// unscaled: `closed_form` where the arm has one. Nothing here needs the singular values, which cost as much as all the rest of the analysis: they
+/// are computed where they are shown.
 #[inline]
 fn conditioning<const N: usize>(
     report: &mut Report<N>,
@@ -107,7 +107,7 @@ fn conditioning<const N: usize>(
     closed_form: Option<f64>,
     task: &[bool; 6],
 ) {
-    let scaled = scaled(J_C, report.length_m, task);
+    let scaled = unit_scaled(J_C, report.length_m, task);
     report.rank = rank(&scaled, RANK_TOLERANCE);
     let rows = task.iter().filter(|counts| **counts).count();
     report.det = if N == 6 && rows == 6 {
@@ -124,17 +124,6 @@ fn conditioning<const N: usize>(
         _ if rows <= N => volume_of(&scaled, task),
         _ => 0.0,
     };
-}
-
-/// J at C, 6×N, its linear rows divided by `length_m` and the rows that do not count zero: metres and radians become comparable.
-#[must_use]
-pub fn scaled<const N: usize>(J_C: &SMatrix<f64, 6, N>, length_m: f64, task: &[bool; 6]) -> SMatrix<f64, 6, N> {
-    let weights: [f64; 6] = std::array::from_fn(|k| match (task[k], k < 3) {
-        (false, _) => 0.0,
-        (true, true) => 1.0 / length_m,
-        (true, false) => 1.0,
-    });
-    SMatrix::from_fn(|k, j| J_C[(k, j)] * weights[k])
 }
 
 /// √det JJᵀ of the task's rows; √det JᵀJ where they are more than the joints.

@@ -64,7 +64,7 @@ mod testing;
 #[cfg(test)]
 mod tests;
 
-pub use analyzer::{Analyzer, RANK_TOLERANCE, scaled};
+pub use analyzer::{Analyzer, RANK_TOLERANCE};
 pub use controller::Controller;
 pub use setup::{SetupError, start_posture};
 pub use types::{Class, Command, Kind, Mode, Phase, Plan, Refusal, Report, Singularity};

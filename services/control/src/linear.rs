@@ -96,25 +96,13 @@ impl<const N: usize> Lu<N> {
     #[must_use]
     #[inline]
     pub fn solve(&self, b: &SVector<f64, N>) -> SVector<f64, N> {
-        let M = &self.factors;
-        let mut x = SVector::from_fn(|i, _| b[self.order[i]]);
-        for i in 0..N {
-            for j in 0..i {
-                x[i] -= M[(i, j)] * x[j];
-            }
-        }
-        for i in (0..N).rev() {
-            for j in i + 1..N {
-                x[i] -= M[(i, j)] * x[j];
-            }
-            x[i] /= M[(i, i)];
-        }
+        let [x] = self.solve_all([b]);
         x
     }
 
     /// Solves M·X = B, column by column of B, all at once.
     ///
-    /// Shapes N×K → N×K · Ensures the bits of [`solve`](Self::solve) for each column · Else as `solve` · Cost O(N²K), no allocation
+    /// Shapes N×K → N×K · Ensures for each column the bits that it has alone · Else as [`solve`](Self::solve) · Cost O(N²K), no allocation
     #[must_use]
     #[inline]
     pub fn solve_all<const K: usize>(&self, B: [&SVector<f64, N>; K]) -> [SVector<f64, N>; K] {

@@ -63,5 +63,5 @@ pub use robot::{Robot, RobotSource};
 pub use rotation::{rotation_exp, rotation_log, rotation_twist};
 pub use shape::{Geometry, Shape};
 pub use start::StartError;
-pub use task::{TaskAxes, TaskAxis};
+pub use task::{TaskAxes, TaskAxis, unit_scaled};
 pub use terms::Terms;

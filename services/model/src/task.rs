@@ -1,5 +1,6 @@
 //! The axes of the task space.
 
+use nalgebra::SMatrix;
 use serde::{Deserialize, Serialize};
 
 /// One axis of the task space, base axes: a translation or a rotation.
@@ -60,4 +61,15 @@ impl FromIterator<TaskAxis> for TaskAxes {
         axes.into_iter().for_each(|axis| on[axis.row()] = true);
         TaskAxes(on)
     }
+}
+
+/// J, 6×N, its linear rows divided by `length_m` and the rows that are no axes of the `task` zero: metres and radians become comparable.
+#[must_use]
+pub fn unit_scaled<const N: usize>(J: &SMatrix<f64, 6, N>, length_m: f64, task: &[bool; 6]) -> SMatrix<f64, 6, N> {
+    let weights: [f64; 6] = std::array::from_fn(|k| match (task[k], k < 3) {
+        (false, _) => 0.0,
+        (true, true) => 1.0 / length_m,
+        (true, false) => 1.0,
+    });
+    SMatrix::from_fn(|k, j| J[(k, j)] * weights[k])
 }

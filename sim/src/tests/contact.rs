@@ -3,7 +3,7 @@
 use super::*;
 use shared_types::scenario::Plant as Options;
 
-/// What the arm does in a scene: its name, the floor (m), dry friction, and the torque at a time (s).
+/// A scene and the arm's motion in it: its name, the floor (m), dry friction, and the torque at a time (s).
 struct Scene {
     name: &'static str,
     floor_m: Option<f64>,

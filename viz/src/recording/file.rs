@@ -240,7 +240,7 @@ impl Recording {
         let (report, q) = (row.singularity?, row.estimate.map(|estimate| &estimate.q[..]).or_else(|| row.q())?);
         let q = SVector::from_column_slice(q);
         let J = at_point(self.arm.jacobian(&q), &(Vector3::from(report.p_BC) - self.arm.forward_kinematics(&q).p));
-        Some(singular_values(J, report.length_m, &self.task))
+        Some(singular_values(&J, report.length_m, &self.task))
     }
 
     /// Takes a tick in. Ticks must come in order; a tick that was lost leaves a gap.

@@ -1,7 +1,7 @@
 //! The files of a recording.
 
 use std::fs::File;
-use std::io::{self, Read};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use xxhash_rust::xxh3::Xxh3Default;
@@ -36,15 +36,9 @@ pub fn checksums(parts: &[PathBuf]) -> io::Result<Vec<String>> {
 }
 
 fn checksum(part: &Path) -> io::Result<String> {
-    let (mut file, mut sum, mut bytes) = (files::open(part)?, Xxh3Default::new(), vec![0; 1 << 18]);
-    loop {
-        match file.read(&mut bytes) {
-            Ok(0) => return Ok(format!("{:016x}", sum.digest())),
-            Ok(read) => sum.update(&bytes[..read]),
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            Err(error) => return Err(error),
-        }
-    }
+    let mut sum = Xxh3Default::new();
+    io::copy(&mut files::open(part)?, &mut sum)?;
+    Ok(format!("{:016x}", sum.digest()))
 }
 
 /// Whether a file is empty, or no more than the head of a recording and the message that names it: less than 150 bytes, where a chunk has 600 and more.

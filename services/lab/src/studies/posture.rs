@@ -2,7 +2,7 @@
 
 use control::centre::AtCentre;
 use control::linear;
-use model::{Model, Refused, Robot, embedded, with_dof};
+use model::{Model, Refused, Robot, embedded, unit_scaled, with_dof};
 use nalgebra::DMatrix;
 use serde_json::{Value, json};
 use session::Failure;
@@ -87,7 +87,7 @@ fn at<const N: usize>(robot: &Robot, frame: Option<&str>, q: &[f64], qdot: &[f64
     let mut report = SingularityReport::default();
     analyzer.step(&estimate, &mut report);
     let at_centre = AtCentre::new(&terms, &report.p_BC.into(), &terms.omega[N - 1]);
-    let (scaled_singular_values, _) = linear::singular_values(&control::scaled(&at_centre.J, report.length_m, &robot.task.0));
+    let (scaled_singular_values, _) = linear::singular_values(&unit_scaled(&at_centre.J, report.length_m, &robot.task.0));
     let J = DMatrix::from_fn(6, n, |row, column| terms.J[(row, column)]);
     let (R, p) = (terms.X_BE.R, terms.X_BE.p);
     let mut singular_values: Vec<f64> = J.clone().svd(false, false).singular_values.iter().copied().collect();

@@ -29,9 +29,8 @@ const CHECKSUM: &str = "armplane.checksum";
 /// # Errors
 /// The file system's own.
 fn checksum<'a>(path: &Path, bytes: u64, metadata: impl Iterator<Item = (&'a str, &'a str)>) -> io::Result<String> {
-    let (mut sum, mut data) = (Xxh3Default::new(), Vec::new());
-    files::open(path)?.take(bytes).read_to_end(&mut data)?;
-    sum.update(&data);
+    let mut sum = Xxh3Default::new();
+    io::copy(&mut files::open(path)?.take(bytes), &mut sum)?;
     for (key, value) in metadata {
         sum.update(key.as_bytes());
         sum.update(value.as_bytes());

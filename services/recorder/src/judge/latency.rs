@@ -68,7 +68,7 @@ struct Times {
 }
 
 impl Times {
-    /// As many as there are ticks in two rounds or so.
+    /// About as many as a round finds ticks.
     const MOST_WAITING: usize = 128;
 
     fn new(entered: Histogram) -> Self {
