@@ -21,6 +21,7 @@ use crate::fault::{burden, clock};
 use crate::manifest::Manifest;
 use crate::run_dir::RunDir;
 use crate::stamping::Stamping;
+use crate::turns::Turns;
 use crate::wait::{Interrupted, Wait, Waited};
 
 mod cut;
@@ -97,6 +98,7 @@ pub(crate) struct Context {
     /// The tick in hand: everything before it is closed.
     pub(crate) tick: Cell<u64>,
     pub(crate) stamping: Stamping,
+    pub(crate) turns: Turns,
     /// Ticks that the source may be ahead of a polled process.
     pub(crate) recorder_lag: u64,
     /// Deliberate pauses, in a run of `verify`.
@@ -200,7 +202,8 @@ impl Context {
         self.wait(0, None, describe, || Ok(self.control_page.has_begun(phase).then_some(())))
     }
 
-    /// The one wait: look, then sleep until a process rings for one of `bits`, look again; never longer than the limit.
+    /// The one wait: look, let those of the same core go first, look, then sleep until a process rings for one of `bits`, look again; never longer than
+    /// the limit.
     #[inline]
     pub(crate) fn wait<T>(
         &self,
@@ -237,7 +240,10 @@ impl Context {
                     return Err(Interrupted::TimedOut { process: self.name().to_owned(), what, from, waited });
                 }
             };
-            is_first_look = false;
+            if std::mem::take(&mut is_first_look) && self.has_started.get() && self.turns.pass() {
+                // Another look, now that the process waited for has had its turn.
+                continue;
+            }
             doorbell.arm(bits);
             doorbell.sleep(seen, sleep_ns);
         }

@@ -31,6 +31,7 @@ mod run_dir;
 mod shell;
 mod stamping;
 mod tick_source;
+mod turns;
 mod unfinished;
 mod wait;
 

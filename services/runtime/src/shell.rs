@@ -30,6 +30,7 @@ use crate::realtime::{self, Lock};
 use crate::run_dir::{RunDir, RunDirError};
 use crate::stamping::Stamping;
 use crate::tick_source::TickSource;
+use crate::turns::Turns;
 use crate::wait::{Interrupted, Waited};
 
 /// Why a process cannot join its run.
@@ -187,6 +188,7 @@ impl Shell {
         let least = foreign.fold(least_depth(&manifest.topics()), usize::min);
         let shared = Context {
             stamping: Stamping::at(manifest.processes[me].hop),
+            turns: Turns::of(&manifest, me),
             // A quarter of what is kept: faults make several messages of one tick, and a block of a message log is not in its file yet.
             recorder_lag: RECORDER_LAG.min(least as u64 / 4),
             run,
