@@ -125,8 +125,9 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
     let keep = job.messages.then_some((folder.as_path(), &logs));
     let mut topics = Topics::open(shell, &job.graph, keep, &progress, &mut assembler)?;
     let mut pace = Pace::new(shell.mode(), job.live, shell.most_ahead());
-    while shell.poll(pace.pause(shell.ticks_begun()))? {
+    while shell.poll(pace.next(shell.ticks_begun()))? {
         topics.drain(&mut assembler)?;
+        shell.has_taken_in();
         // Before the ticks in which it shows: their words name it.
         fault_reporter.report(shell, &job.graph, &mut tape);
         while let Some(row) = assembler.pop(shell.ticks_begun(), false) {

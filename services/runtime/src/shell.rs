@@ -140,6 +140,8 @@ impl ProcessError {
 pub struct Shell {
     shared: Rc<Context>,
     round: Cell<Round>,
+    /// When the round in hand of a polled process began.
+    round_began_ns: Cell<u64>,
     /// A polled process is in its last round before a fault takes it down.
     is_falling: Cell<bool>,
     /// Held open for as long as this process has its place in the run.
@@ -206,7 +208,13 @@ impl Shell {
         shared.learn();
         shared.tick.set(shared.returns_at());
         let shared = Rc::new(shared);
-        Ok(Self { shared, round: Cell::new(Round::Before), is_falling: Cell::new(false), _occupancy: occupancy })
+        Ok(Self {
+            shared,
+            round: Cell::new(Round::Before),
+            round_began_ns: Cell::new(0),
+            is_falling: Cell::new(false),
+            _occupancy: occupancy,
+        })
     }
 
     /// Reads a topic message by message: the next tick in lockstep, the newest in real time.
@@ -275,8 +283,8 @@ impl Shell {
         TickSource::new(Rc::clone(&self.shared), first)
     }
 
-    /// A polled process's rhythm: ends a round, sleeps, begins the next; `false` after the round in which nothing more can come. It sleeps
-    /// less than `every` where ticks are so quick, or messages so large, that more than a quarter of its buffers would be full by then.
+    /// A polled process's rhythm: ends a round, sleeps until `every` has passed since that began, begins the next; `false` after the round in which
+    /// nothing more can come. It sleeps less where ticks are so quick, or messages so large, that more than a quarter of its buffers would be full by then.
     ///
     /// Messages drained in the round count as received: in lockstep the tick source may go on.
     ///
@@ -287,10 +295,7 @@ impl Shell {
         match self.round.get() {
             Round::Last => return Ok(false),
             Round::From(ticks) => {
-                if ticks > shared.entry().ticks() {
-                    shared.entry().set_ticks(ticks);
-                    self.each_other(|line| line.doorbell().ring(PROGRESS));
-                }
+                self.report(ticks);
                 shared.tick.set(shared.entry().ticks());
                 if self.is_falling.replace(false) {
                     shared.apply_process_faults(shared.tick.get());
@@ -314,16 +319,37 @@ impl Shell {
             doorbell.arm(ANYTHING);
             if !shared.is_stopping() {
                 let most = shared.recorder_lag.saturating_mul(shared.manifest.period_ns());
-                doorbell.sleep(seen, Some((every.as_nanos() as u64).min(most)));
+                let worked = now_ns().saturating_sub(self.round_began_ns.get());
+                if let left @ 1.. = (every.as_nanos() as u64).min(most).saturating_sub(worked) {
+                    doorbell.sleep(seen, Some(left));
+                }
             }
             doorbell.disarm();
         }
+        self.round_began_ns.set(now_ns());
         // Read before the round: everything of these ticks is in the buffers now.
         let last = shared.is_stopping();
         shared.apply_volume_faults(shared.entry().ticks(), last);
         shared.burden(shared.entry().ticks());
         self.round.set(if last { Round::Last } else { Round::From(self.ticks_made()) });
         Ok(true)
+    }
+
+    /// For a polled process: it holds all messages of the round in hand itself, or their logs do. In lockstep the tick source may go on at once, not only
+    /// at the end of the round, when all has been made of them; in a run with faults at the end.
+    pub fn has_taken_in(&self) {
+        if let Round::From(ticks) = self.round.get()
+            && self.shared.is_unharmed()
+        {
+            self.report(ticks);
+        }
+    }
+
+    fn report(&self, ticks: u64) {
+        if ticks > self.shared.entry().ticks() {
+            self.shared.entry().set_ticks(ticks);
+            self.each_other(|line| line.doorbell().ring(PROGRESS));
+        }
     }
 
     /// Ticks that have begun: those of the process that makes them. The others may be ahead of it, because a replacement closes all ticks before its
