@@ -11,6 +11,7 @@ use crate::command::{Desk, assert_nothing_left, children_of_run, finish, in_shar
 const TICKS: u64 = 300;
 
 const FUTEX: u64 = libc::SYS_futex as u64;
+const SCHED_YIELD: u64 = libc::SYS_sched_yield as u64;
 const CLOCK_NANOSLEEP: u64 = libc::SYS_clock_nanosleep as u64;
 const GETRUSAGE: u64 = libc::SYS_getrusage as u64;
 
@@ -110,6 +111,14 @@ fn in_the_steady_state(mode: &str, judge: impl Fn(&str, &BTreeMap<u64, u64>)) {
     assert_nothing_left(finish(child).launcher);
 }
 
+/// Waits of a tick, in each of which a process gives its core away once: for each input, and for its turn to begin a tick.
+fn waits(process: &str) -> u64 {
+    match process {
+        "plant" | "controller" => 2,
+        _ => 1,
+    }
+}
+
 /// Calls of the futex that a tick may need: a sleep for each input (two where a writer rang for the other one), a ring for each reader.
 fn futex_bound(process: &str) -> u64 {
     let (inputs, readers) = match process {
@@ -122,11 +131,12 @@ fn futex_bound(process: &str) -> u64 {
 }
 
 #[test]
-fn in_lockstep_a_tick_is_a_sleep_and_a_ring() {
+fn in_lockstep_a_tick_is_turns_on_the_core_or_a_sleep_and_a_ring() {
     in_the_steady_state("lockstep", |process, calls| {
-        assert!(calls.keys().all(|call| *call == FUTEX), "{process} makes other system calls than the futex: {calls:?}");
-        let futex = calls.get(&FUTEX).copied().unwrap_or_default();
-        assert!(futex <= futex_bound(process), "{process}: {futex} futex calls in {TICKS} ticks");
+        assert!(calls.keys().all(|call| [FUTEX, SCHED_YIELD].contains(call)), "{process} makes other system calls: {calls:?}");
+        let count = |call: u64| calls.get(&call).copied().unwrap_or_default();
+        assert!(count(FUTEX) <= futex_bound(process), "{process}: {calls:?} in {TICKS} ticks");
+        assert!(count(SCHED_YIELD) <= TICKS * waits(process), "{process}: {calls:?} in {TICKS} ticks");
     });
 }
 

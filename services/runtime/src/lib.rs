@@ -27,6 +27,7 @@ mod manifest;
 mod memory;
 pub mod realtime;
 mod reserved;
+mod rounds;
 mod run_dir;
 mod shell;
 mod stamping;

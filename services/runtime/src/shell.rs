@@ -22,16 +22,17 @@ use crate::bus::{format::Format, node::join, port::Receiver};
 use crate::checkpoint::CheckpointSlots;
 use crate::clock::now_ns;
 use crate::context::{Attached, Connect, Context, FaultState, StopFlag};
-use crate::control_page::{ANYTHING, ControlPage, ControlPageError, Count, PROGRESS, ProcessEntry, Stop, Watchdog};
+use crate::control_page::{ControlPage, ControlPageError, Count, Stop, Watchdog};
 use crate::disturbance::{self, Pauses};
 use crate::fault::table::FaultTable;
 use crate::manifest::{Manifest, ManifestError};
 use crate::realtime::{self, Lock};
+use crate::rounds::Rounds;
 use crate::run_dir::{RunDir, RunDirError};
 use crate::stamping::Stamping;
 use crate::tick_source::TickSource;
 use crate::turns::Turns;
-use crate::wait::{Interrupted, Waited};
+use crate::wait::Interrupted;
 
 /// Why a process cannot join its run.
 #[derive(Debug, thiserror::Error)]
@@ -139,23 +140,9 @@ impl ProcessError {
 /// ```
 pub struct Shell {
     shared: Rc<Context>,
-    round: Cell<Round>,
-    /// When the round in hand of a polled process began.
-    round_began_ns: Cell<u64>,
-    /// A polled process is in its last round before a fault takes it down.
-    is_falling: Cell<bool>,
+    rounds: Rounds,
     /// Held open for as long as this process has its place in the run.
     _occupancy: std::fs::File,
-}
-
-/// Where a polled process is between two rounds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Round {
-    Before,
-    /// In a round that began when the run had done so many ticks.
-    From(u64),
-    /// In the round after which nothing more can come.
-    Last,
 }
 
 impl Shell {
@@ -208,13 +195,7 @@ impl Shell {
         shared.learn();
         shared.tick.set(shared.returns_at());
         let shared = Rc::new(shared);
-        Ok(Self {
-            shared,
-            round: Cell::new(Round::Before),
-            round_began_ns: Cell::new(0),
-            is_falling: Cell::new(false),
-            _occupancy: occupancy,
-        })
+        Ok(Self { shared, rounds: Rounds::default(), _occupancy: occupancy })
     }
 
     /// Reads a topic message by message: the next tick in lockstep, the newest in real time.
@@ -291,82 +272,25 @@ impl Shell {
     /// # Errors
     /// When the run does not start within the limit.
     pub fn poll(&self, every: Duration) -> Result<bool, Interrupted> {
-        let shared = &self.shared;
-        match self.round.get() {
-            Round::Last => return Ok(false),
-            Round::From(ticks) => {
-                self.report(ticks);
-                shared.tick.set(shared.entry().ticks());
-                if self.is_falling.replace(false) {
-                    shared.apply_process_faults(shared.tick.get());
-                }
-                // Not before one more round: everything before the tick of its fall is taken in and safe by then.
-                shared.learn();
-                self.is_falling.set(shared.protocol().downfall(ticks).is_some() && shared.protocol().is_settled(ticks));
-            }
-            Round::Before => {
-                if matches!(shared.start()?, Waited::Stopped) {
-                    self.round.set(Round::Last);
-                    return Ok(true);
-                }
-            }
-        }
-        let is_awaited = Cell::new(false);
-        self.each_other(|line| is_awaited.set(is_awaited.get() || line.doorbell().is_armed_for(PROGRESS)));
-        if !is_awaited.get() && !shared.is_stopping() && !self.is_falling.get() {
-            let doorbell = shared.entry().doorbell();
-            let seen = doorbell.rings();
-            doorbell.arm(ANYTHING);
-            if !shared.is_stopping() {
-                let most = shared.recorder_lag.saturating_mul(shared.manifest.period_ns());
-                let worked = now_ns().saturating_sub(self.round_began_ns.get());
-                if let left @ 1.. = (every.as_nanos() as u64).min(most).saturating_sub(worked) {
-                    doorbell.sleep(seen, Some(left));
-                }
-            }
-            doorbell.disarm();
-        }
-        self.round_began_ns.set(now_ns());
-        // Read before the round: everything of these ticks is in the buffers now.
-        let last = shared.is_stopping();
-        shared.apply_volume_faults(shared.entry().ticks(), last);
-        shared.burden(shared.entry().ticks());
-        self.round.set(if last { Round::Last } else { Round::From(self.ticks_made()) });
-        Ok(true)
+        self.rounds.poll(&self.shared, every)
     }
 
     /// For a polled process: it holds all messages of the round in hand itself, or their logs do. In lockstep the tick source may go on at once, not only
     /// at the end of the round, when all has been made of them; in a run with faults at the end.
     pub fn has_taken_in(&self) {
-        if let Round::From(ticks) = self.round.get()
-            && self.shared.is_unharmed()
-        {
-            self.report(ticks);
-        }
+        self.rounds.have_taken_in(&self.shared);
     }
 
-    fn report(&self, ticks: u64) {
-        if ticks > self.shared.entry().ticks() {
-            self.shared.entry().set_ticks(ticks);
-            self.each_other(|line| line.doorbell().ring(PROGRESS));
-        }
+    /// For a polled process: ticks that had begun before the round in hand.
+    #[must_use]
+    pub fn ticks_begun(&self) -> u64 {
+        self.rounds.ticks_begun()
     }
 
-    /// Ticks that have begun: those of the process that makes them. The others may be ahead of it, because a replacement closes all ticks before its
-    /// return at once.
-    fn ticks_made(&self) -> u64 {
-        let shared = &self.shared;
-        let ticks = |index: usize| shared.control_page.process(index).ticks();
-        let processes = &shared.manifest.processes;
-        match processes.iter().position(|process| process.makes_ticks) {
-            Some(source) => ticks(source),
-            None => (0..processes.len()).filter(|&index| index != shared.me).map(ticks).max().unwrap_or(0),
-        }
-    }
-
-    fn each_other(&self, act: impl Fn(&ProcessEntry)) {
-        let me = self.shared.me;
-        (0..self.shared.manifest.processes.len()).filter(|&index| index != me).for_each(|i| act(self.shared.control_page.process(i)));
+    /// Whether this polled process dies, or stands still, when it has said how far it is: what it has taken in must be safe before.
+    #[must_use]
+    pub fn is_about_to_go_down(&self) -> bool {
+        self.rounds.is_about_to_go_down()
     }
 
     /// How time passes in this run.
@@ -403,22 +327,10 @@ impl Shell {
         }
     }
 
-    /// For a polled process: ticks that had begun before the round in hand.
-    #[must_use]
-    pub fn ticks_begun(&self) -> u64 {
-        if let Round::From(ticks) = self.round.get() { ticks } else { 0 }
-    }
-
     /// Ticks that the run may be ahead of a polled process in lockstep: at most a quarter of the messages that the retainers of the topics hold.
     #[must_use]
     pub fn most_ahead(&self) -> u64 {
         self.shared.recorder_lag
-    }
-
-    /// Whether this polled process dies, or stands still, when it has said how far it is: what it has taken in must be safe before.
-    #[must_use]
-    pub fn is_about_to_go_down(&self) -> bool {
-        self.is_falling.get()
     }
 
     /// Does something that writes to another volume than the one that a fault may have filled.
