@@ -172,7 +172,7 @@ impl Context {
             return Ok(Waited::Stopped);
         }
         let doorbell = self.entry().doorbell();
-        let (mut is_first_look, mut began_ns) = (true, None);
+        let (mut is_first_look, mut has_passed, mut began_ns) = (true, false, None);
         loop {
             // Read before the look: a message that comes after the look has its ring counted by then, and the sleep does not begin.
             let seen = doorbell.rings();
@@ -198,7 +198,11 @@ impl Context {
             };
             if std::mem::take(&mut is_first_look) && self.has_started.get() && self.turns.pass() {
                 // Another look, now that the process waited for has had its turn.
+                has_passed = true;
                 continue;
+            }
+            if std::mem::take(&mut has_passed) {
+                self.turns.note_vain();
             }
             doorbell.arm(bits);
             doorbell.sleep(seen, sleep_ns);

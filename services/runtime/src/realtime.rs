@@ -92,6 +92,13 @@ pub fn set_round_robin_priority(priority: u8) -> Result<(), Missing> {
     schedule(libc::SCHED_RR, priority).map_err(|error| Missing::Fifo { priority, reason: error.to_string() })
 }
 
+/// Whether this thread has ordinary scheduling, no real-time priority.
+#[must_use]
+pub fn is_ordinary() -> bool {
+    // SAFETY: a plain system call on this thread.
+    !matches!(unsafe { libc::sched_getscheduler(0) }, libc::SCHED_FIFO | libc::SCHED_RR)
+}
+
 /// Back to ordinary scheduling, which is always allowed.
 pub fn set_ordinary_scheduling() {
     let _ = schedule(libc::SCHED_OTHER, 0);

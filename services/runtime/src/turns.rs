@@ -4,24 +4,28 @@ use std::cell::Cell;
 
 use crate::clock::now_ns;
 use crate::manifest::Manifest;
+use crate::realtime;
 
 /// How a process that waits for another one of its core gives that core away, in lockstep.
 ///
 /// One process of the chain works at a time there. One that waits stays ready to run behind the others: it is neither put to sleep nor woken, and its
 /// message is there when its turn comes, in a third of the time that a sleep and a wake take. Where it is not, the process sleeps.
 ///
-/// A program that does not wait keeps a core that is given away for some milliseconds. Where that happens processes sleep at once, and try again after a
-/// number of waits that doubles with each try in vain.
+/// A program that does not wait keeps a core that is given away for some milliseconds. Where that happens, or most turns are in vain, processes sleep at
+/// once, and try again after a number of waits that doubles with each such try. Under `SCHED_FIFO` and `SCHED_RR` they always sleep: the kernel keeps the
+/// order there in which processes wait, and once that is not the order of their messages each turn is in vain.
 #[derive(Debug)]
 pub(crate) struct Turns {
-    /// Whether a process that this one waits for has the same core.
-    is_shared: bool,
+    /// Whether a process that this one waits for has the same core, under ordinary scheduling.
+    is_shared: Cell<bool>,
     /// Waits to go before the core is given away again.
     off: Cell<u32>,
     /// The waits of the next time off.
     pause: Cell<u32>,
     /// Turns in a row after which the core came back soon.
     kept: Cell<u32>,
+    /// Turns in vain, less those that were not.
+    vain: Cell<u32>,
 }
 
 impl Turns {
@@ -31,6 +35,8 @@ impl Turns {
     const OFF: [u32; 2] = [512, 8192];
     /// Turns in a row after which no other program has the core: a long one is an exception then, as a short task of the kernel's is.
     const KEPT: u32 = 256;
+    /// Turns in vain, less those that were not, after which there are none for a time.
+    const VAIN: u32 = 64;
 
     /// The turns of the process at `me`.
     pub(crate) fn of(manifest: &Manifest, me: usize) -> Self {
@@ -40,7 +46,18 @@ impl Turns {
             writer.is_some_and(|writer| writer.core == process.core)
         };
         let is_shared = manifest.is_lockstep() && process.core.is_some() && process.reads.iter().any(is_beside);
-        Self { is_shared, off: Cell::default(), pause: Cell::new(Self::OFF[0]), kept: Cell::default() }
+        Self {
+            is_shared: Cell::new(is_shared),
+            off: Cell::default(),
+            pause: Cell::new(Self::OFF[0]),
+            kept: Cell::default(),
+            vain: Cell::default(),
+        }
+    }
+
+    /// To be called when the process's scheduling is settled.
+    pub(crate) fn begin(&self) {
+        self.is_shared.set(self.is_shared.get() && realtime::is_ordinary());
     }
 
     /// Gives the core to the next process that is ready to run there, and comes back when that one waits. `false`: this process is to sleep instead.
@@ -59,23 +76,34 @@ impl Turns {
     fn is_on(&self) -> bool {
         let off = self.off.get();
         self.off.set(off.saturating_sub(1));
-        self.is_shared && off == 0
+        self.is_shared.get() && off == 0
     }
 
     /// The core came back after so long.
     #[inline]
     fn note(&self, ns: u64) {
+        self.vain.update(|vain| vain.saturating_sub(1));
         if ns < Self::LONG_NS {
             self.kept.update(|kept| kept.saturating_add(1));
-            return;
+        } else if self.kept.take() < Self::KEPT {
+            self.rest();
+        } else {
+            self.pause.set(Self::OFF[0]);
         }
-        match self.kept.take() {
-            Self::KEPT.. => self.pause.set(Self::OFF[0]),
-            _ => {
-                self.off.set(self.pause.get());
-                self.pause.set((2 * self.pause.get()).min(Self::OFF[1]));
-            }
+    }
+
+    /// The core came back without the message.
+    pub(crate) fn note_vain(&self) {
+        self.vain.update(|vain| vain + 2);
+        if self.vain.get() >= Self::VAIN {
+            self.rest();
         }
+    }
+
+    fn rest(&self) {
+        self.vain.set(0);
+        self.off.set(self.pause.get());
+        self.pause.set((2 * self.pause.get()).min(Self::OFF[1]));
     }
 }
 
@@ -131,5 +159,19 @@ mod tests {
         assert_eq!(off(), 0);
         turns.note(Turns::LONG_NS);
         assert_eq!(off(), 512);
+    }
+
+    #[test]
+    fn turns_that_are_mostly_in_vain_are_given_up() {
+        let turns = Turns::of(&run(Mode::Lockstep, [Some(0), Some(0)]), 0);
+        let taken = |vain_of_8: u32| {
+            (0..4096).find(|at| {
+                turns.note(0);
+                (0..1).filter(|_| at % 8 < vain_of_8).for_each(|_| turns.note_vain());
+                !turns.is_on()
+            })
+        };
+        assert_eq!(taken(4), None, "half of them");
+        assert!(taken(5).is_some_and(|at| (64..1024).contains(&at)), "more");
     }
 }

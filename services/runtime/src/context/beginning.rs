@@ -35,6 +35,7 @@ impl Context {
         if matches!(self.wait_for_phase(Phase::Work)?, Waited::Stopped) {
             return Ok(Waited::Stopped);
         }
+        self.turns.begin();
         self.has_started.set(true);
         self.apply_faults_at_start();
         self.skip_to(self.tick.get());
