@@ -28,6 +28,8 @@ pub(super) struct Table {
     pub(super) ticks: Vec<u64>,
     /// `None` for what is not recorded.
     columns: Vec<Option<Column>>,
+    /// Rows to make room for.
+    room: usize,
 }
 
 /// One column's rows: values end to end, and where each row ends. A row without its message is an empty list, not a null: no plot draws a
@@ -40,6 +42,8 @@ struct Column {
     ends: Vec<i32>,
     /// Whether there has been a value, in this chunk or before.
     seen: bool,
+    /// Values and rows to make room for.
+    room: (usize, usize),
 }
 
 impl Table {
@@ -52,7 +56,7 @@ impl Table {
             Width::Slow | Width::Derived => None,
         };
         let columns = Signal::ALL.iter().map(|signal| encoding(signal).map(|encoding| Column::new(signal.component(), encoding)));
-        Self { ticks: Vec::new(), columns: columns.collect() }
+        Self { ticks: Vec::new(), columns: columns.collect(), room: 0 }
     }
 
     /// A column for each thing that is only drawn, then for each signal at the same rate, by its place behind them.
@@ -64,7 +68,7 @@ impl Table {
             Drawn::ALL.iter().map(|drawn| Some(Column::new(drawn.component(), Encoding::Share))).chain(Signal::ALL.iter().map(slow));
         let mut columns: Vec<Option<Column>> = columns.collect();
         columns[Drawn::Fault as usize].iter_mut().for_each(|column| column.seen = faults);
-        Self { ticks: Vec::new(), columns }
+        Self { ticks: Vec::new(), columns, room: 0 }
     }
 
     pub(super) fn rows(&self) -> usize {
@@ -97,37 +101,47 @@ impl Table {
             return None;
         }
         let ticks = std::mem::take(&mut self.ticks);
-        let columns = self.columns.iter_mut().flatten().filter_map(|column| {
-            let next = column.next();
-            std::mem::replace(column, next).build()
-        });
-        Some((ticks, columns.collect()))
+        self.room = ticks.len();
+        Some((ticks, self.columns.iter_mut().flatten().filter_map(Column::take).collect()))
+    }
+
+    /// Asks for the memory of as many rows as have been taken last, for chunks are about as long as the one before: when that one is gone, so that it is its
+    /// memory, and in the caches.
+    pub(super) fn make_room(&mut self) {
+        let rows = std::mem::take(&mut self.room);
+        self.ticks.reserve(rows);
+        self.columns.iter_mut().flatten().for_each(Column::make_room);
     }
 }
 
 impl Column {
     fn new(name: &'static str, encoding: Encoding) -> Self {
-        Self { name, encoding, wide: Vec::new(), narrow: Vec::new(), ends: vec![0], seen: false }
+        Self { name, encoding, wide: Vec::new(), narrow: Vec::new(), ends: vec![0], seen: false, room: (0, 0) }
     }
 
-    /// An empty one, with room for as many rows as this one has: chunks are about as long as the one before.
-    fn next(&self) -> Self {
-        let mut ends = Vec::with_capacity(self.ends.len());
-        ends.push(0);
-        let (wide, narrow) = (Vec::with_capacity(self.wide.len()), Vec::with_capacity(self.narrow.len()));
-        Self { name: self.name, encoding: self.encoding, wide, narrow, ends, seen: self.seen }
+    fn make_room(&mut self) {
+        let (values, rows) = std::mem::take(&mut self.room);
+        match self.encoding {
+            Encoding::F64 => self.wide.reserve(values),
+            Encoding::F32 | Encoding::Log | Encoding::Share => self.narrow.reserve(values),
+        }
+        self.ends.reserve(rows);
     }
 
-    fn build(self) -> Option<SerializedComponentColumn> {
+    /// Its rows; none where there has never been a value.
+    fn take(&mut self) -> Option<SerializedComponentColumn> {
+        let (wide, narrow) = (std::mem::take(&mut self.wide), std::mem::take(&mut self.narrow));
+        let ends = std::mem::replace(&mut self.ends, vec![0]);
+        self.room = (wide.len() + narrow.len(), ends.len());
         if !self.seen {
             return None;
         }
         let values: ArrayRef = match self.encoding {
-            Encoding::F64 => std::sync::Arc::new(Float64Array::from(self.wide)),
-            Encoding::F32 | Encoding::Log | Encoding::Share => std::sync::Arc::new(Float32Array::from(self.narrow)),
+            Encoding::F64 => std::sync::Arc::new(Float64Array::from(wide)),
+            Encoding::F32 | Encoding::Log | Encoding::Share => std::sync::Arc::new(Float32Array::from(narrow)),
         };
         let field = std::sync::Arc::new(Field::new_list_field(values.data_type().clone(), true));
-        let list = ListArray::new(field, OffsetBuffer::new(ScalarBuffer::from(self.ends)), values, None);
+        let list = ListArray::new(field, OffsetBuffer::new(ScalarBuffer::from(ends)), values, None);
         Some(SerializedComponentColumn::new(list, custom(self.name, None)))
     }
 }

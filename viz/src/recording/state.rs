@@ -1,7 +1,5 @@
 //! The state of a recording in the making, and how a piece of it becomes a chunk.
 
-use std::collections::BTreeMap;
-
 use glam::Vec3;
 use model::{Model, Robot};
 use re_chunk::external::arrow::buffer::ScalarBuffer;
@@ -119,7 +117,7 @@ pub struct Recording {
     /// The first tick whose modes, states and words are not yet taken in.
     pub(super) changes_next: u64,
     /// Rows of each place that wait to be written.
-    pub(super) pending: BTreeMap<EntityPath, ChunkBuilder>,
+    pub(super) pending: Vec<(EntityPath, Option<ChunkBuilder>)>,
     /// Another law's run, in a race.
     pub(super) rival: Option<Rival>,
     pub(super) signals: Table,
@@ -225,19 +223,23 @@ impl Recording {
     /// Adds a row that is written with others of its place: a chunk costs more than a thousand bytes, whatever it holds.
     pub(super) fn log(&mut self, tick: u64, path: impl Into<EntityPath>, archetype: &dyn AsComponents) {
         let (path, at) = (path.into(), self.at(tick));
-        let rows = self.pending.remove(&path).unwrap_or_else(|| Chunk::builder(path.clone()));
-        self.pending.insert(path, rows.with_archetype(RowId::new(), at, archetype));
+        // A handful, told apart by their hashes: to order them by their paths would cost more than a row.
+        let place = self.pending.iter().position(|(known, _)| *known == path).unwrap_or_else(|| {
+            self.pending.push((path.clone(), None));
+            self.pending.len() - 1
+        });
+        let (_, waiting) = &mut self.pending[place];
+        let rows = waiting.take().unwrap_or_else(|| Chunk::builder(path));
+        *waiting = Some(rows.with_archetype(RowId::new(), at, archetype));
     }
 
     /// Writes the rows that wait: those of the picture, or all others, too.
     pub(super) fn write_pending(&mut self, is_picture: bool) {
         let world = EntityPath::from(entity::WORLD);
-        let all = std::mem::take(&mut self.pending);
-        for (path, rows) in all {
-            if path.starts_with(&world) == is_picture {
-                self.sink.chunk(&self.store, rows.build());
-            } else {
-                self.pending.insert(path, rows);
+        for (path, rows) in std::mem::take(&mut self.pending) {
+            match rows {
+                Some(rows) if path.starts_with(&world) == is_picture => self.sink.chunk(&self.store, rows.build()),
+                rows => self.pending.push((path, rows)),
             }
         }
         if !is_picture {

@@ -164,6 +164,8 @@ impl Recording {
             self.sink.chunk(&self.store, chunk);
             self.written.signals = ticks.last().map_or(self.written.signals, |last| last + 1);
         }
+        self.drawn_table.make_room();
+        self.signals.make_room();
     }
 
     /// Lines that never move, as often as a plot needs to draw them.
