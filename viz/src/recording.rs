@@ -18,7 +18,7 @@ mod write;
 pub use file::save_blueprint;
 pub(crate) use merge::is_complete;
 pub use merge::{MergeError, complete, merge};
-pub use parts::{bytes_in, checksums, part_name, parts_in};
+pub use parts::{bytes_in, checksums, cut_behind, part_name, parts_in};
 pub(crate) use pieces::Room;
 pub use state::{Level, Options, Recording, RunInfo, Written};
 

@@ -157,17 +157,18 @@ impl Memory {
     pub(crate) fn note(&mut self, written: Written) {
         if written != self.noted {
             self.noted = written;
-            // In memory of its own size already: it does not fail, and a replacement that does not know writes some ticks twice.
-            let _ = self.written.write_all_at(bytes_of(&[written.signals, written.picture, written.changes]), 0);
+            let Written { signals, picture, changes, part, bytes } = written;
+            // It may fail, or the recorder be killed before: then a replacement goes on from the place noted last, and cuts away what is behind that.
+            let _ = self.written.write_all_at(bytes_of(&[signals, picture, changes, part.into(), bytes]), 0);
         }
     }
 
-    /// How far the predecessor's recording had come.
-    pub(crate) fn written(&self) -> Written {
-        let mut numbers = [0_u64; 3];
-        let read = self.written.read_exact_at(bytes_of_mut(&mut numbers), 0);
-        let [signals, picture, changes] = numbers;
-        if read.is_ok() { Written { signals, picture, changes } } else { Written::default() }
+    /// How far the predecessor's recording had come; `None` where it has not come to note it.
+    pub(crate) fn written(&self) -> Option<Written> {
+        let mut numbers = [0_u64; 5];
+        self.written.read_exact_at(bytes_of_mut(&mut numbers), 0).ok()?;
+        let [signals, picture, changes, part, bytes] = numbers;
+        Some(Written { signals, picture, changes, part: u32::try_from(part).ok()?, bytes })
     }
 
     /// Whole or not at all.

@@ -105,12 +105,9 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
     if shell.mode() == Mode::Realtime {
         judge = judge.on_grid(shell.manifest().period_ns());
     }
-    let mut tape = Tape::start(robot, job, shell.incarnation())?;
+    let mut tape = if shell.incarnation() > 1 { Tape::go_on(robot, job, memory.written()) } else { Tape::start(robot, job) }?;
     let mut fault_reporter = FaultReporter::default();
     let mut progress = Past::default();
-    if shell.incarnation() > 1 {
-        tape.go_on_after(memory.written());
-    }
     if let Some(past) = past {
         progress = past.progress;
         assembler.resume(past.next, past.rows.into_iter().map(Row::from));
@@ -133,7 +130,7 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
         while let Some(row) = assembler.pop(shell.ticks_begun(), false) {
             take(row, &mut judge, &mut tape);
             // With every row: a replacement writes again what is not noted.
-            memory.note(tape.written());
+            tape.written().into_iter().for_each(|written| memory.note(written));
         }
         if !tape.result.error.is_empty() || topics.has_failed() {
             shell.mark_detected();
@@ -142,7 +139,7 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
         if shell.is_about_to_go_down() || memory.is_due(assembler.next_tick(), most_ticks) {
             tape.flush();
             topics.flush();
-            memory.note(tape.written());
+            tape.written().into_iter().for_each(|written| memory.note(written));
             let (next, rows) = assembler.pending();
             let rows = rows.map(StoredRow::from).collect();
             let checkpoint =

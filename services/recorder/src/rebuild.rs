@@ -24,7 +24,7 @@ pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
     if job.mode == Mode::Realtime {
         judge = judge.on_grid(1_000_000_000 / u64::from(job.scenario.rate_hz));
     }
-    let mut tape = Tape::start(robot, job, 1)?;
+    let mut tape = Tape::start(robot, job)?;
     // The messages of the topics end at different ticks: rows after the last whole one are left out.
     let mut partial: Vec<Row> = Vec::new();
     while let Some(row) = rows.next_row() {

@@ -50,11 +50,25 @@ impl PartLimits {
 }
 
 impl Tape {
-    /// A recording in the job's folder, where the job wants one; a further file of it for a later incarnation.
+    /// A recording in the job's folder, where the job wants one.
     ///
     /// # Errors
     /// When the file cannot be made.
-    pub fn start(robot: &Robot, job: &Job, incarnation: u32) -> Result<Self, ProcessError> {
+    pub fn start(robot: &Robot, job: &Job) -> Result<Self, ProcessError> {
+        // A folder given with --out may hold an older recording, with more parts.
+        Self::begin(robot, job, None)
+    }
+
+    /// A further file of the recording of a recorder that is dead, from where that one has noted that it had come.
+    ///
+    /// # Errors
+    /// When the file cannot be made, or the predecessor's not be cut there.
+    pub(crate) fn go_on(robot: &Robot, job: &Job, noted: Option<Written>) -> Result<Self, ProcessError> {
+        let tape = Self::begin(robot, job, noted)?;
+        Ok(Self { is_replacement: tape.recording.is_some(), ..tape })
+    }
+
+    fn begin(robot: &Robot, job: &Job, noted: Option<Written>) -> Result<Self, ProcessError> {
         let tape = Self {
             recording: None,
             folder: job.out.clone(),
@@ -75,16 +89,15 @@ impl Tape {
             hops: viz::chain_hops(&job.graph),
             lives: viz::Lives::of(&job.graph),
         };
-        let is_replacement = incarnation > 1;
-        // Of a replacement a further file of the same recording: what the predecessor wrote stays as it is.
-        let part = if is_replacement { viz::parts_in(&job.out).len() as u32 } else { 0 };
-        // A folder given with --out may hold an older recording with more parts.
-        for old in viz::parts_in(&job.out).iter().filter(|_| !is_replacement) {
-            std::fs::remove_file(old).map_err(|error| ProcessError::setup(format!("cannot replace {}: {error}", old.display())))?;
-        }
-        let mut tape = Self { result: RecorderSummary { file: viz::part_name(0), ..RecorderSummary::default() }, is_replacement, ..tape };
+        let failed = |error| ProcessError::setup(format!("cannot take away what stands in the way of the recording in {}: {error}", job.out.display()));
+        viz::cut_behind(&job.out, noted.as_ref()).map_err(failed)?;
+        let part = noted.map_or(0, |noted| noted.part + 1);
+        let mut tape = Self { result: RecorderSummary { file: viz::part_name(0), ..RecorderSummary::default() }, ..tape };
         match Recording::create_part(&job.out, part, &info, chunks(job)) {
-            Ok(recording) => tape.recording = Some(recording),
+            Ok(mut recording) => {
+                recording.go_on_after(noted.unwrap_or_default());
+                tape.recording = Some(recording);
+            }
             Err(error @ RecordError::Arm { .. }) => return Err(ProcessError::setup(error)),
             // A volume without room ends the recording, not the run.
             Err(error) => tape.fail(error),
@@ -137,14 +150,9 @@ impl Tape {
         }
     }
 
-    pub(crate) fn written(&self) -> Written {
-        self.recording.as_ref().map(Recording::written).unwrap_or_default()
-    }
-
-    pub(crate) fn go_on_after(&mut self, written: Written) {
-        if let Some(recording) = &mut self.recording {
-            recording.go_on_after(written);
-        }
+    /// How far it has come; `None` where it has ended, or there is none.
+    pub(crate) fn written(&self) -> Option<Written> {
+        self.recording.as_ref().map(Recording::written)
     }
 
     /// Writes out what is being gathered: from now on it outlives the recorder.

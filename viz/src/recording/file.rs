@@ -309,10 +309,11 @@ impl Recording {
 
     /// How far it has come.
     pub fn written(&self) -> Written {
-        self.written
+        Written { part: self.part(), bytes: self.part_bytes(), ..self.written }
     }
 
-    /// Goes on where an earlier part had come to, which a recorder that was killed has left: ticks that come again are not written again.
+    /// Goes on where an earlier part had come to, which a recorder that was killed has left: ticks that come again are not written again. What is behind
+    /// that place is taken away before, by [`cut_behind`](super::parts::cut_behind).
     pub fn go_on_after(&mut self, written: Written) {
         self.written = written;
         self.changes_next = written.changes;

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use xxhash_rust::xxh3::Xxh3Default;
 
+use super::state::Written;
 use crate::storage::RecordError;
 
 /// Name of a part of a recording in its folder: `run.rrd`, then `run-001.rrd`, `run-002.rrd` and so on.
@@ -19,6 +20,28 @@ pub fn part_name(part: u32) -> String {
 pub fn parts_in(folder: &Path) -> Vec<PathBuf> {
     let parts = (0..).map(|part| folder.join(part_name(part))).take_while(|path| path.exists());
     parts.filter(|path| !is_blank(path)).collect()
+}
+
+/// Takes away what stands in a folder's recording behind the place to which it is known to have come; all of it where none is known. The recorder that wrote
+/// it was killed before it could say how far it had come, and its replacement writes it again.
+///
+/// # Errors
+/// The file system's own.
+pub fn cut_behind(folder: &Path, written: Option<&Written>) -> io::Result<()> {
+    let parts = (0..).map(|part| (part, folder.join(part_name(part)))).take_while(|(_, path)| path.exists());
+    for (part, path) in parts.collect::<Vec<_>>() {
+        match written {
+            Some(written) if part < written.part => {}
+            Some(written) if part == written.part => {
+                let file = File::options().write(true).open(path)?;
+                if file.metadata()?.len() > written.bytes {
+                    file.set_len(written.bytes)?;
+                }
+            }
+            _ => std::fs::remove_file(path)?,
+        }
+    }
+    Ok(())
 }
 
 /// The room that files of a recording take on the volume; bytes. One that is gone takes nothing.

@@ -67,6 +67,10 @@ pub struct Written {
     pub picture: u64,
     /// Modes, states and words.
     pub changes: u64,
+    /// The last part that has any of it, from 0.
+    pub part: u32,
+    /// Where in that part all of it ends.
+    pub bytes: u64,
 }
 
 /// How serious an event is.

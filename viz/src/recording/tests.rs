@@ -312,6 +312,46 @@ fn a_recorder_that_takes_up_writes_the_next_part_of_the_same_recording() {
 }
 
 #[test]
+fn rows_behind_the_place_that_a_killed_recorder_noted_are_written_once() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let robot = puma();
+    let scenario = Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid");
+    let about = about(&scenario, &robot);
+    let mut run = Run::new(&robot);
+    let messages: Vec<Messages> = (0..900).map(|_| run.step()).collect();
+    let record = |recording: &mut Recording, ticks: std::ops::Range<usize>| {
+        ticks.for_each(|tick| recording.tick(&row(tick as u64, &messages[tick])).expect("room"));
+    };
+    let part = |part| Recording::create_part(folder.path(), part, &about, Options::default()).expect("room");
+    let mut killed = part(0);
+    record(&mut killed, 0..300);
+    killed.next_part(folder.path()).expect("room");
+    record(&mut killed, 300..600);
+    let noted = killed.written();
+    assert_eq!((noted.part, noted.signals), (1, 550));
+    record(&mut killed, 600..700);
+    killed.next_part(folder.path()).expect("room");
+    record(&mut killed, 700..900);
+    killed.flush();
+    std::mem::forget(killed);
+
+    cut_behind(folder.path(), Some(&noted)).expect("files of ours");
+    let mut replacement = part(noted.part + 1);
+    replacement.go_on_after(noted);
+    // From its last checkpoint on.
+    record(&mut replacement, 400..900);
+    assert_eq!(replacement.finish().expect("room").parts, 3);
+    let of_part = |part| {
+        let bytes = std::fs::read(folder.path().join(part_name(part))).expect("a part");
+        times(&of(&chunks(&read(&bytes).0), entity::SIGNALS), "tick")
+    };
+    assert_eq!((0..3).flat_map(of_part).collect::<Vec<_>>(), (0..900).collect::<Vec<i64>>());
+
+    cut_behind(folder.path(), None).expect("files of ours");
+    assert_eq!(parts_in(folder.path()), Vec::<std::path::PathBuf>::new(), "where no place is known");
+}
+
+#[test]
 fn parts_are_found_by_name() {
     let folder = std::env::temp_dir().join(format!("armplane-parts-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");

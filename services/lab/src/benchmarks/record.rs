@@ -29,7 +29,7 @@ pub struct Recorded {
 pub fn record(robot: &Robot, scenario: &Scenario, observer: Observer<'_>) -> Result<(Vec<BenchRow>, Recorded), Failure> {
     let folder = scratch()?;
     let job = load::job(robot, scenario.clone(), load::graph(None)?, Mode::Lockstep, folder.path().to_owned());
-    let mut tape = recorder::Tape::start(robot, &job, 1).map_err(Failure::work)?;
+    let mut tape = recorder::Tape::start(robot, &job).map_err(Failure::work)?;
     let mut judge = Judge::new(recorder::limits(robot), scenario.goal.clone(), scenario.duration_s() * f64::from(scenario.rate_hz));
     let parts = folder.path().join("parts");
     let mut files = ByTopic::<Files>::try_build(&mut Create(&parts, Logs::new(job.id, TOPICS))).map_err(Failure::work)?;
