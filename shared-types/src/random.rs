@@ -6,6 +6,7 @@
 const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// A bijection of 64 bits with full avalanche.
+#[inline]
 fn finalise(z: u64) -> u64 {
     let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -14,6 +15,7 @@ fn finalise(z: u64) -> u64 {
 
 /// The number after `state`: one step and one bijection.
 #[must_use]
+#[inline]
 pub fn mix(state: u64) -> u64 {
     finalise(state.wrapping_add(GOLDEN))
 }

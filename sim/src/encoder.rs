@@ -1,6 +1,6 @@
 //! Joint encoders: noise, then quantisation.
 
-use crate::noise::gaussian;
+use crate::noise::gaussians;
 use model::{JointKind, Robot};
 use nalgebra::SVector;
 
@@ -63,13 +63,10 @@ impl<const N: usize> Encoders<N> {
     /// The encoders' readings at `tick` with the joints at `q`; rad. A pure function of both.
     #[must_use]
     pub fn read(&self, tick: u64, q: &SVector<f64, N>) -> SVector<f64, N> {
+        let noise = if self.noise_counts == 0.0 { [0.0; N] } else { gaussians(self.seed, tick).map(|z| self.noise_counts * z) };
         SVector::from_fn(|i, _| {
             let r = self.resolution[i];
-            if r == 0.0 {
-                return q[i];
-            }
-            let noise = if self.noise_counts == 0.0 { 0.0 } else { self.noise_counts * gaussian(self.seed, tick, i as u64) };
-            r * (q[i] / r + noise).round()
+            if r == 0.0 { q[i] } else { r * (q[i] / r + noise[i]).round() }
         })
     }
 }
