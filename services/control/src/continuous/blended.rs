@@ -15,9 +15,9 @@
 //! `one_solve_gives_the_papers_torque`, `outside_every_neighbourhood_one_solve_is_operational_space_control`).
 
 use crate::law::{Active, LawError, Torques, Wanted};
-use crate::linear::{Lu, PIVOT_FLOOR, SolveError};
+use crate::linear::{Lu, PIVOT_FLOOR, SolveError, in_wide_registers};
 use crate::paper::singular_frame::{Basis, orthogonal_rows};
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{SMatrix, SVector, Vector6};
 
 /// The augmented system: orthogonal rows, one row per engaged singularity, dynamically consistent null space of both where joints are left over.
 #[derive(Clone, Debug)]
@@ -43,7 +43,7 @@ impl<const N: usize> Augmented<N> {
     ///
     /// # Errors
     /// [`LawError::TooManyRows`] where the task has more axes than the arm has joints.
-    #[inline]
+    #[inline(always)]
     pub fn new(wanted: &Wanted<'_, N>, actives: &[Active<N>]) -> Result<Self, LawError> {
         let (J, Jdot_qdot) = (&wanted.at.J, &wanted.at.Jdot_qdot);
         let orthogonal = orthogonal_rows(&wanted.task, actives)?;
@@ -65,7 +65,7 @@ impl<const N: usize> Augmented<N> {
         };
         let (relative, feed) = (wanted.a - Jdot_qdot, wanted.a_feed - Jdot_qdot);
         for e in orthogonal.iter() {
-            push(J.tr_mul(e), e.dot(&relative), e.dot(&wanted.a_path), e.dot(&wanted.V), e.dot(&feed));
+            push(transposed_times(J, e), e.dot(&relative), e.dot(&wanted.a_path), e.dot(&wanted.V), e.dot(&feed));
         }
         for active in actives {
             let (mut row, mut acceleration) = (active.aux_row * (1.0 - active.beta), active.aux_acceleration * (1.0 - active.beta));
@@ -73,7 +73,7 @@ impl<const N: usize> Augmented<N> {
             // β > 0 only at |s| > η_in, where the gain is far from zero.
             if active.beta > 0.0 {
                 let scale = active.beta / active.gain;
-                row += J.tr_mul(&active.zeta_B) * scale;
+                row += transposed_times(J, &active.zeta_B) * scale;
                 acceleration += active.zeta_B.dot(&relative) * scale;
                 along = active.zeta_B.dot(&wanted.a_path) * scale;
                 velocity += active.zeta_B.dot(&wanted.V) * scale;
@@ -99,6 +99,13 @@ impl<const N: usize> Augmented<N> {
     }
 }
 
+/// Jᵀ·e, written out: nalgebra's product is a call with loops.
+#[inline(always)]
+fn transposed_times<const N: usize>(J: &SMatrix<f64, 6, N>, e: &Vector6<f64>) -> SVector<f64, N> {
+    let row: [f64; N] = std::array::from_fn(|j| J.data.0[j].iter().zip(&e.data.0[0]).fold(0.0, |sum, (x, y)| sum + x * y));
+    SVector::from(row)
+}
+
 /// Torques by the blended law; without actives this is plain operational-space control.
 ///
 /// Γ = A·M⁻¹·r with M the augmented matrix and r its right-hand side; gravity and Coriolis are added by the caller.
@@ -109,6 +116,11 @@ impl<const N: usize> Augmented<N> {
 /// # Errors
 /// [`LawError`] if the augmented matrix is singular: σ_min > 0.03 wherever every singularity within η_out is engaged.
 pub fn torques<const N: usize>(wanted: &Wanted<'_, N>, actives: &[Active<N>]) -> Result<Torques<N>, LawError> {
+    in_wide_registers!(torques_anywhere<N>(wanted: &Wanted<'_, N>, actives: &[Active<N>]) -> Result<Torques<N>, LawError>)
+}
+
+#[inline(always)]
+fn torques_anywhere<const N: usize>(wanted: &Wanted<'_, N>, actives: &[Active<N>]) -> Result<Torques<N>, LawError> {
     let system = Augmented::new(wanted, actives)?;
     let lu = Lu::new(system.M)?;
     let [qddot, along, qdot_nominal, qddot_path] = lu.solve_all([&system.acceleration, &system.along, &system.velocity, &system.feed]);
@@ -121,7 +133,7 @@ pub fn torques<const N: usize>(wanted: &Wanted<'_, N>, actives: &[Active<N>]) ->
 /// The share of Γ = A·q̈ that lies in the null space of the orthogonal rows, singularity i's weighted by 1 − β_i so that it is continuous.
 ///
 /// N_T·Γ = A·W(WᵀAW)⁻¹Wᵀ·Γ with W the motions that leave the orthogonal rows alone: columns of the augmented inverse.
-#[inline]
+#[inline(always)]
 fn null_torque<const N: usize>(
     A: &SMatrix<f64, N, N>,
     qddot: &SVector<f64, N>,
