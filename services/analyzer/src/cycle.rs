@@ -2,7 +2,7 @@
 
 use std::any::Any;
 
-use control::{Analyzer, SetupError, wire};
+use control::{Analyzer, Report, SetupError, wire};
 use model::{Model, Robot, Terms, joints};
 use nalgebra::SVector;
 use shared_types::scenario::Scenario;
@@ -15,6 +15,8 @@ pub trait Step {
     /// The same with the [`Terms`] of this estimate, where another step in this address space has computed them for the same arm and frame; terms of
     /// another size are not used.
     fn step_knowing(&mut self, terms: &dyn Any, estimate: &StateEstimate, out: &mut SingularityReport);
+    /// The [`Report`](control::Report) that the last message has, for another step in this address space.
+    fn report(&self) -> &dyn Any;
     /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its input.
     fn save(&self, out: &mut AnalyzerCheckpoint);
     /// Takes up what [`save`](Self::save) has written: the next step continues bit for bit.
@@ -28,6 +30,8 @@ pub struct Cycle<const N: usize> {
     analyzer: Analyzer<N>,
     /// Of the last estimate that came without its own.
     terms: Terms<N>,
+    /// Of the last estimate.
+    report: Report<N>,
 }
 
 impl<const N: usize> Cycle<N> {
@@ -38,7 +42,8 @@ impl<const N: usize> Cycle<N> {
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, SetupError> {
         let model = Model::new(robot, scenario.frame())?;
         let terms = model.evaluate(&SVector::zeros(), &SVector::zeros());
-        Ok(Self { model, analyzer: Analyzer::new(robot, &scenario.analysis), terms })
+        let analyzer = Analyzer::new(robot, &scenario.analysis);
+        Ok(Self { model, report: analyzer.unexamined(), analyzer, terms })
     }
 }
 
@@ -54,13 +59,17 @@ impl<const N: usize> Step for Cycle<N> {
     fn step(&mut self, estimate: &StateEstimate, out: &mut SingularityReport) {
         let (q, qdot) = (joints(&estimate.q), joints(&estimate.qdot));
         self.model.evaluate_into(&q, &qdot, &mut self.terms);
-        let report = self.analyzer.step(&q, &qdot, &self.terms);
-        wire::report_message(estimate.header.tick, &report, out);
+        self.analyzer.step_into(&q, &qdot, &self.terms, &mut self.report);
+        wire::report_message(estimate.header.tick, &self.report, out);
     }
 
     fn step_knowing(&mut self, terms: &dyn Any, estimate: &StateEstimate, out: &mut SingularityReport) {
         let Some(terms) = terms.downcast_ref() else { return self.step(estimate, out) };
-        let report = self.analyzer.step(&joints(&estimate.q), &joints(&estimate.qdot), terms);
-        wire::report_message(estimate.header.tick, &report, out);
+        self.analyzer.step_into(&joints(&estimate.q), &joints(&estimate.qdot), terms, &mut self.report);
+        wire::report_message(estimate.header.tick, &self.report, out);
+    }
+
+    fn report(&self) -> &dyn Any {
+        &self.report
     }
 }

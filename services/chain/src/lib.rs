@@ -49,7 +49,7 @@ impl Chain {
                 operator.step(sensor, target);
                 controller.steer((estimate, singularity), Some(target), servo_state, control_state, torque);
             }
-            None => controller.step_knowing(estimator.terms(), (estimate, singularity), control_state, torque),
+            None => controller.step_knowing([estimator.terms(), analyzer.report()], (estimate, singularity), control_state, torque),
         }
         topics::each(&mut First(tick));
         plant.step(Some(&tick.torque));

@@ -8,9 +8,9 @@ use crate::arm_family::family::Posture;
 use crate::centre::AtCentre;
 use crate::linear::{Lu, rank, volume};
 use crate::paper::neighborhood::Neighborhood;
-use crate::types::Report;
+use crate::types::{Report, Singularity};
 use model::{Factors, Robot, Terms, unit_scaled};
-use nalgebra::{SMatrix, SVector, Vector6};
+use nalgebra::{SMatrix, SVector, Vector3, Vector6};
 use shared_types::scenario::Analysis;
 use shared_types::{AnalyzerCheckpoint, MAX_SINGULARITIES};
 
@@ -53,22 +53,46 @@ impl<const N: usize> Analyzer<N> {
     /// Units `q` rad, `qdot` rad/s · Frame of every vector in the report: B, at C.
     /// Requires finite `q`, `qdot` and `terms` of this very posture. Cost about 1 µs for six joints, no allocation.
     pub fn step(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, terms: &Terms<N>) -> Report<N> {
-        let (mut report, at) = self.listed(q, qdot, terms);
-        conditioning(&mut report, &at.J, &terms.J, self.factors.determinant(q.as_slice()), &self.task);
+        let mut report = self.unexamined();
+        self.step_into(q, qdot, terms, &mut report);
         report
     }
 
-    /// The same without rank, determinant and manipulability, which are zero in it; and the kinematics at C.
+    /// [`step`](Self::step) into place: `report` is one of this analyzer's, its last or [`unexamined`](Self::unexamined).
+    pub fn step_into(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, terms: &Terms<N>, report: &mut Report<N>) {
+        let at = self.list(q, qdot, terms, report);
+        conditioning(report, &at.J, &terms.J, self.factors.determinant(q.as_slice()), &self.task);
+    }
+
+    /// A report of no posture: no singularity, and all else zero.
+    #[must_use]
+    pub fn unexamined(&self) -> Report<N> {
+        Report::unexamined(self.length_m, Vector3::zeros())
+    }
+
+    /// The same without rank, determinant and manipulability, which are zero in it.
     ///
     /// Cost about 0.5 µs for six joints, no allocation.
     #[inline]
-    pub(crate) fn listed(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, terms: &Terms<N>) -> (Report<N>, AtCentre<N>) {
+    pub(crate) fn listed(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, terms: &Terms<N>) -> Report<N> {
+        let mut report = self.unexamined();
+        self.list(q, qdot, terms, &mut report);
+        report
+    }
+
+    /// Fills a report but for rank, determinant and manipulability; returns the kinematics at C.
+    #[inline]
+    fn list(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, terms: &Terms<N>, report: &mut Report<N>) -> AtCentre<N> {
         let family = self.family.get_mut();
         let p_C = family.centre(terms);
         let at = AtCentre::new(terms, &p_C, &terms.omega[N - 1]);
         let posture = Posture { q, qdot, terms, at: &at };
-        let mut report = Report::unexamined(self.length_m, p_C);
+        report.p_BC = p_C;
+        let before = report.count;
         report.count = family.measure(&posture, &mut report.singularities);
+        for left in report.singularities.iter_mut().take(before).skip(report.count) {
+            *left = Singularity::none();
+        }
         for (singularity, inside) in report.singularities[..report.count].iter_mut().zip(&mut self.inside) {
             let kind = singularity.kind.code();
             let neighborhood = Neighborhood { eta_in: self.analysis.eta_in.of(kind), eta_out: self.analysis.eta_out.of(kind) };
@@ -76,7 +100,7 @@ impl<const N: usize> Analyzer<N> {
             singularity.inside = *inside;
             (singularity.eta_in, singularity.eta_out) = (neighborhood.eta_in, neighborhood.eta_out);
         }
-        (report, at)
+        at
     }
 
     /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its inputs.

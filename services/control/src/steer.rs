@@ -80,7 +80,7 @@ impl<const N: usize> Controller<N> {
             return self.step(q, qdot, tau_disturbance, report);
         };
         // The rank is that of the arm.
-        let listed = Report { rank: report.rank, ..steered.analyzer.listed(&q_r, &qdot_r, &reference).0 };
+        let listed = Report { rank: report.rank, ..steered.analyzer.listed(&q_r, &qdot_r, &reference) };
         self.state.servo.take((target, steered.dof), tick, session.duration_s, self.scenario.dt_s());
         let (wish, lead, age_s) =
             self.state.intake((session, self.scenario.dt_s()), (&self.model, self.length_m), &reference, &listed, &behind);

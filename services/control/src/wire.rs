@@ -93,6 +93,21 @@ pub fn report<const N: usize>(message: &SingularityReport) -> Result<Report<N>, 
     Ok(report)
 }
 
+/// Whether [`report`] would read the message of this report: its numbers are finite.
+///
+/// Requires nothing in places that are not in use.
+#[must_use]
+#[inline]
+pub fn is_readable<const N: usize>(report: &Report<N>) -> bool {
+    let Report { det, manipulability, length_m, p_BC, .. } = report;
+    // As of a message: without an early exit.
+    let known = [*det, *manipulability, *length_m, p_BC.x, p_BC.y, p_BC.z];
+    report.listed().iter().fold(known.is_finite(), |finite, s| {
+        let numbers = [s.s, s.s_rate, s.eta_in, s.eta_out, s.gain, s.aux, s.aux_rate, s.aux_bias, s.kappa_1, s.kappa_2];
+        finite & numbers.is_finite() & s.zeta_B.data.0.is_finite() & s.R_BS.data.0.is_finite() & s.aux_row.data.0.is_finite()
+    })
+}
+
 /// Fills the controller's messages: everything but the headers' stamps and incarnation.
 pub fn command_messages<const N: usize>(tick: u64, command: &Command<N>, state: &mut ControlState, torque: &mut TorqueCommand) {
     let header = Header { tick, ..Header::default() };
@@ -159,6 +174,16 @@ mod tests {
             messages[3].singularities[0].zeta_B[3] = number;
             messages[4].singularities[1].aux_row[MAX_DOF - 1] = number;
             messages.iter().for_each(|message| assert_eq!(report::<6>(message), Err(Unreadable::NotFinite)));
+
+            let good = Report { count: 2, ..report::<6>(&SingularityReport::default()).unwrap() };
+            let mut reports = [good; 6];
+            reports[0].det = number;
+            reports[1].p_BC[2] = number;
+            reports[2].singularities[1].gain = number;
+            reports[3].singularities[0].zeta_B[3] = number;
+            reports[4].singularities[1].aux_row[5] = number;
+            reports[5].singularities[0].R_BS[8] = number;
+            assert!(is_readable(&good) && !reports.iter().any(is_readable));
         }
         assert!(report::<6>(&SingularityReport::default()).is_ok());
     }

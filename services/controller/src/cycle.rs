@@ -2,7 +2,7 @@
 
 use std::any::Any;
 
-use control::{Controller, Refusal, SetupError, start_posture, wire};
+use control::{Controller, Refusal, Report, SetupError, start_posture, wire};
 use model::{Model, Robot, Terms, embedded};
 use nalgebra::SVector;
 use shared_types::scenario::Scenario;
@@ -13,11 +13,11 @@ pub trait Step {
     /// The torque for an estimate and the report of the same tick, and what the law did to arrive at it, at that tick. No allocation; a report
     /// that cannot be read is refused.
     fn step(&mut self, estimate: &StateEstimate, report: &SingularityReport, state: &mut ControlState, torque: &mut TorqueCommand);
-    /// The same with the [`Terms`](model::Terms) of this estimate, where another step in this address space has computed them for the same arm and
-    /// frame; terms of another size are not used.
+    /// The same with the [`Terms`](model::Terms) of this estimate and the [`Report`](control::Report) that the message has, where other steps in this
+    /// address space have computed them for the same arm and frame; those of another size are not used.
     fn step_knowing(
         &mut self,
-        terms: &dyn Any,
+        known: [&dyn Any; 2],
         inputs: (&StateEstimate, &SingularityReport),
         state: &mut ControlState,
         torque: &mut TorqueCommand,
@@ -64,18 +64,26 @@ impl<const N: usize> Cycle<N> {
         [&estimate.q, &estimate.qdot, &estimate.tau_disturbance].map(|values| embedded::<N>(&values[..self.dof]))
     }
 
-    /// The step, with the terms of the estimate where they are known.
+    /// The step, with the terms of the estimate and the report where they are known.
     fn command(
         &mut self,
-        terms: Option<&Terms<N>>,
-        (estimate, report): (&StateEstimate, &SingularityReport),
+        (terms, report): (Option<&Terms<N>>, Option<&Report<N>>),
+        (estimate, message): (&StateEstimate, &SingularityReport),
         state: &mut ControlState,
         torque: &mut TorqueCommand,
     ) {
         let [q, qdot, tau_disturbance] = self.own(estimate);
-        let command = match wire::report(report) {
-            Ok(report) => self.controller.step_knowing(terms, &q, &qdot, &tau_disturbance, &report),
-            Err(_) => self.controller.refuse(&q, &qdot, Refusal::Report),
+        let read;
+        let report = match report {
+            Some(report) => Some(report).filter(|report| wire::is_readable(report)),
+            None => {
+                read = wire::report(message);
+                read.as_ref().ok()
+            }
+        };
+        let command = match report {
+            Some(report) => self.controller.step_knowing(terms, &q, &qdot, &tau_disturbance, report),
+            None => self.controller.refuse(&q, &qdot, Refusal::Report),
         };
         wire::command_messages(estimate.header.tick, &command, state, torque);
         torque.tau[self.dof..].fill(0.0);
@@ -100,17 +108,17 @@ impl<const N: usize> Step for Cycle<N> {
     }
 
     fn step(&mut self, estimate: &StateEstimate, report: &SingularityReport, state: &mut ControlState, torque: &mut TorqueCommand) {
-        self.command(None, (estimate, report), state, torque);
+        self.command((None, None), (estimate, report), state, torque);
     }
 
     fn step_knowing(
         &mut self,
-        terms: &dyn Any,
+        [terms, report]: [&dyn Any; 2],
         inputs: (&StateEstimate, &SingularityReport),
         state: &mut ControlState,
         torque: &mut TorqueCommand,
     ) {
-        self.command(terms.downcast_ref(), inputs, state, torque);
+        self.command((terms.downcast_ref(), report.downcast_ref()), inputs, state, torque);
     }
 
     fn steer(
