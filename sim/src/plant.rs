@@ -83,7 +83,7 @@ impl<const N: usize> Plant<N> {
 
     /// Advances one tick with the joint torques `tau` (N·m) held.
     ///
-    /// Cost: 5 forward dynamics and the motion of the new state a millisecond of free motion; 4 forward dynamics a sub-step where a constraint may act, and
+    /// Cost: one [`Model::advance`] and the motion of the new state a millisecond of free motion; 4 forward dynamics a sub-step where a constraint may act, and
     /// a rapier3d step, which allocates.
     ///
     /// # Errors

@@ -5,7 +5,7 @@ use crate::lanes::{PerJoint, Row, Space, V3, Vectors, sincos};
 use crate::pose::Pose;
 use crate::robot::Robot;
 use crate::spatial::{Axes, LinkInertias};
-use nalgebra::{Matrix3, SVector, Vector3};
+use nalgebra::{Matrix3, Vector3};
 use shared_types::MAX_DOF;
 
 /// An arm's moving links and their joints. Places beyond the arm's own joints have links without mass that do not move.
@@ -127,8 +127,7 @@ impl<const N: usize> Bodies<N> {
     /// With y' = y·cos α + z·sin α and z' = z·cos α − y·sin α after the turn about x, a link's axes are x·cos θ + y'·sin θ, y'·cos θ − x·sin θ and z'.
     /// The products of cosines and sines are those of all joints at once, before.
     #[inline(always)]
-    pub(crate) fn outwards<R: Row<N>>(&self, q: &SVector<f64, N>) -> Frames<R, N> {
-        let q = R::of(q);
+    pub(crate) fn outwards<R: Row<N>>(&self, q: R) -> Frames<R, N> {
         let (turns, slides) = self.kinds::<R>();
         let (s, c) = sincos(q * turns);
         let (s_0, c_0) = (R::load(&self.sin_0), R::load(&self.cos_0));

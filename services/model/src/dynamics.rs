@@ -47,6 +47,14 @@ struct Links<R: Row<N>, const N: usize> {
     f: Forces<R>,
 }
 
+/// The arm in one posture: what its acceleration follows from at any velocity.
+pub(crate) struct Posed<R: Row<N>, const N: usize> {
+    frames: Frames<R, N>,
+    S: Motions<R>,
+    masses: Masses<R>,
+    A: Factored<N>,
+}
+
 /// The links' angular velocities and accelerations, and velocities and accelerations of their origins.
 struct Rates<R> {
     w: V3<R>,
@@ -136,9 +144,9 @@ impl<const N: usize> Model<N> {
         qddot: Option<&SVector<f64, N>>,
         a_B: &Vector3<f64>,
     ) -> Links<R, N> {
-        let frames = self.bodies.outwards::<R>(q);
+        let frames = self.bodies.outwards::<R>(R::of(q));
         let S = self.axes(&frames);
-        let rates = self.rates(&frames, &S, qdot, qddot, a_B);
+        let rates = self.rates(&frames, &S, R::of(qdot), qddot, a_B);
         let masses = self.masses(&frames);
         Links { I: masses.about_base().inwards(), f: rates.forces(&masses), frames, S, rates }
     }
@@ -149,11 +157,10 @@ impl<const N: usize> Model<N> {
         &self,
         frames: &Frames<R, N>,
         S: &Motions<R>,
-        qdot: &SVector<f64, N>,
+        qdot: R,
         qddot: Option<&SVector<f64, N>>,
         a_B: &Vector3<f64>,
     ) -> Rates<R> {
-        let qdot = R::of(qdot);
         let (_, slides) = self.bodies.kinds::<R>();
         let slide = frames.axes.z * slides;
         let r = frames.p - frames.p.parents();
@@ -197,7 +204,7 @@ impl<const N: usize> Model<N> {
     /// The joint axes, and of each link the inertia of the rigid body of it and all beyond it.
     #[inline(always)]
     fn composites<R: Row<N>>(&self, q: &SVector<f64, N>) -> (Motions<R>, RigidInertias<R>) {
-        let frames = self.bodies.outwards::<R>(q);
+        let frames = self.bodies.outwards::<R>(R::of(q));
         (self.axes(&frames), self.masses(&frames).about_base().inwards())
     }
 
@@ -285,14 +292,26 @@ impl<const N: usize> Model<N> {
 
     #[inline(always)]
     pub(crate) fn qddot_anywhere<R: Row<N>>(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, tau: &SVector<f64, N>) -> SVector<f64, N> {
+        self.qddot_in(&self.posed(R::of(q)), R::of(qdot), R::of(tau))
+    }
+
+    /// The arm at `q`.
+    #[inline(always)]
+    pub(crate) fn posed<R: Row<N>>(&self, q: R) -> Posed<R, N> {
         let frames = self.bodies.outwards::<R>(q);
         let (S, masses) = (self.axes(&frames), self.masses(&frames));
         // Factored first: its divisions wait for one another, and what follows does not wait for them.
         let A = Factored::of(self.composite(&S, &masses.about_base().inwards().times(&S)));
+        Posed { frames, S, masses, A }
+    }
+
+    /// q̈ in a posture.
+    #[inline(always)]
+    pub(crate) fn qddot_in<R: Row<N>>(&self, posed: &Posed<R, N>, qdot: R, tau: R) -> SVector<f64, N> {
+        let Posed { frames, S, masses, A } = posed;
         // Gravity as an upward acceleration of the base.
-        let f = self.rates(&frames, &S, qdot, None, &-self.gravity).forces(&masses);
-        let bias: SVector<f64, N> = S.dot(&f.inwards()).store().first();
-        A.solve(tau - bias)
+        let f = self.rates(frames, S, qdot, None, &-self.gravity).forces(masses);
+        A.solve((tau - S.dot(&f.inwards())).store().first())
     }
 
     /// Kinetic energy ½·q̇ᵀ·A·q̇, the rotors' included, J.

@@ -33,7 +33,7 @@ impl<const N: usize> Model<N> {
 
     #[inline(always)]
     fn end_anywhere<R: Row<N>>(&self, q: &SVector<f64, N>) -> Pose {
-        self.end::<R>(&self.bodies.outwards(q))
+        self.end::<R>(&self.bodies.outwards(R::of(q)))
     }
 
     /// Poses of the links' URDF frames in the base, `X_BL`.
@@ -44,7 +44,7 @@ impl<const N: usize> Model<N> {
 
     #[inline(always)]
     fn link_poses_anywhere<R: Row<N>>(&self, q: &SVector<f64, N>) -> [Pose; N] {
-        let frames = self.bodies.outwards::<R>(q);
+        let frames = self.bodies.outwards::<R>(R::of(q));
         let mut poses = [Pose::identity(); N];
         for (i, pose) in poses.iter_mut().enumerate() {
             *pose = frames.links[i].pose(&Pose::rotation(self.bodies.R_urdf[i]));
@@ -60,7 +60,7 @@ impl<const N: usize> Model<N> {
 
     #[inline(always)]
     fn jacobian_anywhere<R: Row<N>>(&self, q: &SVector<f64, N>) -> SMatrix<f64, 6, N> {
-        let frames = self.bodies.outwards::<R>(q);
+        let frames = self.bodies.outwards::<R>(R::of(q));
         self.jacobian_at(&self.axes(&frames), &self.end(&frames).p)
     }
 

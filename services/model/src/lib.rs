@@ -24,6 +24,7 @@
 //! ```
 #![allow(non_snake_case)]
 
+mod advance;
 mod arm;
 mod arrays;
 mod body;

@@ -75,6 +75,8 @@ fn same_bits<const N: usize, R: Row<N>>(model: &Model<N>, [q, qdot, tau]: [&SVec
     prop_assert!(bits(&terms) == bits(&model.evaluate(q, qdot)));
     prop_assert!(bits(&model.motion_anywhere::<R>(q, qdot)) == bits(&model.motion(q, qdot)));
     prop_assert!(bits(&model.qddot_anywhere::<R>(q, qdot, tau)) == bits(&model.forward_dynamics(q, qdot, tau)));
+    let advanced = model.advance_anywhere::<R>(&[*q, *qdot], tau, tau, &model.viscous_friction().abs(), 1e-3);
+    prop_assert!(bits(&advanced) == bits(&model.advance(&[*q, *qdot], tau, tau, &model.viscous_friction().abs(), 1e-3)));
     prop_assert!(bits(&model.mass_matrix_anywhere::<R>(q)) == bits(&model.mass_matrix(q)));
     let torques = model.torques_anywhere::<R>(q, qdot, Some(tau)) + model.armature().component_mul(tau);
     prop_assert!(bits(&torques) == bits(&model.inverse_dynamics(q, qdot, tau)));
