@@ -3,26 +3,6 @@
 pub use model::{rotation_exp, rotation_log, rotation_twist};
 use nalgebra::{SMatrix, SVector, Vector3, Vector6};
 
-/// Calls an `#[inline(always)]` function of sizes `N`, compiled for AVX2 where the processor has it: the same sums, products and quotients of the same
-/// numbers, none fused, and so the same bits.
-macro_rules! in_wide_registers {
-    ($body:ident<$($size:ident),+>($($argument:ident: $type:ty),*) -> $result:ty) => {{
-        #[cfg(target_arch = "x86_64")]
-        {
-            #[target_feature(enable = "avx2")]
-            fn wide<$(const $size: usize),+>($($argument: $type),*) -> $result {
-                $body($($argument),*)
-            }
-            if is_x86_feature_detected!("avx2") {
-                // SAFETY: the processor has what the function asks for.
-                return unsafe { wide($($argument),*) };
-            }
-        }
-        $body($($argument),*)
-    }};
-}
-pub(crate) use in_wide_registers;
-
 /// Why a square system could not be solved.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum SolveError {
@@ -198,11 +178,6 @@ pub fn singular_values<const R: usize, const C: usize>(M: &SMatrix<f64, R, C>) -
 /// none · Cost O(R²C + R³), 0.1 µs for 6×6; no allocation
 #[must_use]
 pub fn rank<const R: usize, const C: usize>(M: &SMatrix<f64, R, C>, tolerance: f64) -> u32 {
-    in_wide_registers!(rank_anywhere<R, C>(M: &SMatrix<f64, R, C>, tolerance: f64) -> u32)
-}
-
-#[inline(always)]
-fn rank_anywhere<const R: usize, const C: usize>(M: &SMatrix<f64, R, C>, tolerance: f64) -> u32 {
     // Whole columns of the symmetric matrix: quicker than the half of it.
     let mut S = [[0.0; R]; R];
     for m in &M.data.0 {

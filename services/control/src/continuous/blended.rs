@@ -15,7 +15,7 @@
 //! `one_solve_gives_the_papers_torque`, `outside_every_neighbourhood_one_solve_is_operational_space_control`).
 
 use crate::law::{Active, LawError, Torques, Wanted};
-use crate::linear::{Lu, PIVOT_FLOOR, SolveError, in_wide_registers};
+use crate::linear::{Lu, PIVOT_FLOOR, SolveError};
 use crate::paper::singular_frame::{Basis, orthogonal_rows};
 use nalgebra::{SMatrix, SVector, Vector6};
 
@@ -116,11 +116,6 @@ fn transposed_times<const N: usize>(J: &SMatrix<f64, 6, N>, e: &Vector6<f64>) ->
 /// # Errors
 /// [`LawError`] if the augmented matrix is singular: σ_min > 0.03 wherever every singularity within η_out is engaged.
 pub fn torques<const N: usize>(wanted: &Wanted<'_, N>, actives: &[Active<N>]) -> Result<Torques<N>, LawError> {
-    in_wide_registers!(torques_anywhere<N>(wanted: &Wanted<'_, N>, actives: &[Active<N>]) -> Result<Torques<N>, LawError>)
-}
-
-#[inline(always)]
-fn torques_anywhere<const N: usize>(wanted: &Wanted<'_, N>, actives: &[Active<N>]) -> Result<Torques<N>, LawError> {
     let system = Augmented::new(wanted, actives)?;
     let lu = Lu::new(system.M)?;
     let [qddot, along, qdot_nominal, qddot_path] = lu.solve_all([&system.acceleration, &system.along, &system.velocity, &system.feed]);
