@@ -170,8 +170,8 @@ pub struct Rows {
     /// Their ticks.
     pub ticks: Vec<u64>,
     columns: Vec<(Signal, ListArray)>,
-    /// Those of a lower rate.
-    slow: Arc<Slow>,
+    /// Those of a lower rate, of the chunk before and of this one.
+    slow: [Arc<Slow>; 2],
     limits: Arc<Limits>,
 }
 
@@ -194,6 +194,11 @@ impl Slow {
 }
 
 impl Rows {
+    /// The row of signals of a lower rate that holds at a tick: at the beginning of a chunk the last one of the chunk before.
+    fn slow_row(&self, tick: u64) -> Option<(&Vec<(Signal, ListArray)>, usize)> {
+        self.slow.iter().rev().find_map(|slow| Some((&slow.columns, slow.row(tick)?)))
+    }
+
     /// The values of a signal in a row, appended to `into`; nothing where its messages were missing.
     pub fn values(&self, signal: Signal, row: usize, into: &mut Vec<f64>) {
         if let Some((of, derive)) = self.limits.derive(signal) {
@@ -203,8 +208,8 @@ impl Rows {
             return;
         }
         let (columns, row) = match signal.width() {
-            Width::Slow => match self.ticks.get(row).and_then(|tick| self.slow.row(*tick)) {
-                Some(row) => (&self.slow.columns, row),
+            Width::Slow => match self.ticks.get(row).and_then(|tick| self.slow_row(*tick)) {
+                Some(found) => found,
                 None => return,
             },
             _ => (&self.columns, row),
@@ -228,17 +233,21 @@ impl Rows {
 /// # Errors
 /// [`ReadError`] where a file cannot be opened or holds no recording, or what `each` answers.
 pub fn read<E: From<ReadError>>(parts: &[PathBuf], mut each: impl FnMut(Piece) -> Result<(), E>) -> Result<(), E> {
-    let mut about = About::default();
+    let (mut about, mut slow) = (About::default(), <[Arc<Slow>; 2]>::default());
     for path in parts {
-        read_part(path, &mut about, &mut each)?;
+        read_part(path, &mut about, &mut slow, &mut each)?;
     }
     Ok(())
 }
 
-fn read_part<E: From<ReadError>>(path: &Path, about: &mut About, each: &mut impl FnMut(Piece) -> Result<(), E>) -> Result<(), E> {
+fn read_part<E: From<ReadError>>(
+    path: &Path,
+    about: &mut About,
+    slow: &mut [Arc<Slow>; 2],
+    each: &mut impl FnMut(Piece) -> Result<(), E>,
+) -> Result<(), E> {
     let mut frames = Frames::open(path).map_err(|source| ReadError::Open { path: path.to_owned(), source })?;
     let (mut introduced, mut any) = (false, false);
-    let mut slow = Arc::new(Slow::default());
     loop {
         let chunk = match frames.next_chunk() {
             Ok(Some(chunk)) => chunk,
@@ -259,13 +268,14 @@ fn read_part<E: From<ReadError>>(path: &Path, about: &mut About, each: &mut impl
             continue;
         }
         if at == entity::DRAWN {
-            slow = Arc::new(Slow { ticks: ticks(&chunk), columns: columns(&chunk) });
+            slow.swap(0, 1);
+            slow[1] = Arc::new(Slow { ticks: ticks(&chunk), columns: columns(&chunk) });
         } else if at == entity::SIGNALS {
             if !introduced {
                 introduced = true;
                 each(Piece::About(about))?;
             }
-            let (slow, limits) = (Arc::clone(&slow), Arc::clone(&about.limits));
+            let (slow, limits) = (slow.clone(), Arc::clone(&about.limits));
             each(Piece::Rows(&Rows { ticks: ticks(&chunk), columns: columns(&chunk), slow, limits }))?;
         } else if at == entity::LOG {
             let levels = texts(&chunk, "TextLog:level");

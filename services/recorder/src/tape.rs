@@ -89,7 +89,9 @@ impl Tape {
             hops: viz::chain_hops(&job.graph),
             lives: viz::Lives::of(&job.graph),
         };
-        let failed = |error| ProcessError::setup(format!("cannot take away what stands in the way of the recording in {}: {error}", job.out.display()));
+        let failed = |error| {
+            ProcessError::setup(format!("cannot take away what stands in the way of the recording in {}: {error}", job.out.display()))
+        };
         viz::cut_behind(&job.out, noted.as_ref()).map_err(failed)?;
         let part = noted.map_or(0, |noted| noted.part + 1);
         let mut tape = Self { result: RecorderSummary { file: viz::part_name(0), ..RecorderSummary::default() }, ..tape };
