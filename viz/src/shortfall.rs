@@ -60,7 +60,7 @@ impl Reading {
                 causes.push("a part of its bytes is passed over".to_owned());
             }
         }
-        (!causes.is_empty()).then(|| Shortfall { rows: self.rows, of: run.map(|run| run.recorder.rows), causes })
+        (!causes.is_empty()).then(|| Shortfall { rows: self.rows, of: run.map(|run| run.recorder.rows).filter(|rows| *rows > 0), causes })
     }
 }
 

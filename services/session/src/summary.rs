@@ -5,12 +5,15 @@ use runtime::{FaultRecord, Origin};
 use shared_types::fault::ScheduledFault;
 use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
-use shared_types::summary::{Deadlines, FaultSummary, INTERRUPTED, ProcessSummary, Summary};
+use shared_types::summary::{Deadlines, FaultSummary, INTERRUPTED, ProcessSummary, RecorderSummary, Summary};
 
 use crate::machine::machine;
 
 /// On every Linux.
 const SIGKILL: i32 = rustix::process::Signal::KILL.as_raw();
+
+/// Of a run whose recorder ended for good before the run did.
+const NO_ACCOUNT: &str = "the recorder left no account of the run, and its files end before it";
 
 /// The summary of a run: the recorder's part, completed by what only the launcher knows.
 #[must_use]
@@ -24,7 +27,12 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
         rate_hz: job.scenario.rate_hz,
         ticks: outcome.ticks,
         outcome: "failed".to_owned(),
-        reason: "the recorder left no account of the run".to_owned(),
+        reason: NO_ACCOUNT.to_owned(),
+        recorder: RecorderSummary {
+            file: if job.record { viz::part_name(0) } else { String::new() },
+            error: NO_ACCOUNT.to_owned(),
+            ..RecorderSummary::default()
+        },
         ..Summary::default()
     });
     match &outcome.end {
